@@ -1,0 +1,53 @@
+"""The names of measured signals, their SI units and how they behave when left and right are swapped.
+
+ISO 8855 axes: x forward, y left, z up; yaw and steer positive to the left. `a_x` and `a_y` are what an
+accelerometer at the centre of gravity reads (specific force); on a flat road a_y = dv_y/dt + yaw_rate v_x.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One kind of measured quantity.
+
+    Attributes
+    ----------
+    name : the project's name for it.
+    unit : SI unit in pint's spelling; recordings hold nothing else.
+    about : meaning, for people.
+    mirrors : whether the sign changes when the vehicle is seen in a mirror along its x axis.
+    """
+
+    name: str
+    unit: str
+    about: str
+    mirrors: bool = False
+
+
+_WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+
+SIGNALS: dict[str, Signal] = {
+    signal.name: signal
+    for signal in (
+        Signal("v_x", "m/s", "longitudinal velocity"),
+        Signal("v_y", "m/s", "lateral velocity", mirrors=True),
+        Signal("yaw_rate", "rad/s", "yaw rate", mirrors=True),
+        Signal("a_x", "m/s^2", "longitudinal specific force"),
+        Signal("a_y", "m/s^2", "lateral specific force", mirrors=True),
+        Signal("sideslip", "rad", "sideslip angle atan2(v_y, v_x)", mirrors=True),
+        Signal("steer", "rad", "road-wheel steering angle", mirrors=True),
+        Signal("motor_current", "A", "motor current, negative brakes"),
+        Signal("drive_force", "N", "drive force command, negative brakes"),
+        Signal("ax_cmd", "m/s^2", "commanded longitudinal acceleration"),
+        Signal("road_slope", "rad", "road slope, uphill positive"),
+        Signal("roll", "rad", "roll angle", mirrors=True),
+        Signal("pitch", "rad", "pitch angle"),
+        Signal("yaw", "rad", "yaw angle", mirrors=True),
+        Signal("x", "m", "position along the map's x axis"),
+        Signal("y", "m", "position along the map's y axis", mirrors=True),
+        Signal("latitude", "deg", "geographic latitude (WGS 84)"),
+        Signal("longitude", "deg", "geographic longitude (WGS 84)"),
+        *(Signal(f"wheel_speed_{c}", "rad/s", f"wheel speed {w}") for c, w in _WHEELS.items()),
+    )
+}
