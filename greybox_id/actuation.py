@@ -1,0 +1,75 @@
+"""Actuators: what the equations see of a recorded command, with its derivative by the parameters."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import BadModel
+from .parameter import Array
+from .trace import Trace, namespace
+
+
+class Actuation:
+    """All actuators of a model, in order, as one function of a run's recorded inputs.
+
+    An actuator starts each run at rest on the first command.
+    """
+
+    def __init__(self, trace: Trace) -> None:
+        self.trace = trace
+        for actuator in trace.model.actuators:
+            if actuator.signal in trace.fed_back:
+                raise BadModel(
+                    f"Model {trace.model.name} feeds {actuator.signal} back from its own outputs; "
+                    "an actuator can only stand before a recorded command."
+                )
+        self._steps = [_Step(trace, k) for k in range(len(trace.model.actuators))]
+
+    def __call__(self, recorded: Array, p: Array) -> tuple[Array, Array | None]:
+        """(n, inputs) as recorded -> as the equations see it, and (n, inputs, parameters) its derivative or None."""
+        if not self._steps:
+            return recorded, None
+        seen = recorded.copy()
+        by_p = np.zeros((*recorded.shape, len(p)))
+        for step in self._steps:
+            seen[:, step.column], by_p[:, step.column] = step(seen[:, step.column], by_p[:, step.column], p)
+        return seen, by_p
+
+
+class _Step:
+    """One actuator and its sensitivities, run along a command in CasADi's virtual machine."""
+
+    def __init__(self, trace: Trace, number: int) -> None:
+        model = trace.model
+        actuator = model.actuators[number]
+        self.column = model.inputs.index(actuator.signal)
+        state, command, p = cs.SX.sym("state"), cs.SX.sym("command"), cs.SX.sym("p", model.size)
+        both = cs.vertcat(*actuator.step(state, command, namespace(model, p), model.sample_time))
+        touched = set(np.flatnonzero(cs.which_depends(both, p, 1, False)).tolist())
+        for earlier in range(number):
+            if model.actuators[earlier].signal == actuator.signal:
+                touched |= set(_Step(trace, earlier).touched.tolist())
+        self.touched: NDArray[np.intp] = np.array(sorted(touched), dtype=np.intp)
+        state_by_p = cs.SX.sym("state_by_p", len(touched))
+        command_by_p = cs.SX.sym("command_by_p", len(touched))
+        by_p = (
+            cs.jacobian(both, state) @ state_by_p.T
+            + cs.jacobian(both, command) @ command_by_p.T
+            + cs.jacobian(both, p)[:, self.touched.tolist()]
+        )
+        self._step = cs.Function(
+            "actuator",
+            [cs.vertcat(state, state_by_p), cs.vertcat(command, command_by_p), p],
+            [cs.vertcat(both[0], by_p[0, :].T), cs.vertcat(both[1], by_p[1, :].T)],
+        )
+
+    def __call__(self, command: Array, command_by_p: Array, p: Array) -> tuple[Array, Array]:
+        start = np.concatenate([command[:1], command_by_p[0, self.touched]])
+        given = np.column_stack([command, command_by_p[:, self.touched]])
+        _, along = self._step.mapaccum("actuators", len(command))(start, given.T, np.tile(p[:, None], len(command)))
+        values = along.full()
+        by_p = np.zeros((len(command), len(p)))
+        by_p[:, self.touched] = values[1:].T
+        return values[0], by_p

@@ -1,0 +1,261 @@
+"""Column maps: which column of a file holds which signal, in which unit and with which sign.
+
+A column map is a TOML file; the shipped ones lie in `columns/`. It is the one place where a file's own units, signs
+and names are turned into the project's (ISO 8855 axes, SI units).
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ..errors import BadInput
+from ..recording import Array
+from ..signals import SIGNALS
+from .units import to_si
+
+HOLDS = ("zero", "linear")
+SEPARATORS = (",", ";", "\t", "|")
+MAP_KEYS = ("name", "about", "source", "hold", "separator", "decimal", "time", "signals", "extra", "runs")
+COLUMN_KEYS = ("column", "unit", "scale", "divide_by", "sign", "offset", "optional")
+
+
+@dataclass(frozen=True)
+class Column:
+    """How one column of a file becomes a signal.
+
+    Attributes
+    ----------
+    signal : the project's name for it.
+    column : the file's name for it.
+    unit : unit of the file's values once multiplied by `scale`.
+    si_unit : unit after conversion.
+    scale : multiplies the file's values first (for counts, electrical speeds and the like).
+    sign : -1 turns a clockwise-positive or reversed axis into ISO 8855.
+    offset : added last, in the SI unit.
+    optional : a file without this column can still be read.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    si_unit: str
+    scale: float = 1.0
+    sign: int = 1
+    offset: float = 0.0
+    optional: bool = False
+
+    def convert(self, values: Array) -> Array:
+        """Values in SI units, (n,) for (n,) of the file's values."""
+        conversion = to_si(self.unit, self.si_unit)
+        return self.sign * (conversion.factor * (self.scale * values) + conversion.offset) + self.offset
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Which column holds what.
+
+    Attributes
+    ----------
+    name : short name, kept in the recording's source.
+    time : the time column; converted to seconds.
+    signals : signal name -> column, for names of `greybox_id.signals.SIGNALS`.
+    extra : name -> column for a file's own further channels.
+    about, source : for people: signs, traps, where such files come from.
+    hold : how commands run between rows, "zero" (held) or "linear".
+    run_column : a column whose change begins a new run; empty if there is none.
+    run_column_optional : whether a file may lack it.
+    separator, decimal : how a text file separates columns and writes decimals.
+    """
+
+    name: str
+    time: Column
+    signals: Mapping[str, Column]
+    extra: Mapping[str, Column] = field(default_factory=dict)
+    about: str = ""
+    source: str = ""
+    hold: str = "zero"
+    run_column: str = ""
+    run_column_optional: bool = False
+    separator: str = ","
+    decimal: str = "."
+
+    @property
+    def channels(self) -> tuple[Column, ...]:
+        """All columns but time: signals first, then the extra ones."""
+        return (*self.signals.values(), *self.extra.values())
+
+
+def shipped_maps() -> tuple[str, ...]:
+    """Names of the column maps that come with the package."""
+    folder = resources.files(__package__).joinpath("columns")
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
+    """The column map that is meant: a shipped one by name, a user's by path, or the map itself.
+
+    Raises
+    ------
+    BadInput
+        There is no such map, or the file is no valid column map.
+    """
+    if isinstance(columns, ColumnMap):
+        return columns
+    wanted = str(columns)
+    if wanted in shipped_maps():
+        text = resources.files(__package__).joinpath("columns", f"{wanted}.toml").read_text("utf-8")
+        return parse_column_map(text, f"{wanted}.toml")
+    if not wanted.lower().endswith(".toml"):
+        raise BadInput(
+            f'There is no column map "{wanted}".{did_you_mean(wanted, shipped_maps())} '
+            f"Shipped maps: {', '.join(shipped_maps())}; your own is named by the path of its .toml file."
+        )
+    try:
+        text = Path(wanted).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{wanted}: this column map is not UTF-8 text; save it as UTF-8.") from error
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
+        raise BadInput(f"{wanted}: the column map cannot be read ({reason}). Check the path.") from error
+    return parse_column_map(text, wanted)
+
+
+def parse_column_map(text: str, where: str) -> ColumnMap:
+    """A column map from TOML text.
+
+    Parameters
+    ----------
+    text : the TOML.
+    where : file name for error sentences.
+
+    Raises
+    ------
+    BadInput
+        The text is no TOML, or a key, a signal, a unit or a number in it cannot be used.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also integers of thousands of digits
+        raise BadInput(f"{where}: not valid TOML: {error}. Mend that line.") from error
+    _known(table, MAP_KEYS, where, "")
+    runs = _table(table, "runs", where)
+    _known(runs, ("column", "optional"), where, "[runs] ")
+    if "time" not in table:
+        raise BadInput(f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s".')
+    signals = _table(table, "signals", where)
+    for name in signals:
+        if name not in SIGNALS:
+            raise BadInput(
+                f'{where}: [signals.{name}]: there is no signal "{name}".{did_you_mean(name, SIGNALS)} '
+                f"A file's own further channel goes under [extra.{name}]."
+            )
+    extra = _table(table, "extra", where)
+    for name in extra:
+        if name in SIGNALS or name == "time":
+            raise BadInput(f"{where}: [extra.{name}]: {name} is a known signal; write [signals.{name}].")
+    if not signals and not extra:
+        raise BadInput(f"{where}: no [signals.*] table names a column; add one, for example [signals.yaw_rate].")
+    chosen = {
+        "hold": _choice(table, "hold", HOLDS, where),
+        "separator": _choice(table, "separator", SEPARATORS, where),
+        "decimal": _choice(table, "decimal", (".", ","), where),
+    }
+    if chosen["separator"] == chosen["decimal"]:
+        raise BadInput(f'{where}: decimal and separator are both ","; set separator = ";".')
+    return ColumnMap(
+        name=_text(table, "name", where, "", Path(where).stem),
+        about=_text(table, "about", where, "", ""),
+        source=_text(table, "source", where, "", ""),
+        time=_column(_table(table, "time", where), "time", "s", f"{where}: [time]"),
+        signals={n: _column(_table(signals, n, where), n, SIGNALS[n].unit, f"{where}: [signals.{n}]") for n in signals},
+        extra={n: _column(_table(extra, n, where), n, None, f"{where}: [extra.{n}]") for n in extra},
+        run_column=_text(runs, "column", where, "[runs] ", ""),
+        run_column_optional=_truth(runs, "optional", f"{where}: [runs]"),
+        **chosen,
+    )
+
+
+def did_you_mean(name: str, candidates: Iterable[str]) -> str:
+    """A question that names the nearest candidate, with a leading space; empty if none is near."""
+    lowered = {candidate.lower(): candidate for candidate in candidates}
+    near = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
+    return f' Did you mean "{lowered[near[0]]}"?' if near else ""
+
+
+def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: str) -> Column:
+    _known(entry, COLUMN_KEYS, where, "")
+    if "unit" not in entry:
+        raise BadInput(
+            f'{where} has no unit; say in which unit the file holds it, for example unit = "{si_unit or 1}".'
+        )
+    unit = _text(entry, "unit", where, "", "")
+    try:
+        converted = to_si(unit, si_unit).unit
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}.") from error
+    divisor = _number(entry, "divide_by", 1.0, where)
+    if divisor == 0.0:
+        raise BadInput(f"{where}: divide_by = 0 cannot be; give the number of file units in one {unit}.")
+    sign = _number(entry, "sign", 1.0, where)
+    if abs(sign) != 1.0:
+        raise BadInput(f"{where}: sign = {sign:g} must be 1 or -1; a factor belongs in scale or divide_by.")
+    return Column(
+        signal=signal,
+        column=_text(entry, "column", where, "", signal),
+        unit=unit,
+        si_unit=converted,
+        scale=_number(entry, "scale", 1.0, where) / divisor,
+        sign=int(sign),
+        offset=_number(entry, "offset", 0.0, where),
+        optional=_truth(entry, "optional", where),
+    )
+
+
+def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str, prefix: str) -> None:
+    for key in table:
+        if key not in keys:
+            raise BadInput(
+                f'{where}: {prefix}there is no setting "{key}".{did_you_mean(key, keys)} Known are {", ".join(keys)}.'
+            )
+
+
+def _table(parent: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
+    value = parent.get(key, {})
+    if not isinstance(value, dict):
+        raise BadInput(f'{where}: "{key}" must be a table of settings, not {value!r:.60}.')
+    return value
+
+
+def _text(table: Mapping[str, Any], key: str, where: str, prefix: str, default: str) -> str:
+    value = table.get(key, default)
+    if not isinstance(value, str) or (key in table and key in ("column", "name", "unit") and not value.strip()):
+        raise BadInput(f"{where}: {prefix}{key} must be text in quotes, not {value!r:.60}.")
+    return value
+
+
+def _choice(table: Mapping[str, Any], key: str, choices: tuple[str, ...], where: str) -> str:
+    value = table.get(key, choices[0])
+    if value not in choices:
+        raise BadInput(f"{where}: {key} = {value!r:.60} must be one of {', '.join(map(repr, choices))}.")
+    return str(value)
+
+
+def _number(table: Mapping[str, Any], key: str, default: float, where: str) -> float:
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e100 or math.isnan(value):
+        raise BadInput(f"{where}: {key} must be a finite number, not {value!r:.60}.")
+    return float(value)
+
+
+def _truth(table: Mapping[str, Any], key: str, where: str) -> bool:
+    value = table.get(key, False)
+    if not isinstance(value, bool):
+        raise BadInput(f"{where}: {key} must be true or false, not {value!r:.60}.")
+    return value

@@ -1,0 +1,185 @@
+"""The driver of the synthetic racer: a speed controller and three ways to steer along a path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import atan, atan2, cos, hypot, pi, sin
+
+import numpy as np
+
+from .car import Motion
+from .track import Array, Track
+
+PERIOD = 0.025
+"""Time between two decisions of the driver, s."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the driver believes the car is, relative to the path.
+
+    Attributes
+    ----------
+    x, y, yaw : believed pose of the rear axle, m and rad.
+    v : speed, m/s, as the motor tells it.
+    nearest : index of the path's point next to the car.
+    offset : lateral displacement of the line to follow, m, positive to the left of the path.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    v: float
+    nearest: int
+    offset: float
+
+
+Steering = Callable[[Track, Place, float], float]
+"""(track, place, wheelbase) -> commanded road-wheel angle, rad."""
+
+
+def _error(track: Track, place: Place, ahead: float) -> tuple[float, float, float]:
+    """Lateral error (positive: the line is to the left), heading error and curvature at a point `ahead` m of the rear axle."""
+    step = track.length / len(track.s)
+    k = (place.nearest + round(ahead / step)) % len(track.s)
+    x, y = place.x + ahead * cos(place.yaw), place.y + ahead * sin(place.yaw)
+    direction = float(track.yaw[k])
+    lateral = cos(direction) * (float(track.y[k]) - y) - sin(direction) * (float(track.x[k]) - x)
+    return lateral + place.offset, wrapped(direction - place.yaw), float(track.curvature[k])
+
+
+@dataclass
+class Stanley:
+    """Heading error plus arctangent of the front axle's error (Hoffmann et al., ACC 2007, Eq. (5))."""
+
+    k: float = 2.2
+    softening: float = 0.6
+
+    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+        """Commanded angle, rad."""
+        lateral, heading, _ = _error(track, place, wheelbase)
+        return heading + atan(self.k * lateral / (self.softening + max(place.v, 0.0)))
+
+
+@dataclass
+class Pid:
+    """PID on the lateral error of a point ahead, around the path's curvature."""
+
+    k_p: float = 0.8
+    k_i: float = 0.5
+    k_d: float = 0.025
+    preview: float = 0.3
+    _sum: float = 0.0
+    _last: float | None = None
+
+    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+        """Commanded angle, rad."""
+        lateral, _, curvature = _error(track, place, wheelbase + self.preview * max(place.v, 0.3))
+        rate = 0.0 if self._last is None else (lateral - self._last) / PERIOD
+        self._last = lateral
+        self._sum = max(-0.2, min(0.2, self._sum + PERIOD * lateral))
+        return atan(wheelbase * curvature) + self.k_p * lateral + self.k_i * self._sum + self.k_d * rate
+
+
+@dataclass
+class PurePursuit:
+    """Circle through the rear axle and a point ahead on the path (Coulter, CMU-RI-TR-92-01)."""
+
+    reach: float = 0.35
+    reach_per_speed: float = 0.2
+
+    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+        """Commanded angle, rad."""
+        reach = self.reach + self.reach_per_speed * max(place.v, 0.0)
+        k = (place.nearest + round(reach / (track.length / len(track.s)))) % len(track.s)
+        direction = float(track.yaw[k])
+        dx = float(track.x[k]) - place.offset * sin(direction) - place.x
+        dy = float(track.y[k]) + place.offset * cos(direction) - place.y
+        alpha = wrapped(atan2(dy, dx) - place.yaw)
+        return atan(2.0 * wheelbase * sin(alpha) / max(hypot(dx, dy), 0.1))
+
+
+@dataclass
+class SpeedControl:
+    """PI on speed with the current's limits; the sum stands still while a limit holds.
+
+    Attributes
+    ----------
+    k_p, k_i : A s/m, A/m.
+    limits : lowest and highest current, A.
+    ramp : fastest change of the current, A/s.
+    """
+
+    k_p: float = 5.0
+    k_i: float = 3.0
+    limits: tuple[float, float] = (-2.0, 9.0)
+    ramp: float = 80.0
+    _sum: float = 0.0
+    _last: float = 0.0
+
+    def __call__(self, wanted: float, v: float) -> float:
+        """Commanded current, A."""
+        error = wanted - v
+        current = self.k_p * error + self._sum
+        low, high = self.limits
+        if low < current < high:
+            self._sum += self.k_i * PERIOD * error
+        step = self.ramp * PERIOD
+        self._last = max(low, self._last - step, min(high, self._last + step, current))
+        return self._last
+
+    def release(self) -> None:
+        """Let go: no current, no memory."""
+        self._sum = self._last = 0.0
+
+
+@dataclass
+class Driver:
+    """Looks at the car every `PERIOD` and decides on steering and current.
+
+    Attributes
+    ----------
+    track, speeds : path and speed at its points, m/s.
+    steering : lateral controller.
+    pauses : time intervals, s, in which the car shall stand.
+    wheelbase, l_r : m.
+    offsets : (n,) lateral displacement of the line at the path's points, m; zero unless the run is a slalom.
+    rng : source of localisation noise; None drives without.
+    """
+
+    track: Track
+    speeds: Array
+    steering: Steering
+    pauses: tuple[tuple[float, float], ...]
+    wheelbase: float
+    l_r: float
+    offsets: Array
+    rng: np.random.Generator | None = None
+    speed_control: SpeedControl = field(default_factory=SpeedControl)
+    _nearest: int = 0
+
+    def __call__(self, time: float, car: Motion, v: float) -> tuple[float, float]:
+        """Commanded steering angle, rad, and motor current, A, from the car's state and its measured speed v, m/s."""
+        noise = self.rng.normal(0.0, (0.006, 0.006, 0.02)) if self.rng is not None else np.zeros(3)
+        yaw = car.yaw + float(noise[2])
+        x = car.x - self.l_r * cos(car.yaw) + float(noise[0])
+        y = car.y - self.l_r * sin(car.yaw) + float(noise[1])
+        window = np.arange(self._nearest - 15, self._nearest + 25) % len(self.track.s)
+        distance = (self.track.x[window] - x) ** 2 + (self.track.y[window] - y) ** 2
+        self._nearest = int(window[int(np.argmin(distance))])
+        standing = any(start <= time < stop for start, stop in self.pauses)
+        if standing and abs(v) < 0.15:
+            self.speed_control.release()
+            return 0.0, 0.0
+        ahead = (self._nearest + round(0.12 * max(v, 0.0) / (self.track.length / len(self.track.s)))) % len(self.speeds)
+        current = self.speed_control(0.0 if standing else float(self.speeds[ahead]), v)
+        if standing:
+            return 0.0, current
+        place = Place(x, y, yaw, v, self._nearest, float(self.offsets[self._nearest]))
+        return self.steering(self.track, place, self.wheelbase), current
+
+
+def wrapped(angle: float) -> float:
+    """Angle in [-pi, pi), rad."""
+    return (angle + pi) % (2.0 * pi) - pi

@@ -1,0 +1,107 @@
+"""Units of files, converted to SI at the door.
+
+Only plain products of named units are understood (`m/s^2`, `deg/s`, `kg m^2`): anything longer is more often a
+slip of the pen than a unit.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import pint
+
+from ..errors import BadInput
+
+_FACTOR = r"(?:[^\W\d]\w{0,40}|[°%]|1)(?:\s*(?:\^|\*\*)\s*-?\d)?"
+_EXPRESSION = re.compile(rf"\s*{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR}){{0,6}}\s*")
+_SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "·": "*"})
+
+_NOT_A_UNIT = (
+    pint.PintError,  # undefined units, dimensions that do not match, offset units in products
+    ValueError,
+    TypeError,
+    AttributeError,  # pint attributes such as names that begin with an underscore
+    KeyError,
+    ArithmeticError,  # prefixes to the ninth power
+)
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """SI value = factor * value + offset.
+
+    Attributes
+    ----------
+    unit : the SI unit arrived at, in pint's spelling.
+    factor, offset : of the conversion; offset is zero but for temperatures.
+    """
+
+    unit: str
+    factor: float
+    offset: float = 0.0
+
+
+@functools.cache
+def _registry() -> pint.UnitRegistry[Any]:
+    # Made on first use: building the registry takes longer than reading most files.
+    return pint.UnitRegistry(cache_folder=None)
+
+
+@functools.cache
+def to_si(unit: str, target: str | None = None) -> Conversion:
+    """How values in `unit` become values in SI.
+
+    Parameters
+    ----------
+    unit : as written in a column map, for example "deg/s"; "g" means standard gravity where `target` is an
+        acceleration.
+    target : the SI unit wanted; None takes the SI unit of the same kind.
+
+    Raises
+    ------
+    BadInput
+        The unit is unknown, or of another kind than `target`. Angles count: "Hz" is not "rad/s".
+    """
+    if not _EXPRESSION.fullmatch(unit):
+        raise BadInput(f'unit "{unit}" cannot be understood; write it like "m/s^2", "deg/s" or "rad"')
+    spelled = unit.translate(_SUPERSCRIPTS).strip()
+    if spelled == "g" and target == "m/s^2":
+        spelled = "g_0"  # to pint a plain g is a gram
+    base = _base(spelled, unit)
+    if target is None:
+        factor, offset = _affine(spelled, base, unit)
+        coherent = math.isclose(factor, 1.0, rel_tol=1e-12) and offset == 0.0
+        return Conversion(spelled, 1.0) if coherent else Conversion(_plain(base), factor, offset)
+    if base != _base(target, target):
+        raise BadInput(f'unit "{unit}" does not measure what is wanted here; the SI unit is {target}')
+    return Conversion(target, *_affine(spelled, target, unit))
+
+
+def _base(spelled: str, written: str) -> str:
+    registry = _registry()
+    try:
+        return str(registry.Quantity(1, registry.parse_units(spelled)).to_base_units().units)
+    except _NOT_A_UNIT as error:
+        raise BadInput(f'unit "{written}" is not known; write it like "m/s^2", "deg/s" or "rad"') from error
+
+
+def _affine(spelled: str, target: str, written: str) -> tuple[float, float]:
+    quantity = _registry().Quantity
+    try:
+        at = [float(quantity(value, spelled).to(target).magnitude) for value in (0.0, 1.0, 2.0)]
+    except _NOT_A_UNIT as error:
+        raise BadInput(f'unit "{written}" cannot be converted to {target}') from error
+    factor = at[1] - at[0]
+    if not math.isclose(at[2] - at[1], factor, rel_tol=1e-9):  # decibels and their like
+        raise BadInput(f'unit "{written}" is not proportional to {target}; convert the column first')
+    return factor, at[0]
+
+
+def _plain(base: str) -> str:
+    short = {"radian": "rad", "meter": "m", "second": "s", "kilogram": "kg", "ampere": "A", "kelvin": "K"}
+    words = re.sub("|".join(short), lambda match: short[match.group()], base)
+    return words.replace(" ** ", "^").replace(" / ", "/").replace(" * ", " ").replace("dimensionless", "1")

@@ -1,0 +1,112 @@
+"""A parameter: one record of everything known about a number, or an array of numbers, in a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import BadInput
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What was believed before the recording was seen: independent Gaussians, and their smoothness.
+
+    Attributes
+    ----------
+    sd : standard deviation of each entry about its mean, in the parameter's unit.
+    mean : scalar or array of the parameter's shape; None takes the parameter's nominal value.
+    step_sd : for arrays, standard deviation of the difference between neighbours along each axis,
+        measured about the mean's own difference; None along an axis leaves it free.
+    strength : name of the strength that scales this prior and is chosen by cross-validation; empty if
+        the prior is knowledge and no tuning knob.
+    """
+
+    sd: float
+    mean: ArrayLike | None = None
+    step_sd: tuple[float | None, ...] = ()
+    strength: str = ""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number or array of numbers with its unit and what is known of it.
+
+    Attributes
+    ----------
+    name : the field's symbol: m, I_z, C_f.
+    unit : SI unit in pint's spelling, "1" when there is none.
+    value : nominal value, a number or an array.
+    bounds : lowest and highest admissible value of every entry.
+    prior : belief before the data; None for none.
+    fixed : whether fitting leaves it alone.
+    scope : "model", one value for everything; "run", one value per unbroken run (a nuisance such as a
+        timing offset), predicted on new runs by its prior's mean.
+    about : meaning, for people.
+    source : where the nominal value comes from.
+    """
+
+    name: str
+    unit: str
+    value: ArrayLike
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    prior: Prior | None = None
+    fixed: bool = False
+    scope: Literal["model", "run"] = "model"
+    about: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        value = np.array(self.value, dtype=float)
+        value.setflags(write=False)
+        object.__setattr__(self, "value", value)
+        low, high = self.bounds
+        if not low <= high:
+            raise BadInput(f"Parameter {self.name}: the lower bound {low:g} is above the upper bound {high:g}.")
+        if np.any(np.isnan(value)):
+            raise BadInput(f"Parameter {self.name}: its value is not a number.")
+        if np.any(value < low) or np.any(value > high):
+            raise BadInput(f"Parameter {self.name}: value {value} is outside its bounds [{low:g}, {high:g}].")
+
+    @property
+    def array(self) -> Array:
+        """The nominal value as an array of its own shape (shape () for a number)."""
+        return np.asarray(self.value, dtype=float)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the value; () for a number."""
+        return self.array.shape
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return self.array.size
+
+    def with_value(self, value: ArrayLike) -> Parameter:
+        """The same parameter at another value of the same shape."""
+        new = np.asarray(value, dtype=float)
+        if new.shape != self.shape:
+            raise BadInput(f"Parameter {self.name} has shape {self.shape}; a value of shape {new.shape} was given.")
+        return replace(self, value=new)
+
+
+def pack(parameters: Iterable[Parameter]) -> Array:
+    """Values of several parameters as one vector, in order, arrays row by row."""
+    values = [parameter.array.ravel() for parameter in parameters]
+    return np.concatenate(values) if values else np.empty(0)
+
+
+def unpack(parameters: Iterable[Parameter], vector: Array) -> tuple[Parameter, ...]:
+    """The parameters with the values of a vector laid out as by `pack`."""
+    result, start = [], 0
+    for parameter in parameters:
+        result.append(parameter.with_value(vector[start : start + parameter.size].reshape(parameter.shape)))
+        start += parameter.size
+    return tuple(result)

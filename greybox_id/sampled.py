@@ -1,0 +1,41 @@
+"""Evaluating a CasADi function of one sample at many samples, without copying through DM."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+
+from .parameter import Array
+
+
+class SampledFunction:
+    """A CasADi function with dense vector arguments and one dense vector result, evaluated row by row.
+
+    `function(a, b)` takes (n, size) arrays, one row per sample, or (size,) arrays that hold for all samples,
+    and returns (n, outputs). CasADi's `map` loops over the samples; the buffers are numpy's own memory, which
+    is some twenty times faster than going through `DM`.
+    """
+
+    def __init__(self, function: cs.Function) -> None:
+        self.function = function
+        self.outputs = int(function.numel_out(0))
+        self._mapped: dict[tuple[int, tuple[int, ...]], cs.Function] = {}
+
+    def __call__(self, *arguments: Array) -> Array:
+        samples = max((len(a) for a in arguments if a.ndim == 2), default=1)
+        result = np.empty((samples, self.outputs))
+        if result.size == 0:
+            return result
+        shared = tuple(k for k, a in enumerate(arguments) if a.ndim == 1)
+        key = (samples, shared)
+        if key not in self._mapped:
+            name = f"{self.function.name()}_{samples}"
+            self._mapped[key] = self.function.map(name, "serial", samples, list(shared), [])
+        memory, run = self._mapped[key].buffer()
+        held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
+        for k, array in enumerate(held):
+            if array.size:
+                memory.set_arg(k, memoryview(array))
+        memory.set_res(0, memoryview(result))
+        run()
+        return result

@@ -1,0 +1,258 @@
+"""A model laid over the unbroken runs of a recording: predictions and their derivatives, all rows at once.
+
+Rows are samples. The output at row k + 1 follows from the window of rows k - memory + 1 ... k; no window
+crosses a join or a missing value. In closed loop the fed-back inputs come from `nodes`, one value of every
+output per row: predictions themselves (a simulation) or free variables of a lifted problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .actuation import Actuation
+from .errors import BadInput
+from .free_run import free_run
+from .parameter import Array
+from .recording import Recording
+from .trace import Trace
+from .windows import weighted_windows, windows
+
+SAMPLE_TIME_TOLERANCE = 0.02
+"""A recording may differ from the model's sample time by this share."""
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Predictions of one run with their derivatives.
+
+    Attributes
+    ----------
+    y : (rows, outputs) predictions.
+    by_p : (rows, outputs, parameters) derivative, windows held.
+    by_nodes : (rows, outputs, memory, outputs) derivative by the nodes in the window, oldest first; None in open loop.
+    """
+
+    y: Array
+    by_p: Array
+    by_nodes: Array | None
+
+
+class Run:
+    """One unbroken run under a traced model.
+
+    Attributes
+    ----------
+    trace : the model.
+    recorded : (n, inputs) as recorded; NaN where a fed-back input was not recorded.
+    measured : (n, outputs) recorded outputs; NaN where there is none.
+    rows : rows of the recording that the n samples are.
+    first : first row (of the run) that has a prediction; predictions cover rows first ... n-1.
+    """
+
+    def __init__(self, trace: Trace, recording: Recording, rows: range) -> None:
+        model = trace.model
+        self.trace = trace
+        self.rows = rows
+        self.first = trace.memory
+        self.recorded = np.column_stack([_input(trace, recording, name)[rows.start : rows.stop] for name in model.inputs])
+        nothing = np.full(len(rows), np.nan)
+        self.measured = np.column_stack(
+            [recording[n][rows.start : rows.stop] if n in recording else nothing for n in model.outputs]
+        )
+        self._fed = [model.inputs.index(name) for name in trace.fed_back]
+        self._actuation = Actuation(trace)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def predicted(self) -> slice:
+        """Rows of the run that have a prediction."""
+        return slice(self.first, len(self))
+
+    def inputs(self, p: Array, nodes: Array | None) -> tuple[Array, Array | None]:
+        """What the equations see, (n, inputs), and its derivative by the parameters, (n, inputs, parameters) or None.
+
+        `nodes` (n, outputs) replaces the fed-back inputs; None leaves them as recorded.
+        """
+        u = self.recorded
+        if nodes is not None and self._fed:
+            u = u.copy()
+            u[:, self._fed] = self.trace.feedback(nodes, np.where(np.isnan(u), 0.0, u))
+        return self._actuation(u, p)
+
+    def predict(self, p: Array, nodes: Array | None = None) -> Array:
+        """Predictions for rows first ... n-1, (rows, outputs), from the recorded inputs or from nodes."""
+        u, _ = self.inputs(p, nodes)
+        _, h = self._windows(u, p)
+        return self.trace.head(h, self._newest(u), p)
+
+    def simulate(self, p: Array) -> Array:
+        """Closed loop from the first window on: nodes (n, outputs), measured up to `first`, predicted from there."""
+        if not self._fed:
+            return self._joined(self.predict(p))
+        u, _ = self.inputs(p, self.measured)
+        return self._joined(free_run(self.trace, u, self.measured, p))
+
+    def linearise(self, p: Array, nodes: Array | None = None) -> Linearisation:
+        """Predictions and derivatives, from the recorded inputs or about nodes."""
+        trace = self.trace
+        u, u_by_p = self.inputs(p, nodes)
+        z, h = self._windows(u, p)
+        newest = self._newest(u)
+        weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
+        y_by_h = trace.head_by_h.nonzeros(h, newest, p)
+        by_p = np.zeros((len(h), len(trace.model.outputs), len(p)))
+        z_by_p = trace.stage_by_p.nonzeros(u, p)
+        z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
+        for tap, signal in enumerate(trace.tap_signal):
+            columns, h_by_p = self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p)
+            for k in np.flatnonzero(trace.head_by_h.column == tap):
+                by_p[:, trace.head_by_h.row[k], columns] += y_by_h[:, k, None] * h_by_p
+        direct = trace.head_by_p
+        by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
+        y_by_u = trace.head_by_u.nonzeros(h, newest, p)
+        if u_by_p is not None:
+            newest_by_p = u_by_p[trace.memory - 1 : -1]
+            for k, (output, signal) in enumerate(zip(trace.head_by_u.row, trace.head_by_u.column, strict=True)):
+                by_p[:, output] += y_by_u[:, k, None] * newest_by_p[:, signal]
+        by_nodes = None
+        if nodes is not None and z_by_u is not None:
+            by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
+        return Linearisation(trace.head(h, newest, p), by_p, by_nodes)
+
+    def _windows(self, u: Array, p: Array) -> tuple[Array, Array]:
+        trace = self.trace
+        z = trace.stage(u, p)
+        weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
+        h = np.empty((len(u) - trace.memory, len(weights)))
+        for signal in range(z.shape[1]):
+            taps = np.flatnonzero(trace.tap_signal == signal)
+            h[:, taps] = windows(z[:-1, signal], trace.memory) @ weights[taps].T
+        return z, h
+
+    def _newest(self, u: Array) -> Array:
+        return u[self.trace.memory - 1 : -1]
+
+    def _tap_by_p(
+        self,
+        tap: int,
+        signal: int,
+        z: Array,
+        z_by_p: Array,
+        z_by_u: Array | None,
+        u_by_p: Array | None,
+        weights: Array,
+        p: Array,
+    ) -> tuple[NDArray[np.intp], Array]:
+        """Derivative of one window's result by the parameters it depends on: their columns, and (rows, columns)."""
+        trace = self.trace
+        usable = len(z) - 1
+        of_signal = np.flatnonzero(trace.stage_by_p.row == signal)
+        columns = trace.stage_by_p.column[of_signal]
+        signal_by_p = z_by_p[:usable, of_signal]
+        if u_by_p is not None and z_by_u is not None:
+            signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
+        moved = weighted_windows(signal_by_p, weights)
+        of_tap = np.flatnonzero(trace.weights_by_p.row // trace.memory == tap)
+        lags = trace.weights_by_p.row[of_tap] % trace.memory
+        slopes = trace.weights_by_p.nonzeros(p)[0, of_tap]
+        seen = windows(z[:usable, signal], trace.memory)[:, lags] * slopes
+        own = trace.weights_by_p.column[of_tap]
+        if len(np.unique(own)) < len(own) or np.intersect1d(own, columns).size:
+            together = np.zeros((len(seen), len(p)))
+            np.add.at(together, (slice(None), own), seen)
+            together[:, columns] += moved
+            return np.arange(len(p)), together
+        return np.concatenate([columns, own]), np.hstack([moved, seen])
+
+    def _with_actuators(
+        self, signal: int, signal_by_p: Array, columns: NDArray[np.intp], z_by_u: Array, u_by_p: Array, usable: int
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Adds to a stage signal's derivative what reaches it through actuators on its inputs."""
+        full = np.zeros((usable, u_by_p.shape[2]))
+        full[:, columns] = signal_by_p
+        for k in np.flatnonzero(self.trace.stage_by_u.row == signal):
+            full += z_by_u[:usable, k, None] * u_by_p[:usable, self.trace.stage_by_u.column[k]]
+        reached = np.flatnonzero(np.any(full, axis=0))
+        return full[:, reached], reached
+
+    def _by_nodes(
+        self, nodes: Array, u: Array, z_by_u: Array, y_by_h: Array, y_by_u: Array, weights: Array
+    ) -> Array:
+        trace, outputs = self.trace, len(self.trace.model.outputs)
+        fed_by_y = trace.feedback_by_y(nodes, u).reshape(len(u), len(self._fed), outputs)
+        fed_by_y[: self.first] = 0.0  # before the first prediction the window holds measurements, not nodes
+        usable = len(u) - 1
+        rows = usable - trace.memory + 1
+        result = np.zeros((rows, outputs, trace.memory, outputs))
+        for position, column in enumerate(self._fed):
+            u_by_y = fed_by_y[:usable, position]
+            for tap, signal in enumerate(trace.tap_signal):
+                for k in np.flatnonzero((trace.stage_by_u.row == signal) & (trace.stage_by_u.column == column)):
+                    z_by_y = windows(z_by_u[:usable, k, None] * u_by_y, trace.memory)
+                    h_by_y = z_by_y.transpose(0, 2, 1) * weights[tap][:, None]
+                    for m in np.flatnonzero(trace.head_by_h.column == tap):
+                        result[:, trace.head_by_h.row[m]] += y_by_h[:, m, None, None] * h_by_y
+            for k in np.flatnonzero(trace.head_by_u.column == column):
+                result[:, trace.head_by_u.row[k], -1] += y_by_u[:, k, None] * u_by_y[trace.memory - 1 :]
+        return result
+
+    def _joined(self, predictions: Array) -> Array:
+        return np.vstack([self.measured[: self.first], predictions])
+
+
+def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:
+    """The stretches of a recording that a model can predict.
+
+    Parameters
+    ----------
+    across_joins : lay windows across joins as if the recording were one run (the published protocol of the
+        model-structured networks does so; its error is meaningless there).
+
+    Raises
+    ------
+    BadInput : a needed signal is missing, the sample time differs, or no run is long enough.
+    """
+    model = trace.model
+    recording.require([n for n in _needed(trace) if n not in model.defaults], f"model {model.name}")
+    if abs(recording.sample_time / model.sample_time - 1.0) > SAMPLE_TIME_TOLERANCE:
+        raise BadInput(
+            f"{recording.name} is sampled every {recording.sample_time * 1e3:.4g} ms, model {model.name} every "
+            f"{model.sample_time * 1e3:.4g} ms. Resample the recording, or build the model with another sample time."
+        )
+    if across_joins:
+        recording = replace(recording, runs=((0, len(recording)),))
+    present = [recording[name] for name in _needed(trace) if name in recording]
+    whole = np.all(np.isfinite(np.column_stack(present)), axis=1)
+    shortest = trace.memory + 1
+    found = [Run(trace, recording, rows) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
+    if not found:
+        raise BadInput(
+            f"{recording.name} has no unbroken run of {shortest} samples "
+            f"({shortest * model.sample_time:.3g} s), which model {model.name} needs to predict one."
+        )
+    return found
+
+
+def _needed(trace: Trace) -> tuple[str, ...]:
+    """Recorded signals without which the model cannot start: its exogenous inputs and its outputs."""
+    exogenous = [name for name in trace.model.inputs if name not in trace.fed_back]
+    return tuple(dict.fromkeys([*exogenous, *trace.model.outputs]))
+
+
+def _input(trace: Trace, recording: Recording, name: str) -> Array:
+    if name in recording:
+        return recording[name]
+    return np.full(len(recording), trace.model.defaults.get(name, np.nan))
+
+
+def _unbroken(recording: Recording, whole: NDArray[np.bool_]) -> list[range]:
+    found = []
+    for start, stop in recording.runs:
+        gaps = [start - 1, *(start + np.flatnonzero(~whole[start:stop])).tolist(), stop]
+        found += [range(a + 1, b) for a, b in zip(gaps[:-1], gaps[1:], strict=True) if b > a + 1]
+    return found

@@ -1,0 +1,206 @@
+"""From equations to functions: a model traced once, symbolically, with CasADi.
+
+Tracing a discrete map with memory splits it, without the model's author noticing, into three stages
+
+    z_k = stage(u_k, p)                  what the windows look at, one sample at a time
+    h_k = sum_i W_i(p) z_{k-L+i}         the windows: finite impulse responses
+    y_{k+1} = head(h_k, u_k, p)          what becomes of them
+
+so that a sample shared by twenty windows is evaluated once, not twenty times, and every derivative is a
+sparse piece of one of the three.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import BadModel
+from .model import Model, Namespace, Symbol
+from .sampled import SampledFunction
+
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class SparseFunction:
+    """Nonzeros of a Jacobian as a function of one sample, with where they stand.
+
+    Attributes
+    ----------
+    nonzeros : CasADi function of the same arguments as the stage it belongs to.
+    row, column : (nnz,) place of each nonzero.
+    constant : whether the nonzeros do not depend on the parameters.
+    """
+
+    nonzeros: SampledFunction
+    row: Index
+    column: Index
+    constant: bool
+
+
+class Trace:
+    """A model's equations as CasADi functions of one sample.
+
+    Attributes
+    ----------
+    model : the model that was traced.
+    memory : number of past samples the longest window holds, the newest included.
+    tap_signal : (taps,) which stage signal each window looks at.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.u = cs.SX.sym("u", len(model.inputs))
+        self.p = cs.SX.sym("p", model.size)
+        self._windows = _Windows()
+        named = namespace(model, self.p)
+        seen = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(model.inputs)})
+        outputs = model.equations(seen, named, self._windows)
+        missing = [name for name in model.outputs if name not in outputs]
+        if missing:
+            raise BadModel(f"The equations of {model.name} do not give its output {', '.join(missing)}.")
+        self.y = cs.vertcat(*[outputs[name] for name in model.outputs])
+        self.z = cs.vertcat(*self._windows.signals) if self._windows.signals else cs.SX(0, 1)
+        self.h = cs.vertcat(*self._windows.symbols) if self._windows.symbols else cs.SX(0, 1)
+        if self.h.numel() and cs.depends_on(self.z, self.h):
+            raise BadModel(f"{model.name}: a window looks at another window; past(past(...)) has no finite memory here.")
+        self.tap_signal: Index = np.array(self._windows.which, dtype=np.intp)
+        self.memory = max((len(w) for w in self._windows.weights), default=1)
+        self.W = cs.vertcat(*[_padded(w, self.memory) for w in self._windows.weights])
+
+    @cached_property
+    def stage(self) -> SampledFunction:
+        """(u, p) -> z, all signals that windows look at."""
+        return SampledFunction(cs.Function("stage", [self.u, self.p], [cs.densify(self.z)]))
+
+    @cached_property
+    def stage_by_p(self) -> SparseFunction:
+        """Derivative of the stage by the parameters."""
+        return self._sparse("stage_by_p", self.z, self.p, [self.u, self.p])
+
+    @cached_property
+    def stage_by_u(self) -> SparseFunction:
+        """Derivative of the stage by the inputs."""
+        return self._sparse("stage_by_u", self.z, self.u, [self.u, self.p])
+
+    @cached_property
+    def weights(self) -> SampledFunction:
+        """p -> W row by row, (taps, memory) weights of the windows, oldest sample first."""
+        return SampledFunction(cs.Function("weights", [self.p], [cs.densify(cs.vec(self.W.T))]))
+
+    @cached_property
+    def weights_by_p(self) -> SparseFunction:
+        """Derivative of the windows' weights (row by row) by the parameters."""
+        return self._sparse("weights_by_p", cs.vec(self.W.T), self.p, [self.p])
+
+    @cached_property
+    def head(self) -> SampledFunction:
+        """(h, u, p) -> y."""
+        return SampledFunction(cs.Function("head", [self.h, self.u, self.p], [cs.densify(self.y)]))
+
+    @cached_property
+    def head_by_h(self) -> SparseFunction:
+        """Derivative of the outputs by the windows' results."""
+        return self._sparse("head_by_h", self.y, self.h, [self.h, self.u, self.p])
+
+    @cached_property
+    def head_by_p(self) -> SparseFunction:
+        """Derivative of the outputs by the parameters, windows' results held."""
+        return self._sparse("head_by_p", self.y, self.p, [self.h, self.u, self.p])
+
+    @cached_property
+    def head_by_u(self) -> SparseFunction:
+        """Derivative of the outputs by the newest inputs, windows' results held."""
+        return self._sparse("head_by_u", self.y, self.u, [self.h, self.u, self.p])
+
+    @cached_property
+    def fed_back(self) -> tuple[str, ...]:
+        """Inputs that come from the model's own outputs in closed loop."""
+        return tuple(self._feedback()[0])
+
+    @cached_property
+    def feedback(self) -> SampledFunction:
+        """(y, u) -> the fed-back inputs, in the order of `fed_back`."""
+        named, y = self._feedback()
+        return SampledFunction(cs.Function("feedback", [y, self.u], [cs.densify(cs.vertcat(*named.values()))]))
+
+    @cached_property
+    def feedback_by_y(self) -> SampledFunction:
+        """(y, u) -> derivative of the fed-back inputs by the outputs, dense, row by row."""
+        named, y = self._feedback()
+        jacobian = cs.jacobian(cs.vertcat(*named.values()), y)
+        return SampledFunction(cs.Function("feedback_by_y", [y, self.u], [cs.densify(cs.vec(jacobian.T))]))
+
+    def step(self) -> tuple[Symbol, Symbol]:
+        """One whole window: symbols U, (inputs, memory) oldest sample first, and the outputs y(U, p) it leads to."""
+        U = cs.SX.sym("U", len(self.model.inputs), self.memory)
+        stage, head = self.stage.function, self.head.function
+        Z = cs.horzcat(*[stage(U[:, k], self.p) for k in range(self.memory)])
+        h = cs.vertcat(*[cs.dot(self.W[t, :].T, Z[int(s), :].T) for t, s in enumerate(self.tap_signal)])
+        return U, head(h, U[:, -1], self.p)
+
+    def _feedback(self) -> tuple[dict[str, Symbol], Symbol]:
+        y = cs.SX.sym("y", len(self.model.outputs))
+        if self.model.feedback is None:
+            return {}, y
+        outputs = SimpleNamespace(**{name: y[k] for k, name in enumerate(self.model.outputs)})
+        inputs = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(self.model.inputs)})
+        return dict(self.model.feedback(outputs, inputs)), y
+
+    def _sparse(self, name: str, of: Symbol, by: Symbol, arguments: list[Symbol]) -> SparseFunction:
+        jacobian = cs.jacobian(of, by)
+        row, column = jacobian.sparsity().get_triplet()
+        nonzeros = cs.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else cs.SX(0, 1)
+        return SparseFunction(
+            nonzeros=SampledFunction(cs.Function(name, arguments, [nonzeros])),
+            row=np.array(row, dtype=np.intp),
+            column=np.array(column, dtype=np.intp),
+            constant=not (jacobian.nnz() and cs.depends_on(nonzeros, cs.vertcat(self.p, self.h))),
+        )
+
+
+class _Windows:
+    """Collects what the equations ask of the past, each signal once."""
+
+    def __init__(self) -> None:
+        self.signals: list[Symbol] = []
+        self.which: list[int] = []
+        self.weights: list[list[Symbol]] = []
+        self.symbols: list[Symbol] = []
+        self._known: dict[int, int] = {}
+
+    def __call__(self, signal: Symbol, weights: Sequence[Symbol]) -> Symbol:
+        signal = cs.SX(signal)
+        key = signal.element_hash()
+        if key not in self._known:
+            self._known[key] = len(self.signals)
+            self.signals.append(signal)
+        self.which.append(self._known[key])
+        self.weights.append(list(weights))
+        self.symbols.append(cs.SX.sym(f"h{len(self.symbols)}"))
+        return self.symbols[-1]
+
+
+def namespace(model: Model, vector: Symbol) -> Namespace:
+    """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
+    named, start = {}, 0
+    for parameter in model.parameters:
+        if parameter.shape == ():
+            named[parameter.name] = vector[start]
+        else:
+            entries = np.empty(parameter.size, dtype=object)
+            entries[:] = [vector[start + k] for k in range(parameter.size)]
+            named[parameter.name] = entries.reshape(parameter.shape)
+        start += parameter.size
+    return SimpleNamespace(**named)
+
+
+def _padded(weights: Sequence[Symbol], length: int) -> Symbol:
+    return cs.horzcat(cs.SX.zeros(1, length - len(weights)), *weights)
