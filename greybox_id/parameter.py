@@ -20,17 +20,19 @@ class Prior:
 
     Attributes
     ----------
-    sd : standard deviation of each entry about its mean, in the parameter's unit.
+    sd : standard deviation of each entry about its mean, in the parameter's unit; a scalar or an array that
+        broadcasts to the parameter's shape, infinite where an entry is free.
     mean : scalar or array of the parameter's shape; None takes the parameter's nominal value.
     step_sd : for arrays, standard deviation of the difference between neighbours along each axis,
-        measured about the mean's own difference; None along an axis leaves it free.
+        measured about the mean's own difference; a scalar, or an array that broadcasts to the shape of the
+        differences; None along an axis leaves it free.
     strength : name of the strength that scales this prior and is chosen by cross-validation; empty if
         the prior is knowledge and no tuning knob.
     """
 
-    sd: float
+    sd: ArrayLike
     mean: ArrayLike | None = None
-    step_sd: tuple[float | None, ...] = ()
+    step_sd: tuple[ArrayLike | None, ...] = ()
     strength: str = ""
 
 

@@ -1,0 +1,1 @@
+"""Solvers: condensed Gauss-Newton finds an optimum, Ipopt certifies it."""

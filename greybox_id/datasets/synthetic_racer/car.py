@@ -7,7 +7,7 @@ friction ellipse, open differentials, a body that rolls and pitches, a steering 
 and lag, and a motor whose force is concave in current and fades with speed.
 
 Sources: brush tyre with parabolic pressure, Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 3.2; relaxation of
-the slip, ibid. Sec. 7.2.1; double-track equations, Milliken & Milliken, Race Car Vehicle Dynamics, Ch. 5.
+the slip, ibid. Sec. 7.2; double-track equations, Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 8.2.2.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SLOWEST_ROLLING = 0.15
 """Speed, m/s, below which slips no longer grow as 1/v; the tyre then behaves as a damper and comes to rest."""
 
 _LOW_SPEED, _LOW_SPEED_DAMPING = 0.5, 0.3
-"""Below this speed, m/s, the carcass damps the tyre's lateral spring, s/m; without it the car would swing on its tyres long
-after a stop (Pacejka, 3rd ed., Sec. 8.6)."""
+"""Below this speed, m/s, the carcass damps the tyre's lateral spring, s/m; without it the car would swing on its
+tyres long after a stop (Pacejka, 3rd ed., Sec. 8.6)."""
 
 _STICTION_SPEED = 0.03
 """Width, m/s, of the smoothed sign in dry friction."""
@@ -47,15 +47,17 @@ class Car:
         wheel, kg m^2.
     F_z0 : nominal wheel load, N, to which the tyre's constants refer.
     C_x, C_yf, C_yr : slip stiffness over wheel load, 1 (longitudinal; lateral front and rear).
-    mu_x, mu_y : friction coefficients at `F_z0`.
+    mu_x, mu_yf, mu_yr : friction coefficients at `F_z0` (longitudinal; lateral front and rear).
     stiffness_fade, mu_fade : relative loss of stiffness and of friction per relative increase in load.
     sigma_x, sigma_y : relaxation lengths, m.
-    k_drive, F_drive_max, v_fade : drive force per ampere at low current, N/A; its ceiling, N; speed at which it halves, m/s.
+    k_drive, F_drive_max, v_fade : drive force per ampere at low current, N/A; its ceiling, N; speed at which
+        it halves, m/s.
     k_brake, F_brake_max : the same for negative current, N/A and N.
     motor_lag : first-order lag from current to force, s.
     F_friction, k_viscous, k_aero : dry friction of driveline and rolling, N; N s/m; air drag, N s^2/m^2.
     steer_gain, steer_trim : road-wheel angle per commanded angle, 1, and offset, rad.
-    steer_delay, steer_lag, steer_rate, steer_max : dead time, s; first-order lag, s; rate limit, rad/s; stop of the command, rad.
+    steer_delay, steer_lag, steer_rate, steer_max : dead time, s; first-order lag, s; rate limit, rad/s; stop of the
+        command, rad.
     ackermann : difference of the front wheels' angles per squared angle, relative to the kinematic one.
     """
 
@@ -81,16 +83,17 @@ class Car:
     C_yf: float = 7.5
     C_yr: float = 10.0
     mu_x: float = 0.78
-    mu_y: float = 0.64
+    mu_yf: float = 0.60
+    mu_yr: float = 0.70
     stiffness_fade: float = 0.15
     mu_fade: float = 0.1
     sigma_x: float = 0.03
     sigma_y: float = 0.05
     k_drive: float = 9.0
-    F_drive_max: float = 26.0
+    F_drive_max: float = 28.0
     v_fade: float = 3.0
-    k_brake: float = 7.5
-    F_brake_max: float = 22.0
+    k_brake: float = 9.5
+    F_brake_max: float = 25.0
     motor_lag: float = 0.03
     F_friction: float = 3.0
     k_viscous: float = 0.35
@@ -98,7 +101,7 @@ class Car:
     steer_gain: float = 1.09
     steer_trim: float = -0.006
     steer_delay: float = 0.02
-    steer_lag: float = 0.022
+    steer_lag: float = 0.035
     steer_rate: float = 3.4
     steer_max: float = 0.419
     ackermann: float = 0.7
@@ -136,24 +139,24 @@ class Motion:
     waiting_steer: deque[float] = field(default_factory=deque)
 
 
-def brush(car: Car, slip_x: float, slip_y: float, C_y: float, F_z: float) -> tuple[float, float]:
+def brush(car: Car, slip_x: float, slip_y: float, C_y: float, mu_y: float, F_z: float) -> tuple[float, float]:
     """Forces of a brush tyre with parabolic pressure and a friction ellipse.
 
     Parameters
     ----------
     car : tyre constants.
     slip_x, slip_y : relaxed slips, 1; positive slip makes positive force.
-    C_y : lateral slip stiffness over load, 1.
+    C_y, mu_y : lateral slip stiffness over load and friction coefficient, 1.
     F_z : wheel load, N.
 
     Returns
     -------
-    F_x, F_y : N. Pacejka, 3rd ed., Eqs. (3.10)-(3.11), on slips scaled by each direction's friction limit.
+    F_x, F_y : N. Pacejka, 3rd ed., Sec. 3.2, on slips scaled by each direction's friction limit.
     """
     excess = F_z / car.F_z0 - 1.0
     stiffness = 1.0 - car.stiffness_fade * excess
     friction = 1.0 - car.mu_fade * excess
-    mu_x, mu_y = car.mu_x * friction, car.mu_y * friction
+    mu_x, mu_y = car.mu_x * friction, mu_y * friction
     p_x = car.C_x * stiffness * slip_x / mu_x
     p_y = C_y * stiffness * slip_y / mu_y
     p = sqrt(p_x * p_x + p_y * p_y)
@@ -163,7 +166,7 @@ def brush(car: Car, slip_x: float, slip_y: float, C_y: float, F_z: float) -> tup
 
 
 def motor_force(car: Car, current: float, speed: float) -> float:
-    """Steady force of the motor at the wheels, N: concave in current, fading with speed, braking on a map of its own."""
+    """Steady force of the motor at the wheels, N: concave in current, fading with speed; a map of its own brakes."""
     if current >= 0.0:
         return car.F_drive_max * tanh(car.k_drive * current / car.F_drive_max) / (1.0 + abs(speed) / car.v_fade)
     # A motor at rest has no back-EMF to brake with.
@@ -174,8 +177,8 @@ def motor_force(car: Car, current: float, speed: float) -> float:
 def advance(car: Car, q: Motion, steer_command: float, current: float) -> None:
     """Advance the state by one `STEP`, in place.
 
-    Semi-implicit Euler: slips first, forces from the new slips, then velocities, then positions. The tyre is a spring in
-    series with a damper, and this order keeps the spring from gaining energy.
+    Semi-implicit Euler: slips first, forces from the new slips, then velocities, then positions. The tyre is a
+    spring in series with a damper, and this order keeps the spring from gaining energy.
 
     Parameters
     ----------
@@ -185,10 +188,10 @@ def advance(car: Car, q: Motion, steer_command: float, current: float) -> None:
     """
     dt = STEP
     # Steering servo: dead time, lag, rate limit.
+    if not q.waiting_steer:
+        q.waiting_steer.extend([0.0] * round(car.steer_delay / dt))
     q.waiting_steer.append(max(-car.steer_max, min(car.steer_max, steer_command)))
-    while len(q.waiting_steer) > car.steer_delay / dt + 1:
-        q.waiting_steer.popleft()
-    wanted = car.steer_gain * q.waiting_steer[0] + car.steer_trim
+    wanted = car.steer_gain * q.waiting_steer.popleft() + car.steer_trim
     q.steer += dt * max(-car.steer_rate, min(car.steer_rate, (wanted - q.steer) / car.steer_lag))
     half = 0.5 * car.track
     spread = car.ackermann * half / car.wheelbase * q.steer * q.steer
@@ -208,14 +211,14 @@ def advance(car: Car, q: Motion, steer_command: float, current: float) -> None:
     # Tyres.
     omega = q.drive_speed
     wheels = (
-        (car.l_f, half, q.steer + spread, omega - q.split_f, car.C_yf),
-        (car.l_f, -half, q.steer - spread, omega + q.split_f, car.C_yf),
-        (-car.l_r, half, 0.0, omega - q.split_r, car.C_yr),
-        (-car.l_r, -half, 0.0, omega + q.split_r, car.C_yr),
+        (car.l_f, half, q.steer + spread, omega - q.split_f, car.C_yf, car.mu_yf),
+        (car.l_f, -half, q.steer - spread, omega + q.split_f, car.C_yf, car.mu_yf),
+        (-car.l_r, half, 0.0, omega - q.split_r, car.C_yr, car.mu_yr),
+        (-car.l_r, -half, 0.0, omega + q.split_r, car.C_yr, car.mu_yr),
     )
     F_x = F_y = M_z = 0.0
     traction = [0.0] * 4
-    for k, (a, b, angle, wheel_speed, C_y) in enumerate(wheels):
+    for k, (a, b, angle, wheel_speed, C_y, mu_y) in enumerate(wheels):
         u, w = q.v_x - q.yaw_rate * b, q.v_y + q.yaw_rate * a
         c, s = cos(angle), sin(angle)
         along, across = u * c + w * s, w * c - u * s
@@ -224,7 +227,7 @@ def advance(car: Car, q: Motion, steer_command: float, current: float) -> None:
         q.slip_x[k] = (q.slip_x[k] + dt * (rolling - along) / car.sigma_x) / (1.0 + dt * reference / car.sigma_x)
         q.slip_y[k] = (q.slip_y[k] - dt * across / car.sigma_y) / (1.0 + dt * reference / car.sigma_y)
         damping = _LOW_SPEED_DAMPING * max(0.0, 1.0 - reference / _LOW_SPEED)
-        T_x, T_y = brush(car, q.slip_x[k], q.slip_y[k] - damping * across, C_y, max(loads[k], 0.1))
+        T_x, T_y = brush(car, q.slip_x[k], q.slip_y[k] - damping * across, C_y, mu_y, max(loads[k], 0.1))
         traction[k] = T_x
         f_x, f_y = T_x * c - T_y * s, T_x * s + T_y * c
         F_x += f_x

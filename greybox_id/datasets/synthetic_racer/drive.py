@@ -47,7 +47,7 @@ class Run:
     pauses: tuple[tuple[float, float], ...] = ()
     clockwise: bool = False
     slalom: float = 0.0
-    steer_delay: float = 0.04
+    steer_delay: float = 0.01
 
     @property
     def rows(self) -> int:
@@ -58,16 +58,27 @@ class Run:
 RUNS: Mapping[str, tuple[Run, ...]] = MappingProxyType(
     {
         "racer_train": (
-            Run(Pid, 35.0, 3.6, 4.7, 4.0, pauses=((0.0, 1.6),), steer_delay=0.015),
-            Run(Stanley, 44.0, 2.4, 1.9, 1.6, lead=3.0, pauses=((18.0, 21.5), (41.0, 60.0)), steer_delay=0.035),
-            Run(PurePursuit, 22.0, 1.45, 4.0, 3.0, pauses=((0.0, 2.0),), clockwise=True, slalom=0.07, steer_delay=0.025),
-            Run(PurePursuit, 21.0, 1.55, 4.0, 3.0, lead=4.0, pauses=((18.5, 60.0),), slalom=0.07, steer_delay=0.035),
+            Run(Pid, 35.0, 3.6, 4.7, 3.2, pauses=((0.0, 1.6),), steer_delay=0.005),
+            Run(Stanley, 44.0, 2.4, 1.9, 1.6, lead=3.0, pauses=((18.0, 21.5), (41.0, 60.0)), steer_delay=0.02),
+            Run(PurePursuit, 22.0, 1.45, 4.0, 3.0, pauses=((0.0, 2.0),), clockwise=True, slalom=0.07, steer_delay=0.01),
+            Run(PurePursuit, 21.0, 1.55, 4.0, 3.0, lead=4.0, pauses=((18.5, 60.0),), slalom=0.07, steer_delay=0.02),
         ),
         "racer_valid": (
-            Run(Stanley, 23.0, 2.4, 1.9, 1.6, pauses=((0.0, 1.2), (3.2, 6.0)), steer_delay=0.01),
-            Run(Pid, 16.0, 3.6, 4.7, 4.0, lead=5.0, pauses=((13.5, 60.0),), steer_delay=0.015),
-            Run(PurePursuit, 11.5, 1.45, 4.0, 3.0, pauses=((0.0, 1.5),), slalom=0.07, steer_delay=0.025),
-            Run(PurePursuit, 9.5, 1.5, 4.0, 3.0, lead=3.5, pauses=((8.0, 60.0),), clockwise=True, slalom=0.07, steer_delay=0.04),
+            Run(Stanley, 23.0, 2.4, 1.9, 1.6, pauses=((0.0, 1.2), (3.2, 6.0)), steer_delay=0.0),
+            Run(Pid, 16.0, 3.6, 4.7, 3.2, lead=5.0, pauses=((13.5, 60.0),), steer_delay=0.005),
+            Run(PurePursuit, 11.5, 1.45, 4.0, 3.0, pauses=((0.0, 1.5),), slalom=0.07, steer_delay=0.01),
+            Run(
+                PurePursuit,
+                9.5,
+                1.5,
+                4.0,
+                3.0,
+                lead=3.5,
+                pauses=((8.0, 60.0),),
+                clockwise=True,
+                slalom=0.07,
+                steer_delay=0.025,
+            ),
         ),
     }
 )
@@ -86,8 +97,8 @@ def simulate(car: Car, command: Command, duration: float, start: Motion | None =
 
     Returns
     -------
-    Signals at every `STEP`, each (n,), SI units: the state's own names, `time`, `wheel_speed` (of the driveline at the wheels'
-    radius, m/s), `steer_command` (rad) and `current` (A).
+    Signals at every `STEP`, each (n,), SI units: the state's own names, `time`, `wheel_speed` (of the driveline at the
+    wheels' radius, m/s), `steer_command` (rad) and `current` (A).
     """
     state = start if start is not None else Motion()
     n, hold = round(duration / STEP), round(PERIOD / STEP)
@@ -101,8 +112,8 @@ def simulate(car: Car, command: Command, duration: float, start: Motion | None =
         traces[k] = [getattr(state, name) for name in _TRACES]
         commands[k] = steer, current
         advance(car, state, steer, current)
-    signals = {name: traces[:, i].copy() for i, name in enumerate(_TRACES)}
-    signals["time"] = np.arange(n) * STEP
+    signals: dict[str, Array] = {name: traces[:, i].copy() for i, name in enumerate(_TRACES)}
+    signals["time"] = np.arange(n, dtype=np.float64) * STEP
     signals["wheel_speed"] = car.R * signals["drive_speed"]
     signals["steer_command"], signals["current"] = commands[:, 0].copy(), commands[:, 1].copy()
     return signals
@@ -142,7 +153,7 @@ def drive(run: Run, rng: np.random.Generator) -> dict[str, Array]:
         gyro_bias=0.027 + rng.normal(0.0, 0.0004),
         offset_x=-0.24 + rng.normal(0.0, 0.05),
         offset_y=-0.15 + rng.normal(0.0, 0.03),
-        imu_delay=rng.uniform(0.005, 0.02),
+        imu_delay=rng.uniform(0.0, 0.015),
     )
     return {name: values[: run.rows] for name, values in measure(recorded, faults, rng).items()}
 

@@ -40,7 +40,7 @@ Steering = Callable[[Track, Place, float], float]
 
 
 def _error(track: Track, place: Place, ahead: float) -> tuple[float, float, float]:
-    """Lateral error (positive: the line is to the left), heading error and curvature at a point `ahead` m of the rear axle."""
+    """Lateral error (m, positive: the line is to the left), heading error and curvature `ahead` m of the rear axle."""
     step = track.length / len(track.s)
     k = (place.nearest + round(ahead / step)) % len(track.s)
     x, y = place.x + ahead * cos(place.yaw), place.y + ahead * sin(place.yaw)
@@ -51,7 +51,7 @@ def _error(track: Track, place: Place, ahead: float) -> tuple[float, float, floa
 
 @dataclass
 class Stanley:
-    """Heading error plus arctangent of the front axle's error (Hoffmann et al., ACC 2007, Eq. (5))."""
+    """Heading error plus arctangent of the front axle's error (Hoffmann et al., ACC 2007)."""
 
     k: float = 2.2
     softening: float = 0.6
@@ -175,7 +175,7 @@ class Driver:
         ahead = (self._nearest + round(0.12 * max(v, 0.0) / (self.track.length / len(self.track.s)))) % len(self.speeds)
         current = self.speed_control(0.0 if standing else float(self.speeds[ahead]), v)
         if standing:
-            return 0.0, current
+            return 0.0, min(current, 0.0)
         place = Place(x, y, yaw, v, self._nearest, float(self.offsets[self._nearest]))
         return self.steering(self.track, place, self.wheelbase), current
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as STANDARD_GRAVITY
+from scipy import constants
 from scipy.signal import butter, lfilter
 
 from .car import GRAVITY, STEP
@@ -33,12 +33,13 @@ class Sensors:
     gyro_noise, accelerometer_noise : standard deviation at rest, rad/s and m/s^2.
     gyro_vibration, vibration_x, vibration_y : standard deviation that driving adds, rad/s and m/s^2.
     imu_cutoff, imu_delay : low-pass, Hz, and dead time, s.
-    motor_cutoff : low-pass of speed and current, Hz.
-    current_noise, speed_noise : A (while current flows) and m/s (while the motor turns).
+    speed_cutoff, current_cutoff : low-pass, Hz.
+    speed_noise : m/s, while the motor turns.
+    current_noise, current_ripple : A, and per ampere, while current flows.
     pose_noise, yaw_noise, pose_delay : m, rad and s.
     """
 
-    x_imu: float = -0.12
+    x_imu: float = -0.07
     gyro_bias: float = 0.027
     offset_x: float = -0.24
     offset_y: float = -0.15
@@ -47,10 +48,12 @@ class Sensors:
     gyro_vibration: float = 0.012
     vibration_x: float = 0.22
     vibration_y: float = 0.26
-    imu_cutoff: float = 6.5
+    imu_cutoff: float = 5.5
     imu_delay: float = 0.01
-    motor_cutoff: float = 15.0
-    current_noise: float = 0.03
+    speed_cutoff: float = 6.0
+    current_cutoff: float = 25.0
+    current_noise: float = 0.01
+    current_ripple: float = 0.06
     speed_noise: float = 0.006
     pose_noise: float = 0.002
     yaw_noise: float = 0.003
@@ -96,21 +99,21 @@ def measure(truth: Mapping[str, Array], sensors: Sensors | None, rng: np.random.
         a_x = imu(f_x, sensors.offset_x, sensors.accelerometer_noise, sensors.vibration_x)
         a_y = imu(f_y, sensors.offset_y, sensors.accelerometer_noise, sensors.vibration_y)
         r = imu(yaw_rate, sensors.gyro_bias, sensors.gyro_noise, sensors.gyro_vibration)
-        v = np.interp(t, time, _low_pass(truth["wheel_speed"], sensors.motor_cutoff, 1))
+        v = np.interp(t, time, _low_pass(truth["wheel_speed"], sensors.speed_cutoff, 1))
         v = v + np.where(np.abs(v) > 0.02, rng.normal(0.0, sensors.speed_noise, n), 0.0)
         # Below this the speed estimator of a sensorless motor reports zero.
         v = np.where(np.abs(v) < 0.01, 0.0, v)
-        current = np.interp(t, time, _low_pass(truth["current"], sensors.motor_cutoff, 1))
-        flows = np.abs(current) > 0.02
-        current = np.where(flows, current + rng.normal(0.0, sensors.current_noise, n), 0.0)
+        current = np.interp(t, time, _low_pass(truth["current"], sensors.current_cutoff, 1))
+        flows, ripple = np.abs(current) > 0.02, sensors.current_noise + sensors.current_ripple * np.abs(current)
+        current = np.where(flows, current + rng.normal(0.0, 1.0, n) * ripple, 0.0)
         x = sampled("x", sensors.pose_delay) + rng.normal(0.0, sensors.pose_noise, n)
         y = sampled("y", sensors.pose_delay) + rng.normal(0.0, sensors.pose_noise, n)
         yaw = sampled("yaw", sensors.pose_delay) + rng.normal(0.0, sensors.yaw_noise, n)
     values = (
         t,
         v * RPM_PER_SPEED,
-        a_x / STANDARD_GRAVITY,
-        a_y / STANDARD_GRAVITY,
+        a_x / constants.g,
+        a_y / constants.g,
         np.rad2deg(r),
         sampled("steer_command"),
         current,

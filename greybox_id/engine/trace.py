@@ -21,8 +21,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import BadModel
-from .model import Model, Namespace, Symbol
+from ..errors import BadModel
+from ..model import Model, Namespace, Symbol
 from .sampled import SampledFunction
 
 Index = NDArray[np.intp]

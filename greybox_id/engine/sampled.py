@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from .parameter import Array
+from ..parameter import Array
 
 
 class SampledFunction:

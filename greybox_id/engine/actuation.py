@@ -6,8 +6,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import BadModel
-from .parameter import Array
+from ..errors import BadModel
+from ..parameter import Array
 from .trace import Trace, namespace
 
 

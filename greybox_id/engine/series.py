@@ -7,18 +7,21 @@ output per row: predictions themselves (a simulation) or free variables of a lif
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .actuation import Actuation
-from .errors import BadInput
+from ..errors import BadInput
 from .free_run import free_run
-from .parameter import Array
-from .recording import Recording
-from .trace import Trace
+from ..parameter import Array
+from ..recording import Recording
+from .trace import Index, Trace
 from .windows import weighted_windows, windows
+
+Columns = slice | Index
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """A recording may differ from the model's sample time by this share."""
@@ -64,6 +67,7 @@ class Run:
         )
         self._fed = [model.inputs.index(name) for name in trace.fed_back]
         self._actuation = Actuation(trace)
+        self._constant_stage_by_p: Array | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -106,12 +110,13 @@ class Run:
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         y_by_h = trace.head_by_h.nonzeros(h, newest, p)
         by_p = np.zeros((len(h), len(trace.model.outputs), len(p)))
-        z_by_p = trace.stage_by_p.nonzeros(u, p)
+        z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         for tap, signal in enumerate(trace.tap_signal):
-            columns, h_by_p = self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p)
-            for k in np.flatnonzero(trace.head_by_h.column == tap):
-                by_p[:, trace.head_by_h.row[k], columns] += y_by_h[:, k, None] * h_by_p
+            reached = [(o, y_by_h[:, k, None]) for k, o in self._outputs_of(tap)]
+            for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
+                for output, y_by_tap in reached:
+                    by_p[:, output, columns] += y_by_tap * h_by_p
         direct = trace.head_by_p
         by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
         y_by_u = trace.head_by_u.nonzeros(h, newest, p)
@@ -134,8 +139,21 @@ class Run:
             h[:, taps] = windows(z[:-1, signal], trace.memory) @ weights[taps].T
         return z, h
 
+    def _stage_by_p(self, u: Array, p: Array) -> Array:
+        """Derivative of the stage by the parameters; evaluated once where neither inputs nor parameters move it."""
+        if not self.trace.stage_by_p.constant or u is not self.recorded:
+            return self.trace.stage_by_p.nonzeros(u, p)
+        if self._constant_stage_by_p is None:
+            self._constant_stage_by_p = self.trace.stage_by_p.nonzeros(u, p)
+        return self._constant_stage_by_p
+
     def _newest(self, u: Array) -> Array:
         return u[self.trace.memory - 1 : -1]
+
+    def _outputs_of(self, tap: int) -> list[tuple[int, int]]:
+        """The outputs a window reaches: places among the nonzeros of head_by_h, and outputs."""
+        found = np.flatnonzero(self.trace.head_by_h.column == tap)
+        return [(int(k), int(self.trace.head_by_h.row[k])) for k in found]
 
     def _tap_by_p(
         self,
@@ -147,31 +165,34 @@ class Run:
         u_by_p: Array | None,
         weights: Array,
         p: Array,
-    ) -> tuple[NDArray[np.intp], Array]:
-        """Derivative of one window's result by the parameters it depends on: their columns, and (rows, columns)."""
+    ) -> Iterator[tuple[Columns, Array]]:
+        """Derivative of one window's result by the parameters, in pieces: distinct columns and (rows, columns)."""
         trace = self.trace
         usable = len(z) - 1
         of_signal = np.flatnonzero(trace.stage_by_p.row == signal)
         columns = trace.stage_by_p.column[of_signal]
-        signal_by_p = z_by_p[:usable, of_signal]
+        signal_by_p = z_by_p[:usable, _tidy(of_signal)]
         if u_by_p is not None and z_by_u is not None:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
-        moved = weighted_windows(signal_by_p, weights)
+        if len(columns):
+            yield _tidy(columns), weighted_windows(signal_by_p, weights)
         of_tap = np.flatnonzero(trace.weights_by_p.row // trace.memory == tap)
+        if not len(of_tap):
+            return
         lags = trace.weights_by_p.row[of_tap] % trace.memory
         slopes = trace.weights_by_p.nonzeros(p)[0, of_tap]
-        seen = windows(z[:usable, signal], trace.memory)[:, lags] * slopes
+        seen = windows(z[:usable, signal], trace.memory)[:, _tidy(lags)] * slopes
         own = trace.weights_by_p.column[of_tap]
-        if len(np.unique(own)) < len(own) or np.intersect1d(own, columns).size:
+        if len(np.unique(own)) == len(own):
+            yield _tidy(own), seen
+        else:  # one parameter weighs several samples of the window
             together = np.zeros((len(seen), len(p)))
             np.add.at(together, (slice(None), own), seen)
-            together[:, columns] += moved
-            return np.arange(len(p)), together
-        return np.concatenate([columns, own]), np.hstack([moved, seen])
+            yield slice(None), together
 
     def _with_actuators(
-        self, signal: int, signal_by_p: Array, columns: NDArray[np.intp], z_by_u: Array, u_by_p: Array, usable: int
-    ) -> tuple[Array, NDArray[np.intp]]:
+        self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
+    ) -> tuple[Array, Index]:
         """Adds to a stage signal's derivative what reaches it through actuators on its inputs."""
         full = np.zeros((usable, u_by_p.shape[2]))
         full[:, columns] = signal_by_p
@@ -203,6 +224,13 @@ class Run:
 
     def _joined(self, predictions: Array) -> Array:
         return np.vstack([self.measured[: self.first], predictions])
+
+
+def _tidy(index: Index) -> Columns:
+    """An index as a slice where it can be one: numpy then works in place instead of copying."""
+    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return slice(int(index[0]), int(index[0]) + len(index))
+    return index
 
 
 def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:

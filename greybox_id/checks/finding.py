@@ -1,0 +1,96 @@
+"""What a check has to say about a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from ..recording import Recording
+
+
+class Severity(Enum):
+    """How much a finding matters, mildest first."""
+
+    NOTE = "note"
+    """Good to know; nothing need be done."""
+    WARNING = "warning"
+    """A fit can live with it, but should be told: a join, an offset, a held channel."""
+    DISTRUST = "distrust"
+    """Results from this recording mean nothing until it is mended."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """The place of a finding.
+
+    Attributes
+    ----------
+    channel : signal or channels concerned, "time" for the clock.
+    run : number of the run, counted from 1; None for the whole recording.
+    rows : rows of the recording concerned, counted from 0; empty where the finding is about no row in particular.
+    """
+
+    channel: str
+    run: int | None = None
+    rows: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is noteworthy or wrong in a recording.
+
+    Attributes
+    ----------
+    kind : short slug, for programs: "join", "delay", "sign", ...
+    severity : how much it matters.
+    where : channel, run and rows.
+    sentence : for people, with numbers and units.
+    value, uncertainty, unit : the number the finding rests on, its standard uncertainty (None if it has none, as for
+        a count) and unit.
+    """
+
+    kind: str
+    severity: Severity
+    where: Where
+    sentence: str
+    value: float | None = None
+    uncertainty: float | None = None
+    unit: str = "1"
+
+
+def distrusted(findings: Iterable[Finding]) -> bool:
+    """Whether one of the findings forbids trusting the recording."""
+    return any(finding.severity is Severity.DISTRUST for finding in findings)
+
+
+def file_row(recording: Recording, row: int) -> str:
+    """A row of the recording in the words of its file: "row 700 of the file", header line counted."""
+    path = recording.source.path.lower()
+    if path.endswith((".csv", ".csv.gz")):
+        return f"row {row + 2} of the file"
+    return f"row {row + 1} of the file" if path else f"row {row}, counted from 0"
+
+
+def listed(items: Iterable[str], at_most: int = 6) -> str:
+    """Words in a row, cut short: "a, b, c and 4 more"."""
+    words = list(items)
+    if len(words) > at_most:
+        return f"{', '.join(words[:at_most])} and {len(words) - at_most} more"
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
+
+
+def file_rows(recording: Recording, rows: Iterable[int]) -> str:
+    """Rows in the words of the file: "rows 700 and 2084 of the file"."""
+    numbers = [int(row) for row in rows]
+    if len(numbers) == 1:
+        return file_row(recording, numbers[0])
+    first = file_row(recording, 0)
+    start = int(first.split()[1].rstrip(","))
+    return f"rows {listed(str(n + start) for n in numbers)}{first.removeprefix(f'row {start}')}"
+
+
+def runs_words(numbers: Iterable[int]) -> str:
+    """Run numbers as words: "run 3", "runs 2, 5 and 7"."""
+    runs = [str(n) for n in numbers]
+    return f"run {runs[0]}" if len(runs) == 1 else f"runs {listed(runs, 12)}"

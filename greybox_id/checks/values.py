@@ -1,0 +1,200 @@
+"""Are the values to be trusted: missing, frozen at zero, clipped, held, spiked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from ..recording import Array, Recording
+from .finding import Finding, Severity, Where, file_rows
+
+NEEDED = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "motor_current", "drive_force")
+"""Channels that models are driven by or fitted to: a hole in one of them is a hole in the result."""
+COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd")
+"""Commands may rightly stay constant, rest at zero, stop at an end or be held between updates."""
+TURNING = ("steer", "yaw_rate", "a_y", "v_y", "yaw", "sideslip")
+"""When one of these moves, the others move with it."""
+HELD_SHARE = 0.2
+"""Noise-free repeats in more than a fifth of the steps: the channel is updated more slowly than the rows say."""
+ZERO_SHARE = 0.2
+CLIP_COUNT = 8
+CLIP_RATIO = 5
+"""A stop collects many samples at the very extreme; noise has ever fewer towards it, quantised or not."""
+SPIKE_LOCAL = 6.0
+"""A spike is this many times larger than the largest other departure from a running median nearby ..."""
+SPIKE_GLOBAL = 4.0
+"""... and than the 99th percentile of such departures in the whole channel. Clean noise stays below 2.5 in both."""
+SPIKE_RANGE = 0.1
+"""... and at least a tenth of the channel's usual range: smaller ones do no harm."""
+
+
+def check_values(recording: Recording) -> list[Finding]:
+    """Findings about single channels."""
+    findings: list[Finding] = []
+    for name, values in recording.signals.items():
+        good = values[np.isfinite(values)]
+        findings += _missing(recording, name, values)
+        if good.size < 3:
+            continue
+        if np.ptp(good) == 0.0:
+            findings.append(_constant(recording, name, float(good[0])))
+            continue
+        findings += [*_zeros(recording, name, values), *_held(recording, name, values)]
+        findings += [*_clipped(recording, name, values), *_spikes(recording, name, values)]
+    return findings
+
+
+def _missing(recording: Recording, name: str, values: Array) -> list[Finding]:
+    rows = np.flatnonzero(~np.isfinite(values))
+    if not rows.size:
+        return []
+    severity = Severity.DISTRUST if name in NEEDED else Severity.WARNING
+    what = "all" if rows.size == len(values) else f"{rows.size} of {len(values)}"
+    sentence = f"{name} is missing or not finite in {what} rows ({file_rows(recording, rows)})."
+    return [Finding("missing", severity, Where(name, rows=tuple(rows.tolist())), sentence, float(rows.size))]
+
+
+def _constant(recording: Recording, name: str, value: float) -> Finding:
+    moving = [n for n in TURNING if n in recording and n != name and _moves(recording[n])] if name in TURNING else []
+    if name == "v_x" and value == 0.0:
+        moving = [n for n in ("yaw_rate", "a_y", "a_x", "x") if n in recording and _moves(recording[n])]
+    elif name == "a_x" and "v_x" in recording and _moves(recording["v_x"]):
+        moving = ["v_x"]
+    elif name == "steer" and value != 0.0:
+        moving = []  # a circle at constant steering angle is a manoeuvre
+    dead = bool(moving)
+    tail = f" while {', '.join(moving)} moves: the channel is dead." if dead else "."
+    sentence = f"{name} is {value:g} {recording.unit(name)} in every row{tail}"
+    return Finding(
+        "dead" if dead else "constant",
+        Severity.DISTRUST if dead and name in NEEDED else Severity.WARNING if dead else Severity.NOTE,
+        Where(name), sentence, value, unit=recording.unit(name),
+    )  # fmt: skip
+
+
+def _moves(values: Array) -> bool:
+    good = values[np.isfinite(values)]
+    return good.size > 2 and bool(np.ptp(good) > 0.05)  # rad, rad/s or m/s^2: more than noise, offsets and road camber
+
+
+def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
+    zero = values == 0.0
+    driving = _driving(recording)
+    if not driving.any() or np.mean(zero[driving]) < ZERO_SHARE:
+        return []
+    share = float(np.mean(zero[driving]))
+    sentence = f"{name} is exactly 0 in {100 * share:.0f} % of the rows while the vehicle moves: "
+    others = [n for n in recording.signals if n != name and recording.unit(n) == recording.unit(name)]
+    awake = [n for n in others if np.mean(recording[n][zero] != 0) > 0.5 and _correlation(values, recording[n]) > 0.9]
+    if awake:
+        sentence += f"a dead zone, or one-sided, for {' and '.join(awake)} moves on there."
+    else:
+        sentence += "a dead zone, an input not used, or a sensor that rests."
+    severity = Severity.WARNING if awake or name not in COMMANDS else Severity.NOTE
+    return [Finding("dead_zone", severity, Where(name), sentence, share)]
+
+
+def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
+    steps, repeats = _steps(recording, name, values)
+    if steps.size < 20 or repeats.mean() < HELD_SHARE:
+        return []
+    share = float(repeats.mean())
+    rate = (1 - share) / recording.sample_time
+    sentence = (
+        f"{name} repeats {100 * share:.0f} % of its samples exactly: it is held between updates, "
+        f"about {rate:.3g} new values a second in rows at {1 / recording.sample_time:.3g} Hz."
+    )
+    severity = Severity.WARNING if name in NEEDED and name not in COMMANDS else Severity.NOTE
+    return [Finding("held", severity, Where(name), sentence, share)]
+
+
+def _steps(recording: Recording, name: str, values: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Steps within runs while the vehicle moves, rests at exactly zero left out, and which of them are exact repeats."""
+    inside = np.ones(len(values) - 1, dtype=bool)
+    inside[[start - 1 for start, _ in recording.runs[1:]]] = False
+    moving = _driving(recording)
+    inside &= moving[1:] & moving[:-1] & np.isfinite(values[1:]) & np.isfinite(values[:-1])
+    inside &= ~((values[1:] == 0.0) & (values[:-1] == 0.0))
+    steps = np.diff(values, prepend=0.0)[1:][inside]
+    return steps, steps == 0.0
+
+
+def _driving(recording: Recording) -> NDArray[np.bool_]:
+    if "v_x" not in recording:
+        return np.ones(len(recording), dtype=bool)
+    speed = np.abs(np.nan_to_num(recording["v_x"]))
+    return speed > 0.05 * float(np.quantile(speed, 0.95))
+
+
+def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
+    good = values[np.isfinite(values)]
+    levels, counts = np.unique(good, return_counts=True)
+    findings = []
+    for end, level, count, below in (
+        ("most", levels[-1], counts[-1], counts[-4:-1]), ("least", levels[0], counts[0], counts[1:4])
+    ):  # fmt: skip
+        if len(levels) < 20 or level == 0.0 or count < CLIP_COUNT or count < CLIP_RATIO * below.max():
+            continue
+        stretches = int(np.count_nonzero(np.diff((values == level).astype(int), prepend=0) == 1))
+        if stretches < 2:
+            continue  # one stretch is a vehicle at rest or a long hold
+        unit = recording.unit(name)
+        sentence = f"{name} reads exactly {level:.4g} {unit} in {count} rows, in {stretches} stretches, and never {end}: "
+        sentence = sentence.replace("never most", "never more").replace("never least", "never less")
+        sentence += "the command is at its stop." if name in COMMANDS else "it is clipped there."
+        severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
+        rows = tuple(np.flatnonzero(values == level).tolist())
+        findings.append(Finding("clipped", severity, Where(name, rows=rows), sentence, float(level), unit=unit))
+    return findings
+
+
+def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
+    departures = np.zeros(len(values))
+    nearby = np.zeros(len(values))
+    for start, stop in recording.runs:
+        run = np.unwrap(values[start:stop]) if name == "yaw" else values[start:stop]
+        if len(run) < 12 or not np.isfinite(run).all():
+            continue
+        # Mirrored at the ends: a spike in the first row of a run must show as well.
+        departure = np.abs(run - median_filter(run, 5, mode="mirror"))
+        departures[start:stop] = departure
+        sides = maximum_filter1d(departure, 21, mode="constant")
+        nearby[start:stop] = np.maximum(_shifted(sides, 13), _shifted(sides, -13))
+    usual = values[np.isfinite(values)]
+    low, high = np.quantile(usual, [0.005, 0.995])
+    floor = max(SPIKE_GLOBAL * float(np.quantile(departures, 0.99)), SPIKE_RANGE * (high - low))
+    rows = np.flatnonzero((departures > floor) & (departures > SPIKE_LOCAL * nearby))
+    if not rows.size:
+        return []
+    unit, time = recording.unit(name), recording.time
+    where = [f"{values[r]:.4g} {unit} at t = {time[r]:.2f} s (run {_run(recording, int(r))})" for r in rows[:4]]
+    more = f" and {rows.size - 4} more" if rows.size > 4 else ""
+    plural = "values stand" if rows.size > 1 else "value stands"
+    sentence = f"{name}: {rows.size} {plural} out from both neighbours: {', '.join(where)}{more}; "
+    sentence += f"{file_rows(recording, rows)}. Leave such rows out."
+    run = _run(recording, int(rows[0])) if len({_run(recording, int(r)) for r in rows}) == 1 else None
+    place = Where(name, run, tuple(rows.tolist()))
+    return [Finding("outlier", Severity.WARNING, place, sentence, float(rows.size))]
+
+
+def _shifted(values: Array, by: int) -> Array:
+    out = np.zeros_like(values)
+    if by > 0:
+        out[by:] = values[:-by]
+    else:
+        out[:by] = values[-by:]
+    return out
+
+
+def _run(recording: Recording, row: int) -> int:
+    return next(number for number, (start, stop) in enumerate(recording.runs, 1) if start <= row < stop)
+
+
+def _correlation(a: Array, b: Array) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    if np.count_nonzero(both) < 3 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
+        return 0.0
+    return float(np.corrcoef(a[both], b[both])[0, 1])
+
+

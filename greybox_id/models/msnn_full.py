@@ -1,0 +1,62 @@
+"""MS-NN-full: the coupled lateral and longitudinal dynamics, MS-NN-lat and MS-NN-long in a closed loop.
+
+The predicted longitudinal acceleration takes the place of the measured one in MS-NN-lat's window, and the
+predicted yaw rate times speed that of the lateral acceleration in MS-NN-long's.
+
+Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
+networks", Fig. 1a and Sec. II-D.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+from ..errors import BadInput
+from ..model import Model, Namespace, Past, Symbol
+from .msnn_lat import LateralSettings, msnn_lat
+from .msnn_long import LongitudinalSettings, msnn_long
+
+
+@dataclass(frozen=True)
+class FullSettings:
+    """Hyperparameters of both parts.
+
+    Attributes
+    ----------
+    lat, long : those of MS-NN-lat and MS-NN-long.
+    """
+
+    lat: LateralSettings = field(default_factory=LateralSettings)
+    long: LongitudinalSettings = field(default_factory=LongitudinalSettings)
+
+
+def msnn_full(settings: FullSettings | None = None) -> Model:
+    """MS-NN-full; 544 parameters with the authors' hyperparameters."""
+    s = settings or FullSettings()
+    lat, long = msnn_lat(s.lat), msnn_long(s.long)
+    if lat.sample_time != long.sample_time:
+        raise BadInput(
+            f"MS-NN-lat is set to samples of {lat.sample_time:g} s and MS-NN-long to {long.sample_time:g} s; "
+            "one loop needs one sample time."
+        )
+
+    def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
+        return {**lat.equations(u, p, past), **long.equations(u, p, past)}
+
+    def feedback(y: Namespace, u: Namespace) -> dict[str, Symbol]:
+        return {"a_x": y.a_x, "a_y": y.yaw_rate * u.v_x}
+
+    return Model(
+        name="msnn_full",
+        about="model-structured network of the coupled dynamics, closed loop: yaw rate and acceleration",
+        inputs=tuple(dict.fromkeys(lat.inputs + long.inputs)),
+        outputs=lat.outputs + long.outputs,
+        parameters=lat.parameters + long.parameters,
+        equations=equations,
+        feedback=feedback,
+        sample_time=lat.sample_time,
+        defaults=long.defaults,
+        parts=(lat, long),
+        settings=asdict(s),
+        together=lat.together + long.together,
+    )

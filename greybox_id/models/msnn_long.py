@@ -1,0 +1,129 @@
+"""MS-NN-long: the longitudinal acceleration from windows of motor current, speed and lateral acceleration.
+
+Newton's law along the vehicle, with a learned actuation model (motor current to traction and brake torque, one
+small network each) and a learned lateral force of the front axle. ISO 8855 axes.
+
+Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
+networks", Eq. 7-15 and Fig. 3. The acceleration is that of the sample after the window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import casadi as cs
+import numpy as np
+
+from ..model import Model, Namespace, Past, Symbol
+from ..parameter import Parameter, Prior
+from .fuzzy import evenly, memberships
+from .msnn_lat import fading
+
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True)
+class LongitudinalSettings:
+    """Hyperparameters of MS-NN-long; the defaults are the paper's.
+
+    Attributes
+    ----------
+    v_x, a_y : centres of the local models, m/s and m/s^2 (n_v,long = 2, n_y = 4).
+    eta : neurons of each branch of the actuation model.
+    gamma : past samples in a window besides the newest.
+    one_inertia : a single wheel inertia for both axles, as in the authors' code (384 parameters); False keeps
+        one per axle as in Eq. 15 (385).
+    sample_time : s.
+    """
+
+    v_x: tuple[float, ...] = evenly(0.0, 4.0, 2)
+    a_y: tuple[float, ...] = evenly(-7.0, 7.0, 4)
+    eta: int = 10
+    gamma: int = 14
+    one_inertia: bool = True
+    sample_time: float = 0.05
+
+
+def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
+    """MS-NN-long; 384 parameters with the authors' hyperparameters (Eq. 15)."""
+    s = settings or LongitudinalSettings()
+
+    def torque(current: Symbol, G_1: Symbol, b_1: Symbol, G_2: Symbol, past: Past) -> Symbol:
+        return sum(G_2[n] * cs.tanh(past(current, G_1[n]) + b_1[n]) for n in range(s.eta))
+
+    def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
+        T_t = torque(cs.fmax(u.motor_current, 0), p.G_1t, p.b_1t, p.G_2t, past)
+        T_b = torque(cs.fmin(u.motor_current, 0), p.G_1b, p.b_1b, p.G_2b, past)
+
+        psi_y = memberships(u.a_y, s.a_y)
+        psi_v = memberships(u.v_x, s.v_x)
+        Lambda = sum((p.q_1[n] + p.q_2[n] * (u.a_y - s.a_y[n])) * psi_y[n] for n in range(len(s.a_y)))
+        F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(len(s.v_x)))
+
+        theta, v = u.road_slope, u.v_x
+        I_w = 2 * p.I_w if s.one_inertia else p.I_wf + p.I_wr
+        N = (
+            ((T_t + T_b) / p.r - p.k_a * v**2 - p.c_l * v - F_yf * cs.sin(u.steer)) / p.m
+            - p.c_r * GRAVITY * cs.cos(theta)
+            - GRAVITY * cs.sin(theta)
+        )
+        D = 1 + 2 * I_w / (p.m * p.r**2)
+        return {"a_x": N / D}
+
+    return Model(
+        name="msnn_long",
+        about="model-structured network of the longitudinal dynamics: acceleration",
+        inputs=("v_x", "motor_current", "steer", "a_y", "road_slope"),
+        outputs=("a_x",),
+        parameters=longitudinal_parameters(s),
+        equations=equations,
+        sample_time=s.sample_time,
+        defaults={"road_slope": 0.0},
+        settings=asdict(s),
+        together=(
+            "m, r and the wheel inertia: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), k_a/(m D) and c_r/D act; "
+            "the scale of the torques is free against G_2, so T/(m r D) alone is told by the recording",
+            "q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",
+        ),
+    )
+
+
+def longitudinal_parameters(s: LongitudinalSettings) -> tuple[Parameter, ...]:
+    """Physical parameters about a 1:10 car, and the weights of its three networks."""
+    length, eta = s.gamma + 1, s.eta
+    inertias = ("I_w",) if s.one_inertia else ("I_wf", "I_wr")
+    physical = (
+        Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.5), about="vehicle mass"),
+        Parameter("c_r", "1", 0.03, (0.0, 0.5), Prior(0.03), about="rolling resistance coefficient"),
+        Parameter("c_l", "N s/m", 0.5, (0.0, 20.0), Prior(0.5), about="laminar drag coefficient"),
+        Parameter("k_a", "N s^2/m^2", 0.02, (0.0, 5.0), Prior(0.02), about="aerodynamic drag coefficient"),
+        *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(3e-5), about="wheel inertia, one wheel") for n in inertias),
+        Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.005), about="wheel radius"),
+    )
+    # Neurons that start alike stay alike: each branch starts with thresholds spread over the current's range.
+    current = Prior(0.3, mean=0.0, step_sd=(None, 0.15), strength="actuation")
+    spread = np.linspace(-1.0, 1.0, eta)
+    start = np.outer(np.linspace(0.3, 1.0, eta), fading(length))
+    branches = tuple(
+        parameter
+        for branch, word, sign in (("t", "traction", 1.0), ("b", "brake", -1.0))
+        for parameter in (
+            Parameter(f"G_1{branch}", "1/A", start, prior=current,
+                      about=f"{word} network, first layer (neuron, age oldest first)"),
+            Parameter(f"b_1{branch}", "1", sign * spread, prior=Prior(1.0, strength="actuation"),
+                      about=f"{word} network, thresholds"),
+            Parameter(f"G_2{branch}", "N m", np.full(eta, 0.02), prior=Prior(0.3, mean=0.0, strength="actuation"),
+                      about=f"{word} network, second layer"),
+        )
+    )  # fmt: skip
+    a_y = np.array(s.a_y)
+    lateral = (
+        Parameter("q_1", "N", 1.7 * a_y, prior=Prior(5.0, strength="lateral_force"),
+                  about="front lateral force at the centre of each local model", source="half the mass times a_y"),
+        Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(2.0, strength="lateral_force"),
+                  about="its slope over lateral acceleration", source="half the mass"),
+        Parameter("F_y", "1", np.broadcast_to(fading(length), (len(s.v_x), length)),
+                  prior=Prior(0.2, step_sd=(None, 0.2), strength="lateral_force"),
+                  about="finite impulse response of each local model, oldest sample first"),
+    )  # fmt: skip
+    return physical + branches + lateral
