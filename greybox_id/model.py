@@ -82,6 +82,7 @@ class Model:
     feedback : (y, u) -> input name -> expression, for the inputs that come from the outputs in closed loop.
     sample_time : s; the recording must have it.
     defaults : input name -> value taken when a recording lacks it (a flat road).
+    symmetric : the vehicle is taken to be the same in a mirror; fitting then sees every recording mirrored too.
     parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
     actuators, sensors : put there by effects.
     settings : hyperparameters from which the model was built, for the record.
@@ -98,6 +99,7 @@ class Model:
     sample_time: float
     feedback: Callable[[Namespace, Namespace], Mapping[str, Symbol]] | None = None
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    symmetric: bool = False
     parts: tuple[Model, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()

@@ -10,8 +10,8 @@ from .finding import Finding, Severity, Where
 
 REST_SHARE = 0.003
 """At rest means slower than 0.3 % of the top speed ..."""
-REST_SECONDS = 0.5
-"""... for at least half a second, a quarter of it cut off at each end where the vehicle settles."""
+REST_SECONDS = 1.0
+"""... for at least a second, a quarter of it cut off at each end where the vehicle settles."""
 CHANNELS = {"yaw_rate": 0.002, "a_x": 0.02, "a_y": 0.02}
 """Channels that read zero at rest on flat ground, and the offset below which nobody minds (rad/s, m/s^2)."""
 
@@ -59,7 +59,11 @@ def _rests(recording: Recording) -> list[tuple[int, int]]:
 
 
 def _uncertainty(
-    recording: Recording, name: str, stretches: list[NDArray[np.int_]], means: NDArray[np.float64], weights: NDArray[np.float64]
+    recording: Recording,
+    name: str,
+    stretches: list[NDArray[np.int_]],
+    means: NDArray[np.float64],
+    weights: NDArray[np.float64],
 ) -> float:
     """Standard error of the mean: scatter between stands, or within one where samples hang together for 5."""
     within = np.concatenate([recording[name][rows] - m for rows, m in zip(stretches, means, strict=True)])

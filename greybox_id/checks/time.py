@@ -97,4 +97,6 @@ def _jitter(recording: Recording, dt: float) -> list[Finding]:
 def _clock(
     kind: str, severity: Severity, sentence: str, rows: object, value: float | None = None, unit: str = "1"
 ) -> Finding:
-    return Finding(kind, severity, Where("time", rows=tuple(np.asarray(rows, dtype=int).tolist())), sentence, value, unit=unit)
+    return Finding(
+        kind, severity, Where("time", rows=tuple(np.asarray(rows, dtype=int).tolist())), sentence, value, unit=unit
+    )

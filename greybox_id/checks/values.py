@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from ..recording import Array, Recording
+from .agreement import standard
 from .finding import Finding, Severity, Where, file_rows
 
 NEEDED = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "motor_current", "drive_force")
@@ -27,6 +28,8 @@ SPIKE_GLOBAL = 4.0
 """... and than the 99th percentile of such departures in the whole channel. Clean noise stays below 2.5 in both."""
 SPIKE_RANGE = 0.1
 """... and at least a tenth of the channel's usual range: smaller ones do no harm."""
+SPIKE_END = 1.0
+"""... but the whole usual range in the first and last row of a run, which have a neighbour on one side only."""
 
 
 def check_values(recording: Recording) -> list[Finding]:
@@ -79,11 +82,9 @@ def _moves(values: Array) -> bool:
 
 
 def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
-    zero = values == 0.0
-    driving = _driving(recording)
-    if not driving.any() or np.mean(zero[driving]) < ZERO_SHARE:
+    share, zero = zero_share(recording, name), values == 0.0
+    if share < ZERO_SHARE:
         return []
-    share = float(np.mean(zero[driving]))
     sentence = f"{name} is exactly 0 in {100 * share:.0f} % of the rows while the vehicle moves: "
     others = [n for n in recording.signals if n != name and recording.unit(n) == recording.unit(name)]
     awake = [n for n in others if np.mean(recording[n][zero] != 0) > 0.5 and _correlation(values, recording[n]) > 0.9]
@@ -93,6 +94,12 @@ def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
         sentence += "a dead zone, an input not used, or a sensor that rests."
     severity = Severity.WARNING if awake or name not in COMMANDS else Severity.NOTE
     return [Finding("dead_zone", severity, Where(name), sentence, share)]
+
+
+def zero_share(recording: Recording, name: str) -> float:
+    """Share of the rows, while the vehicle moves, in which a signal is exactly zero."""
+    driving = _driving(recording)
+    return float(np.mean(recording[name][driving] == 0.0)) if driving.any() else 0.0
 
 
 def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
@@ -110,7 +117,7 @@ def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 
 def _steps(recording: Recording, name: str, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Steps within runs while the vehicle moves, rests at exactly zero left out, and which of them are exact repeats."""
+    """Steps within runs while the vehicle moves, and which are exact repeats; rests at exactly zero are left out."""
     inside = np.ones(len(values) - 1, dtype=bool)
     inside[[start - 1 for start, _ in recording.runs[1:]]] = False
     moving = _driving(recording)
@@ -140,7 +147,9 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
         if stretches < 2:
             continue  # one stretch is a vehicle at rest or a long hold
         unit = recording.unit(name)
-        sentence = f"{name} reads exactly {level:.4g} {unit} in {count} rows, in {stretches} stretches, and never {end}: "
+        sentence = (
+            f"{name} reads exactly {level:.4g} {unit} in {count} rows, in {stretches} stretches, and never {end}: "
+        )
         sentence = sentence.replace("never most", "never more").replace("never least", "never less")
         sentence += "the command is at its stop." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
@@ -151,6 +160,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
     departures = np.zeros(len(values))
+    ends = np.zeros(len(values), dtype=bool)
     nearby = np.zeros(len(values))
     for start, stop in recording.runs:
         run = np.unwrap(values[start:stop]) if name == "yaw" else values[start:stop]
@@ -159,22 +169,24 @@ def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
         # Mirrored at the ends: a spike in the first row of a run must show as well.
         departure = np.abs(run - median_filter(run, 5, mode="mirror"))
         departures[start:stop] = departure
+        ends[[start, stop - 1]] = True
         sides = maximum_filter1d(departure, 21, mode="constant")
         nearby[start:stop] = np.maximum(_shifted(sides, 13), _shifted(sides, -13))
     usual = values[np.isfinite(values)]
     low, high = np.quantile(usual, [0.005, 0.995])
-    floor = max(SPIKE_GLOBAL * float(np.quantile(departures, 0.99)), SPIKE_RANGE * (high - low))
+    least = np.where(ends, SPIKE_END, SPIKE_RANGE) * (high - low)
+    floor = np.maximum(SPIKE_GLOBAL * float(np.quantile(departures, 0.99)), least)
     rows = np.flatnonzero((departures > floor) & (departures > SPIKE_LOCAL * nearby))
     if not rows.size:
         return []
     unit, time = recording.unit(name), recording.time
     where = [f"{values[r]:.4g} {unit} at t = {time[r]:.2f} s (run {_run(recording, int(r))})" for r in rows[:4]]
     more = f" and {rows.size - 4} more" if rows.size > 4 else ""
-    plural = "values stand" if rows.size > 1 else "value stands"
-    sentence = f"{name}: {rows.size} {plural} out from both neighbours: {', '.join(where)}{more}; "
+    plural = "values stand out from their" if rows.size > 1 else "value stands out from its"
+    sentence = f"{name}: {rows.size} {plural} neighbours: {', '.join(where)}{more}; "
     sentence += f"{file_rows(recording, rows)}. Leave such rows out."
-    run = _run(recording, int(rows[0])) if len({_run(recording, int(r)) for r in rows}) == 1 else None
-    place = Where(name, run, tuple(rows.tolist()))
+    numbers = {_run(recording, int(row)) for row in rows}
+    place = Where(name, numbers.pop() if len(numbers) == 1 else None, tuple(rows.tolist()))
     return [Finding("outlier", Severity.WARNING, place, sentence, float(rows.size))]
 
 
@@ -193,8 +205,5 @@ def _run(recording: Recording, row: int) -> int:
 
 def _correlation(a: Array, b: Array) -> float:
     both = np.isfinite(a) & np.isfinite(b)
-    if np.count_nonzero(both) < 3 or np.ptp(a[both]) == 0 or np.ptp(b[both]) == 0:
-        return 0.0
-    return float(np.corrcoef(a[both], b[both])[0, 1])
-
-
+    (x, x_scale), (y, y_scale) = standard(a[both]), standard(b[both])
+    return float(np.mean(x * y)) if x_scale and y_scale else 0.0

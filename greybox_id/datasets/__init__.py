@@ -1,0 +1,1 @@
+"""Reading recordings from files, and the recordings that come with the package."""

@@ -11,10 +11,10 @@ import numpy as np
 from ..errors import BadInput
 from ..recording import Array, Recording, Source, split_runs
 from .column_map import Column, ColumnMap, column_map, did_you_mean, shipped_maps
-from .table import Table, csv_table, load_bytes, parquet_table
+from .table import Table, csv_table, load_bytes, one_column, parquet_table
 
-LARGEST = 1e100
-"""Numbers beyond this are no measurement: they become NaN, since their squares would overflow."""
+LARGEST = 1e30
+"""Numbers beyond this are no measurement: they become NaN, since products and squares of them would overflow."""
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 
@@ -98,8 +98,8 @@ def _check_columns(table: Table, mapping: ColumnMap) -> None:
 
 
 def _what_there_is(names: Sequence[str]) -> str:
-    if len(names) == 1 and any(separator in names[0] for separator in ";\t|"):
-        return f'The whole first line was read as one column, {names[0]!r:.80}; set separator = ";" in the column map.'
+    if one_column(tuple(names)):
+        return one_column(tuple(names))
     listed = ", ".join(names[:40])
     return f"The file has {listed}{f' and {len(names) - 40} more' if len(names) > 40 else ''}."
 

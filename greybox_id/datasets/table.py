@@ -139,16 +139,16 @@ def csv_table(data: bytes, where: str, separator: str = ",", decimal: str = ".",
                 encoding="utf-8",
             )
     except pd.errors.ParserError as error:
-        raise BadInput(_not_a_table(str(error), where, len(names))) from error
+        raise BadInput(_not_a_table(str(error), where, names)) from error
     except pd.errors.ParserWarning as error:  # the first row is more than one cell too long
-        raise BadInput(_too_long(where, 2, len(names))) from error
+        raise BadInput(_too_long(where, 2, names)) from error
     except (pd.errors.EmptyDataError, ValueError, OverflowError, csv.Error) as error:
         raise BadInput(f"{where} cannot be read as a table ({error}). Save it as plain CSV.") from error
     filled = frame.notna().any(axis=1).to_numpy()
     frame = frame.iloc[: int(np.flatnonzero(filled)[-1]) + 1 if filled.any() else 0]
     overflow = frame[len(names)].notna().to_numpy()
     if overflow.any():
-        raise BadInput(_too_long(where, int(np.argmax(overflow)) + 2, len(names)))
+        raise BadInput(_too_long(where, int(np.argmax(overflow)) + 2, names))
     return Table(where, names, tuple(frame[k] for k in range(len(names))), 2)
 
 
@@ -200,14 +200,22 @@ def _unique(names: tuple[str, ...], where: str) -> None:
         )
 
 
-def _too_long(where: str, row: int, width: int) -> str:
-    return f"{where}: row {row} has more cells than the header line has names ({width}). Mend that row."
+def one_column(names: tuple[str, ...]) -> str:
+    """A hint for a header line that was not split; empty if it was."""
+    if len(names) > 1 or not any(separator in names[0] for separator in ";\t|"):
+        return ""
+    return f'The whole header line was read as one column, {names[0]!r:.80}; set separator = ";" in the column map.'
 
 
-def _not_a_table(message: str, where: str, width: int) -> str:
+def _too_long(where: str, row: int, names: tuple[str, ...]) -> str:
+    advice = one_column(names) or "Mend that row."
+    return f"{where}: row {row} has more cells than the header line has names ({len(names)}). {advice}"
+
+
+def _not_a_table(message: str, where: str, names: tuple[str, ...]) -> str:
     too_long = re.search(r"in line (\d+), saw (\d+)", message)
     if too_long:
-        return _too_long(where, int(too_long.group(1)) + 1, width)
+        return _too_long(where, int(too_long.group(1)) + 1, names)
     unclosed = re.search(r"EOF inside string starting at row (\d+)", message)
     if unclosed:
         return f"{where}: row {int(unclosed.group(1)) + 2}: a quotation mark is opened and never closed. Mend that row."

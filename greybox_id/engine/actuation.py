@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BadModel
+from ..model import Symbol
 from ..parameter import Array
-from .trace import Trace, namespace
+from .trace import Index, Trace, namespace
 
 
 class Actuation:
@@ -26,16 +26,33 @@ class Actuation:
                     "an actuator can only stand before a recorded command."
                 )
         self._steps = [_Step(trace, k) for k in range(len(trace.model.actuators))]
+        held = np.concatenate([np.full(q.size, q.fixed) for q in trace.model.parameters])
+        self._moving = not np.all(held[self.touched])
 
     def __call__(self, recorded: Array, p: Array) -> tuple[Array, Array | None]:
-        """(n, inputs) as recorded -> as the equations see it, and (n, inputs, parameters) its derivative or None."""
+        """(n, inputs) as recorded -> as the equations see it, and (n, inputs, parameters) its derivative or None.
+
+        There is none where every parameter that acts through an actuator is held.
+        """
         if not self._steps:
             return recorded, None
         seen = recorded.copy()
         by_p = np.zeros((*recorded.shape, len(p)))
         for step in self._steps:
             seen[:, step.column], by_p[:, step.column] = step(seen[:, step.column], by_p[:, step.column], p)
-        return seen, by_p
+        return seen, by_p if self._moving else None
+
+    @property
+    def touched(self) -> Index:
+        """Parameters that act through an actuator."""
+        return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *[step.touched for step in self._steps]]))
+
+    def expression(self, recorded: Symbol, p: Symbol) -> Symbol:
+        """What the equations see, (inputs, n), as an expression of what was recorded and of the parameters."""
+        rows = [recorded[k, :] for k in range(recorded.shape[0])]
+        for step in self._steps:
+            rows[step.column] = step.expression(rows[step.column], p)
+        return cs.vertcat(*rows)
 
 
 class _Step:
@@ -47,11 +64,12 @@ class _Step:
         self.column = model.inputs.index(actuator.signal)
         state, command, p = cs.SX.sym("state"), cs.SX.sym("command"), cs.SX.sym("p", model.size)
         both = cs.vertcat(*actuator.step(state, command, namespace(model, p), model.sample_time))
+        self._plain = cs.Function("actuator", [state, command, p], [both[0], both[1]])
         touched = set(np.flatnonzero(cs.which_depends(both, p, 1, False)).tolist())
         for earlier in range(number):
             if model.actuators[earlier].signal == actuator.signal:
                 touched |= set(_Step(trace, earlier).touched.tolist())
-        self.touched: NDArray[np.intp] = np.array(sorted(touched), dtype=np.intp)
+        self.touched: Index = np.array(sorted(touched), dtype=np.intp)
         state_by_p = cs.SX.sym("state_by_p", len(touched))
         command_by_p = cs.SX.sym("command_by_p", len(touched))
         by_p = (
@@ -64,6 +82,11 @@ class _Step:
             [cs.vertcat(state, state_by_p), cs.vertcat(command, command_by_p), p],
             [cs.vertcat(both[0], by_p[0, :].T), cs.vertcat(both[1], by_p[1, :].T)],
         )
+
+    def expression(self, command: Symbol, p: Symbol) -> Symbol:
+        """What the equations see of a run's command, (1, n)."""
+        samples = command.shape[1]
+        return self._plain.mapaccum("actuators", samples)(command[0], command, cs.repmat(p, 1, samples))[1]
 
     def __call__(self, command: Array, command_by_p: Array, p: Array) -> tuple[Array, Array]:
         start = np.concatenate([command[:1], command_by_p[0, self.touched]])

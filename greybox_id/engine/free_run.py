@@ -7,7 +7,9 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
+from ..model import Symbol
 from ..parameter import Array
+from .sampled import call
 from .trace import Trace
 
 
@@ -28,12 +30,20 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
     first = trace.memory
     past = trace.stage(u[: first - 1], p) if first > 1 else np.empty((0, trace.stage.outputs))
     state = np.concatenate([past.ravel(), measured[first - 1]])
-    exogenous = np.nan_to_num(u[first - 1 : -1])
-    fed = [trace.model.inputs.index(name) for name in trace.fed_back]
-    exogenous[:, fed] = 0.0
-    accumulated = _accumulated(trace, len(exogenous))
-    states = accumulated(state, exogenous.T, np.tile(p[:, None], len(exogenous)))
-    return np.asarray(states.full().T[:, -measured.shape[1] :], dtype=float)
+    samples = len(u) - first
+    states = call(
+        _accumulated(trace, samples), state, np.nan_to_num(u[first - 1 : -1]), np.tile(p, (samples, 1))
+    ).reshape(samples, len(state))
+    return states[:, -measured.shape[1] :].copy()
+
+
+def free_run_expression(trace: Trace, u: Symbol, measured: Array, p: Symbol) -> Symbol:
+    """The same as a CasADi expression of u, (inputs, n), and p: (outputs, n - memory)."""
+    first, samples = trace.memory, u.shape[1]
+    past = trace.stage.function.map("past", "serial", first - 1, [1], [])(u[:, : first - 1], p) if first > 1 else []
+    state = cs.vertcat(cs.vec(past), cs.DM(measured[first - 1])) if first > 1 else cs.DM(measured[first - 1])
+    states = _accumulated(trace, samples - first)(state, u[:, first - 1 : -1], cs.repmat(p, 1, samples - first))
+    return states[-measured.shape[1] :, :]
 
 
 @lru_cache(maxsize=64)

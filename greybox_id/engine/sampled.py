@@ -23,19 +23,28 @@ class SampledFunction:
 
     def __call__(self, *arguments: Array) -> Array:
         samples = max((len(a) for a in arguments if a.ndim == 2), default=1)
-        result = np.empty((samples, self.outputs))
-        if result.size == 0:
-            return result
+        if self.outputs == 0:
+            return np.empty((samples, 0))
         shared = tuple(k for k, a in enumerate(arguments) if a.ndim == 1)
         key = (samples, shared)
         if key not in self._mapped:
             name = f"{self.function.name()}_{samples}"
             self._mapped[key] = self.function.map(name, "serial", samples, list(shared), [])
-        memory, run = self._mapped[key].buffer()
-        held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
-        for k, array in enumerate(held):
-            if array.size:
-                memory.set_arg(k, memoryview(array))
-        memory.set_res(0, memoryview(result))
-        run()
-        return result
+        return call(self._mapped[key], *arguments).reshape(samples, self.outputs)
+
+
+def call(function: cs.Function, *arguments: Array) -> Array:
+    """A CasADi function of dense arguments on numpy's own memory: its first result, flat, column by column.
+
+    An argument of k columns is handed over as a (k, rows) array: CasADi stores column by column what numpy stores
+    row by row.
+    """
+    result = np.empty(function.numel_out(0))
+    memory, run = function.buffer()
+    held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
+    for k, array in enumerate(held):
+        if array.size:
+            memory.set_arg(k, memoryview(array))
+    memory.set_res(0, memoryview(result))
+    run()
+    return result

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
+from ..model import Symbol
 from ..parameter import Array
 from .sampled import SampledFunction
-from .trace import Trace, namespace
+from .trace import Index, Trace, namespace
 
 
 class Sensing:
@@ -29,6 +29,13 @@ class Sensing:
             sensor(y, by_p, p)
         return y, by_p
 
+    def expression(self, y: Symbol, p: Symbol) -> Symbol:
+        """What is recorded, (outputs, rows), as an expression of a run's predictions and of the parameters."""
+        rows = [y[k, :] for k in range(y.shape[0])]
+        for sensor in self._sensors:
+            rows[sensor.column] = sensor.expression(rows[sensor.column], p)
+        return cs.vertcat(*rows)
+
 
 class _Weights:
     def __init__(self, trace: Trace, number: int) -> None:
@@ -37,10 +44,17 @@ class _Weights:
         self.column = model.outputs.index(sensor.signal)
         p = cs.SX.sym("p", model.size)
         weights = cs.densify(cs.vertcat(*sensor.weights(namespace(model, p), model.sample_time)))
-        self.touched: NDArray[np.intp] = np.flatnonzero(cs.which_depends(weights, p, 1, False))
+        self.touched: Index = np.flatnonzero(cs.which_depends(weights, p, 1, False))
         slopes = cs.densify(cs.jacobian(weights, p)[:, self.touched.tolist()])
         self._weights = SampledFunction(cs.Function("weights", [p], [weights]))
         self._slopes = SampledFunction(cs.Function("slopes", [p], [cs.vec(slopes.T)]))
+
+    def expression(self, y: Symbol, p: Symbol) -> Symbol:
+        """This sensor's reading of an output, (1, rows)."""
+        weights = self._weights.function(p)
+        length = y.shape[1]
+        late = [cs.horzcat(cs.repmat(y[0], 1, lag), y[: length - lag]) for lag in range(weights.shape[0])]
+        return sum(weights[lag] * shifted for lag, shifted in enumerate(late))
 
     def __call__(self, y: Array, by_p: Array | None, p: Array) -> None:
         """Replace this sensor's column of y, and of its derivative, in place."""

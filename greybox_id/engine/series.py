@@ -52,6 +52,7 @@ class Run:
     recorded : (n, inputs) as recorded; NaN where a fed-back input was not recorded.
     measured : (n, outputs) recorded outputs; NaN where there is none.
     rows : rows of the recording that the n samples are.
+    actuation : the model's actuators.
     first : first row (of the run) that has a prediction; predictions cover rows first ... n-1.
     """
 
@@ -66,11 +67,17 @@ class Run:
             [recording[n][rows.start : rows.stop] if n in recording else nothing for n in model.outputs]
         )
         self._fed = [model.inputs.index(name) for name in trace.fed_back]
-        self._actuation = Actuation(trace)
+        self.actuation = Actuation(trace)
         self._constant_stage_by_p: Array | None = None
+        self._seen: tuple[Array, Array, Array | None] | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the fed-back inputs were recorded too."""
+        return not np.any(np.isnan(self.recorded))
 
     @property
     def predicted(self) -> slice:
@@ -82,11 +89,20 @@ class Run:
 
         `nodes` (n, outputs) replaces the fed-back inputs; None leaves them as recorded.
         """
-        u = self.recorded
-        if nodes is not None and self._fed:
-            u = u.copy()
-            u[:, self._fed] = self.trace.feedback(nodes, np.where(np.isnan(u), 0.0, u))
-        return self._actuation(u, p)
+        if nodes is None or not self._fed:
+            return self._commanded(p)
+        u, u_by_p = self._commanded(p)
+        u = u.copy()
+        u[:, self._fed] = self.trace.feedback(nodes, np.where(np.isnan(u), 0.0, u))
+        return u, u_by_p
+
+    def _commanded(self, p: Array) -> tuple[Array, Array | None]:
+        """The recorded inputs behind their actuators, computed anew only when an actuator's parameter moved."""
+        acting = p[self.actuation.touched]
+        if self._seen is None or not np.array_equal(self._seen[0], acting):
+            self._seen = (acting, *self.actuation(self.recorded, p))
+            self._constant_stage_by_p = None
+        return self._seen[1], self._seen[2]
 
     def predict(self, p: Array, nodes: Array | None = None) -> Array:
         """Predictions for rows first ... n-1, (rows, outputs), from the recorded inputs or from nodes."""
@@ -141,7 +157,7 @@ class Run:
 
     def _stage_by_p(self, u: Array, p: Array) -> Array:
         """Derivative of the stage by the parameters; evaluated once where neither inputs nor parameters move it."""
-        if not self.trace.stage_by_p.constant or u is not self.recorded:
+        if not self.trace.stage_by_p.constant or self._seen is None or u is not self._seen[1]:
             return self.trace.stage_by_p.nonzeros(u, p)
         if self._constant_stage_by_p is None:
             self._constant_stage_by_p = self.trace.stage_by_p.nonzeros(u, p)

@@ -9,8 +9,8 @@ Open loop, the fed-back inputs are measurements and there are no nodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,25 +35,18 @@ class Layout:
     size: int
 
 
-@dataclass
+@dataclass(frozen=True)
 class NormalEquations:
     """A quadratic model of the objective about a point, nodes eliminated.
 
     Attributes
     ----------
     H : (unknowns, unknowns) Gauss-Newton Hessian, priors included.
-    g : (unknowns,) gradient of the objective along the linearised matching conditions.
-    objective : half the sum of squares, priors included, at the point.
-    violation : sum of the matching conditions' absolute gaps, in noise standard deviations.
-    offset, slope : per run, (n, outputs) and (n, outputs, parameters): node step = offset + slope dp.
+    g : (unknowns,) gradient of the objective.
     """
 
     H: Array
     g: Array
-    objective: float
-    violation: float
-    offset: list[Array] = field(default_factory=list)
-    slope: list[Array] = field(default_factory=list)
 
 
 class Problem:
@@ -67,6 +60,9 @@ class Problem:
     noise : (outputs,) standard deviation that one residual counts as, in each output's unit.
     strengths : how much stronger than stated each group of priors is taken.
     keep : per run, (n,) weight of each row, 0 leaves it out; None keeps all.
+
+    A model that says it is symmetric sees every run mirrored too, each of the two counting half; run k + copies
+    is the mirror image of run k.
     """
 
     def __init__(
@@ -81,8 +77,12 @@ class Problem:
     ) -> None:
         self.trace = trace
         self.runs: list[Run] = [run for recording in recordings for run in runs(trace, recording)]
+        self.copies = len(self.runs)
+        if trace.model.symmetric:
+            self.runs += [run for recording in recordings for run in runs(trace, recording.mirrored())]
         self.closed_loop = closed_loop and bool(trace.fed_back)
         self.noise = np.asarray(noise, dtype=float)
+        self._counted = self.noise * np.sqrt(len(self.runs) / self.copies)
         self.keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
         self.sensing = Sensing(trace)
         self.layout = _layout(trace, len(self.runs))
@@ -116,77 +116,48 @@ class Problem:
             return []
         return [run.simulate(x[index]) for run, index in zip(self.runs, self.layout.index, strict=True)]
 
-    def moved(self, nodes: Nodes, equations: NormalEquations, step: Array) -> Nodes:
-        """Nodes after a step of the unknowns, to first order."""
-        return [
-            node + offset + slope @ step[index]
-            for node, offset, slope, index in zip(
-                nodes, equations.offset, equations.slope, self.layout.index, strict=True
-            )
-        ]
+    def objective(self, x: Array, nodes: Nodes) -> float:
+        """Half the sum of squared residuals, priors included; infinite where the model is not finite."""
+        total = 0.5 * float(np.sum(self.belief_residuals(x) ** 2)) + self.misfit(x, nodes)
+        return total if np.isfinite(total) else np.inf
 
-    def merit(self, x: Array, nodes: Nodes) -> tuple[float, float]:
-        """Objective and violation at a point; infinite where the model is not finite."""
-        objective = 0.5 * float(np.sum(self.belief_residuals(x) ** 2))
-        violation = 0.0
+    def misfit(self, x: Array, nodes: Nodes) -> float:
+        """Half the sum of squared residuals of the data alone."""
+        total = 0.0
         for k, run in enumerate(self.runs):
             p = x[self.layout.index[k]]
-            node = nodes[k] if nodes else None
-            predicted = run.predict(p, node)
-            if node is not None:
-                violation += float(np.sum(np.abs((predicted - node[run.predicted]) / self.noise)))
-            residuals, _ = self._residuals(k, predicted if node is None else node[run.predicted], None, p)
-            objective += 0.5 * float(np.sum(residuals**2))
-        if not np.isfinite(objective + violation):
-            return np.inf, np.inf
-        return objective, violation
+            y = nodes[k][run.predicted] if nodes else run.predict(p)
+            residuals, _ = self._residuals(k, y, None, p)
+            total += 0.5 * float(np.sum(residuals**2))
+        return total
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
-        """Linearise everything about a point and eliminate the nodes."""
-        believed = self.belief_residuals(x)
-        result = NormalEquations(
-            H=self._believed.copy(),
-            g=np.asarray(self.R.T @ believed),
-            objective=0.5 * float(np.sum(believed**2)),
-            violation=0.0,
-        )
-        for k, run in enumerate(self.runs):
-            index = self.layout.index[k]
-            node = nodes[k] if nodes else None
-            lines = run.linearise(x[index], node)
-            y, by_p = lines.y, lines.by_p
-            if node is not None and lines.by_nodes is not None:
-                gap = lines.y - node[run.predicted]
-                result.violation += float(np.sum(np.abs(gap / self.noise)))
-                offset, slope = _condense(gap, lines.by_p, lines.by_nodes, len(run), run.first)
-                result.offset.append(offset)
-                result.slope.append(slope)
-                at_node, _ = self._residuals(k, node[run.predicted], None, x[index])
-                result.objective += 0.5 * float(np.sum(at_node**2))
-                y, by_p = node[run.predicted] + offset[run.predicted], slope[run.predicted]
-            residuals, J = self._residuals(k, y, by_p, x[index])
-            assert J is not None
-            if node is None:
-                result.objective += 0.5 * float(np.sum(residuals**2))
-            result.H[np.ix_(index, index)] += J.T @ J
-            result.g[index] += J.T @ residuals
-        return result
+        """Linearise everything about a matched point and eliminate the nodes."""
+        H, g = self._believed.copy(), np.asarray(self.R.T @ self.belief_residuals(x))
+        for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
+            flat = J.reshape(-1, J.shape[-1])
+            H[np.ix_(index, index)] += flat.T @ flat
+            g[index] += flat.T @ residuals.ravel()
+        return NormalEquations(H, g)
 
-    def residuals(self, x: Array, nodes: Nodes) -> list[tuple[Array, Array]]:
-        """Per run, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p)."""
-        found = []
+    def residuals(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:
+        """Per run, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
+
+        The derivative is total: what a parameter does to the nodes is carried along.
+        """
         for k, run in enumerate(self.runs):
-            index = self.layout.index[k]
-            node = nodes[k] if nodes else None
-            lines = run.linearise(x[index], node)
-            y, by_p = lines.y, lines.by_p
-            if node is not None and lines.by_nodes is not None:
-                offset, slope = _condense(y - node[run.predicted], by_p, lines.by_nodes, len(run), run.first)
-                y, by_p = node[run.predicted] + offset[run.predicted], slope[run.predicted]
-            flat, J = self._residuals(k, y, by_p, x[index])
+            p = x[self.layout.index[k]]
+            lines = run.linearise(p, nodes[k] if nodes else None)
+            by_p = lines.by_p
+            if lines.by_nodes is not None:
+                by_p = _condense(lines.by_p, lines.by_nodes)
+            flat, J = self._residuals(k, lines.y, by_p, p)
             assert J is not None
-            found.append((flat.reshape(y.shape), J.reshape(*y.shape, -1)))
-        return found
+            yield flat.reshape(lines.y.shape), J.reshape(by_p.shape)
+
+    def weight(self, k: int) -> Array:
+        """What one unit of residual of run k counts as, (rows, outputs)."""
+        return np.asarray(np.sqrt(self.keep[k][self.runs[k].predicted])[:, None] / self._counted)
 
     def belief_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""
@@ -195,24 +166,26 @@ class Problem:
     def _residuals(self, k: int, y: Array, by_p: Array | None, p: Array) -> tuple[Array, Array | None]:
         run = self.runs[k]
         observed, observed_by_p = self.sensing(y, by_p, p)
-        weight = np.sqrt(self.keep[k][run.predicted])[:, None] / self.noise
+        weight = self.weight(k)
         residuals = ((observed - run.measured[run.predicted]) * weight).ravel()
         if observed_by_p is None:
             return residuals, None
         return residuals, (observed_by_p * weight[:, :, None]).reshape(len(residuals), -1)
 
 
-def _condense(gap: Array, by_p: Array, by_nodes: Array, rows: int, first: int) -> tuple[Array, Array]:
-    """Solve the linearised matching conditions forward in time: node step = offset + slope dp."""
-    outputs, memory = by_nodes.shape[1], by_nodes.shape[2]
-    parameters = by_p.shape[2]
-    both = np.zeros((rows, outputs, parameters + 1))
-    forcing = np.concatenate([by_p, gap[:, :, None]], axis=2)
-    propagate = by_nodes.reshape(len(gap), outputs, memory * outputs)
-    for k in range(len(gap)):
-        window = both[first + k - memory : first + k].reshape(memory * outputs, parameters + 1)
-        both[first + k] = forcing[k] + propagate[k] @ window
-    return both[:, :, -1], both[:, :, :-1]
+def _condense(by_p: Array, by_nodes: Array) -> Array:
+    """Derivative of the nodes by the parameters: the linearised matching conditions, solved forward in time."""
+    rows, outputs, memory, _ = by_nodes.shape
+    total = np.zeros((memory + rows, outputs, by_p.shape[2]))  # measurements before the first prediction stay put
+    flat = total.reshape((memory + rows) * outputs, -1)
+    reach = np.flatnonzero(np.any(by_nodes, axis=(0, 1, 3)))
+    oldest = int(reach[0]) if len(reach) else memory - 1
+    propagate = np.ascontiguousarray(by_nodes[:, :, oldest:]).reshape(rows, outputs, -1)
+    for k in range(rows):
+        here = (memory + k) * outputs
+        np.matmul(propagate[k], flat[(k + oldest) * outputs : here], out=flat[here : here + outputs])
+        total[memory + k] += by_p[k]
+    return total[memory:]
 
 
 def _layout(trace: Trace, count: int) -> Layout:

@@ -138,6 +138,7 @@ class Trace:
         jacobian = cs.jacobian(cs.vertcat(*named.values()), y)
         return SampledFunction(cs.Function("feedback_by_y", [y, self.u], [cs.densify(cs.vec(jacobian.T))]))
 
+    @cached_property
     def step(self) -> tuple[Symbol, Symbol]:
         """One whole window: symbols U, (inputs, memory) oldest sample first, and the outputs y(U, p) it leads to."""
         U = cs.SX.sym("U", len(self.model.inputs), self.memory)
@@ -145,6 +146,21 @@ class Trace:
         Z = cs.horzcat(*[stage(U[:, k], self.p) for k in range(self.memory)])
         h = cs.vertcat(*[cs.dot(self.W[t, :].T, Z[int(s), :].T) for t, s in enumerate(self.tap_signal)])
         return U, head(h, U[:, -1], self.p)
+
+    @cached_property
+    def touched_by_p(self) -> NDArray[np.bool_]:
+        """(outputs, parameters) which parameters each output depends on through the equations."""
+        return _pattern(cs.jacobian_sparsity(self.step[1], self.p))
+
+    @cached_property
+    def touched_by_nodes(self) -> NDArray[np.bool_]:
+        """(outputs, memory, outputs) which outputs in the window each output depends on, oldest first."""
+        U, y = self.step
+        by_u = _pattern(cs.jacobian_sparsity(y, cs.vec(U))).reshape(len(self.model.outputs), self.memory, -1)
+        named, outputs = self._feedback()
+        fed_by_y = _pattern(cs.jacobian_sparsity(cs.vertcat(*named.values()), outputs))
+        places = [self.model.inputs.index(name) for name in self.fed_back]
+        return np.asarray(by_u[:, :, places].astype(int) @ fed_by_y.astype(int) > 0)
 
     def _feedback(self) -> tuple[dict[str, Symbol], Symbol]:
         y = cs.SX.sym("y", len(self.model.outputs))
@@ -200,6 +216,12 @@ def namespace(model: Model, vector: Symbol) -> Namespace:
             named[parameter.name] = entries.reshape(parameter.shape)
         start += parameter.size
     return SimpleNamespace(**named)
+
+
+def _pattern(sparsity: cs.Sparsity) -> NDArray[np.bool_]:
+    dense = np.zeros(sparsity.shape, dtype=bool)
+    dense[tuple(np.array(sparsity.get_triplet(), dtype=np.intp))] = True
+    return dense
 
 
 def _padded(weights: Sequence[Symbol], length: int) -> Symbol:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as cs
+import numpy as np
 
 from ..errors import BadInput
 from ..model import Symbol
+from ..parameter import Array
 
 
 def memberships(x: Symbol, centres: Sequence[float]) -> list[Symbol]:
@@ -28,3 +30,28 @@ def evenly(low: float, high: float, count: int) -> tuple[float, ...]:
     if count == 1:
         return ((low + high) / 2,)
     return tuple(low + (high - low) * k / (count - 1) for k in range(count))
+
+
+def over(values: Array, count: int, symmetric: bool = False) -> tuple[float, ...]:
+    """Centres evenly spaced over the range of recorded values, mirrored about zero where `symmetric`."""
+    known = values[np.isfinite(values)]
+    low, high = (float(np.min(known)), float(np.max(known))) if known.size else (-1.0, 1.0)
+    if symmetric:
+        high = max(abs(low), abs(high))
+        low = -high
+    if high - low < 1e-6:  # a dead channel: any centres will do, but they must differ
+        low, high = low - 1.0, high + 1.0
+    return evenly(low, high, count)
+
+
+def centres(
+    name: str, given: tuple[float, ...] | None, count: int, low: float, high: float
+) -> tuple[float, ...]:
+    """The centres given, or evenly spaced ones; their number must be `count`."""
+    if count < 1:
+        raise BadInput(f"There must be at least one local model over {name}; {count} were asked for.")
+    if given is None:
+        return evenly(low, high, count)
+    if len(given) != count:
+        raise BadInput(f"{count} local models over {name} were asked for, but {len(given)} centres are given.")
+    return given

@@ -13,8 +13,9 @@ from dataclasses import asdict, dataclass, field
 
 from ..errors import BadInput
 from ..model import Model, Namespace, Past, Symbol
-from .msnn_lat import LateralSettings, msnn_lat
-from .msnn_long import LongitudinalSettings, msnn_long
+from ..recording import Recording
+from .msnn_lat import LateralSettings, covering_lat, msnn_lat
+from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,13 @@ class FullSettings:
 
     lat: LateralSettings = field(default_factory=LateralSettings)
     long: LongitudinalSettings = field(default_factory=LongitudinalSettings)
+
+
+def covering_full(settings: FullSettings, recording: Recording, symmetric: bool = False) -> FullSettings:
+    """Centres left open are set from a training recording."""
+    return FullSettings(
+        covering_lat(settings.lat, recording, symmetric), covering_long(settings.long, recording, symmetric)
+    )
 
 
 def msnn_full(settings: FullSettings | None = None) -> Model:

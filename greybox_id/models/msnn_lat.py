@@ -10,14 +10,29 @@ sample in the window multiplies its own curvature, as in the authors' implementa
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from math import exp
+from dataclasses import asdict, dataclass, replace
+
+from typing import NamedTuple
 
 import numpy as np
 
 from ..model import Model, Namespace, Past, Symbol
-from ..parameter import Array, Parameter, Prior
-from .fuzzy import evenly, memberships
+from ..parameter import Parameter, Prior
+from ..recording import Recording
+from .fuzzy import centres, memberships, over
+from .impulse_response import fading, fading_prior
+
+
+TYPICAL_GAIN = 3.0
+"""Curvature per steering angle of a 1:10 car, 1/(m rad), where no recording tells better."""
+
+
+class Centres(NamedTuple):
+    """Centres of the local models, rad, m/s and m/s^2."""
+
+    steer: tuple[float, ...]
+    v_x: tuple[float, ...]
+    a_x: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -26,43 +41,70 @@ class LateralSettings:
 
     Attributes
     ----------
-    steer, v_x, a_x : centres of the local models, rad, m/s and m/s^2 (n_delta = 5, n_v = 2, n_x = 2).
+    n_delta, n_v, n_x : local models over steering angle, speed and longitudinal acceleration.
     q : past samples in a window besides the newest.
-    curvature_gain : prior mean of d(curvature)/d(steer), 1/(m rad); about the inverse wheelbase.
+    steer, v_x, a_x : their centres, rad, m/s and m/s^2; None spaces them evenly over the training recording.
+    curvature_gain : prior mean of d(curvature)/d(steer), 1/(m rad), about the inverse wheelbase; None takes the
+        training recording's average.
     sample_time : s.
     """
 
-    steer: tuple[float, ...] = evenly(-0.4, 0.4, 5)
-    v_x: tuple[float, ...] = evenly(0.0, 4.0, 2)
-    a_x: tuple[float, ...] = evenly(-6.0, 6.0, 2)
+    n_delta: int = 5
+    n_v: int = 2
+    n_x: int = 2
     q: int = 19
-    curvature_gain: float = 3.0
+    steer: tuple[float, ...] | None = None
+    v_x: tuple[float, ...] | None = None
+    a_x: tuple[float, ...] | None = None
+    curvature_gain: float | None = None
     sample_time: float = 0.05
+
+
+def covering_lat(settings: LateralSettings, recording: Recording, symmetric: bool = False) -> LateralSettings:
+    """Centres and gain left open are set from a training recording."""
+    recording.require(("v_x", "steer", "a_x", "yaw_rate"), "MS-NN-lat")
+    s = settings
+    turning = recording["v_x"] * recording["steer"]
+    known = np.isfinite(turning) & np.isfinite(recording["yaw_rate"])
+    power = float(turning[known] @ turning[known])
+    gain = float(turning[known] @ recording["yaw_rate"][known]) / power if power > 0 else TYPICAL_GAIN
+    return replace(
+        s,
+        steer=s.steer or over(recording["steer"], s.n_delta, symmetric),
+        v_x=s.v_x or over(recording["v_x"], s.n_v),
+        a_x=s.a_x or over(recording["a_x"], s.n_x),
+        curvature_gain=gain if s.curvature_gain is None else s.curvature_gain,
+    )
 
 
 def msnn_lat(settings: LateralSettings | None = None) -> Model:
     """MS-NN-lat; 160 weights with the paper's hyperparameters (Eq. 6)."""
     s = settings or LateralSettings()
+    c = Centres(
+        steer=centres("steer", s.steer, s.n_delta, -0.4, 0.4),
+        v_x=centres("v_x", s.v_x, s.n_v, 0.0, 4.0),
+        a_x=centres("a_x", s.a_x, s.n_x, -6.0, 6.0),
+    )
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
-        psi_delta = memberships(u.steer, s.steer)
-        psi_v = memberships(u.v_x, s.v_x)
-        psi_x = memberships(u.a_x, s.a_x)
+        psi_delta = memberships(u.steer, c.steer)
+        psi_v = memberships(u.v_x, c.v_x)
+        psi_x = memberships(u.a_x, c.a_x)
         S = sum(
             (
                 p.kappa_1[l, j, i]
-                + p.kappa_2[l, j, i] * (u.steer - s.steer[j])
-                + p.kappa_3[l, j, i] * (u.v_x - s.v_x[l])
-                + p.kappa_4[l, j, i] * (u.a_x - s.a_x[i])
+                + p.kappa_2[l, j, i] * (u.steer - c.steer[j])
+                + p.kappa_3[l, j, i] * (u.v_x - c.v_x[l])
+                + p.kappa_4[l, j, i] * (u.a_x - c.a_x[i])
             )
             * (psi_delta[j] * psi_v[l] * psi_x[i])
-            for l in range(len(s.v_x))
-            for j in range(len(s.steer))
-            for i in range(len(s.a_x))
+            for l in range(len(c.v_x))
+            for j in range(len(c.steer))
+            for i in range(len(c.a_x))
         )
         return {
             "yaw_rate": sum(
-                past(u.v_x * S * psi_v[l] * psi_x[i], p.F[l, i]) for l in range(len(s.v_x)) for i in range(len(s.a_x))
+                past(u.v_x * S * psi_v[l] * psi_x[i], p.F[l, i]) for l in range(len(c.v_x)) for i in range(len(c.a_x))
             )
         }
 
@@ -71,7 +113,7 @@ def msnn_lat(settings: LateralSettings | None = None) -> Model:
         about="model-structured network of the lateral dynamics: yaw rate",
         inputs=("v_x", "steer", "a_x"),
         outputs=("yaw_rate",),
-        parameters=lateral_parameters(s),
+        parameters=_parameters(s, c),
         equations=equations,
         sample_time=s.sample_time,
         settings=asdict(s),
@@ -79,38 +121,33 @@ def msnn_lat(settings: LateralSettings | None = None) -> Model:
     )
 
 
-def lateral_parameters(s: LateralSettings) -> tuple[Parameter, ...]:
-    """Curvature weights about the kinematic single-track car, and impulse responses about a lag of 3 samples."""
-    shape = (len(s.v_x), len(s.steer), len(s.a_x))
-    kinematic = np.broadcast_to(s.curvature_gain * np.array(s.steer)[None, :, None], shape)
+def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
+    """Curvature weights about the kinematic single-track car, and impulse responses that fade within a second."""
+    gain = TYPICAL_GAIN if s.curvature_gain is None else s.curvature_gain
+    shape = (len(c.v_x), len(c.steer), len(c.a_x))
+    kinematic = np.broadcast_to(gain * np.array(c.steer)[None, :, None], shape)
     steady = "steady_state"
     return (
         Parameter(
-            "kappa_1", "1/m", kinematic, prior=Prior(0.5, step_sd=(0.5, 0.5, 0.5), strength=steady),
+            "kappa_1", "1/m", kinematic, prior=Prior(0.3, step_sd=(0.4, 0.4, 0.4), strength=steady),
             about="curvature at the centre of each local model (v_x, steer, a_x)", source="kinematic car",
         ),
         Parameter(
-            "kappa_2", "1/(m rad)", np.full(shape, s.curvature_gain),
-            prior=Prior(2.0, step_sd=(1.0, 1.0, 1.0), strength=steady),
+            "kappa_2", "1/(m rad)", np.full(shape, gain),
+            prior=Prior(1.5, step_sd=(2.0, 2.0, 2.0), strength=steady),
             about="its slope over the steering angle", source="kinematic car",
         ),
         Parameter(
-            "kappa_3", "s/m^2", np.zeros(shape), prior=Prior(0.2, step_sd=(0.2, 0.2, 0.2), strength=steady),
+            "kappa_3", "s/m^2", np.zeros(shape), prior=Prior(0.3, step_sd=(0.4, 0.4, 0.4), strength=steady),
             about="its slope over speed",
         ),
         Parameter(
-            "kappa_4", "s^2/m^2", np.zeros(shape), prior=Prior(0.1, step_sd=(0.1, 0.1, 0.1), strength=steady),
+            "kappa_4", "s^2/m^2", np.zeros(shape), prior=Prior(0.1, step_sd=(0.15, 0.15, 0.15), strength=steady),
             about="its slope over longitudinal acceleration",
         ),
         Parameter(
-            "F", "1", np.broadcast_to(fading(s.q + 1), (len(s.v_x), len(s.a_x), s.q + 1)),
-            prior=Prior(0.2, step_sd=(None, None, 0.2), strength="transient"),
+            "F", "1", np.broadcast_to(fading(s.q + 1), (len(c.v_x), len(c.a_x), s.q + 1)),
+            prior=fading_prior(s.q + 1, sd=0.5, decay=0.72, axes=3, strength="transient"),
             about="finite impulse response of each local model, oldest sample first",
         ),
     )  # fmt: skip
-
-
-def fading(length: int, samples: float = 3.0) -> Array:
-    """An impulse response that fades over `samples` samples, oldest first, with unit gain."""
-    weights = np.array([exp(-age / samples) for age in reversed(range(length))])
-    return weights / weights.sum()

@@ -9,15 +9,16 @@ networks", Eq. 7-15 and Fig. 3. The acceleration is that of the sample after the
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import casadi as cs
 import numpy as np
 
 from ..model import Model, Namespace, Past, Symbol
-from ..parameter import Parameter, Prior
-from .fuzzy import evenly, memberships
-from .msnn_lat import fading
+from ..parameter import Array, Parameter, Prior
+from ..recording import Recording
+from .fuzzy import centres, memberships, over
+from .impulse_response import fading, fading_prior
 
 GRAVITY = 9.81  # m/s^2
 
@@ -28,25 +29,46 @@ class LongitudinalSettings:
 
     Attributes
     ----------
-    v_x, a_y : centres of the local models, m/s and m/s^2 (n_v,long = 2, n_y = 4).
+    n_v, n_y : local models of the lateral force over speed and lateral acceleration.
     eta : neurons of each branch of the actuation model.
     gamma : past samples in a window besides the newest.
     one_inertia : a single wheel inertia for both axles, as in the authors' code (384 parameters); False keeps
         one per axle as in Eq. 15 (385).
+    speed_window : beyond the paper: the window of speeds acts on the acceleration too. The change of speed over the
+        last samples is what the acceleration of the next one mostly is; it also stands in for a motor controller
+        that follows a speed command.
+    v_x, a_y : their centres, m/s and m/s^2; None spaces them evenly over the training recording.
     sample_time : s.
     """
 
-    v_x: tuple[float, ...] = evenly(0.0, 4.0, 2)
-    a_y: tuple[float, ...] = evenly(-7.0, 7.0, 4)
+    n_v: int = 2
+    n_y: int = 4
     eta: int = 10
     gamma: int = 14
     one_inertia: bool = True
+    speed_window: bool = False
+    v_x: tuple[float, ...] | None = None
+    a_y: tuple[float, ...] | None = None
     sample_time: float = 0.05
+
+
+def covering_long(
+    settings: LongitudinalSettings, recording: Recording, symmetric: bool = False
+) -> LongitudinalSettings:
+    """Centres left open are set from a training recording."""
+    recording.require(("v_x", "motor_current", "steer", "a_x", "a_y"), "MS-NN-long")
+    return replace(
+        settings,
+        v_x=settings.v_x or over(recording["v_x"], settings.n_v),
+        a_y=settings.a_y or over(recording["a_y"], settings.n_y, symmetric),
+    )
 
 
 def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
     """MS-NN-long; 384 parameters with the authors' hyperparameters (Eq. 15)."""
     s = settings or LongitudinalSettings()
+    v_x_0 = centres("v_x", s.v_x, s.n_v, 0.0, 4.0)
+    a_y_0 = centres("a_y", s.a_y, s.n_y, -7.0, 7.0)
 
     def torque(current: Symbol, G_1: Symbol, b_1: Symbol, G_2: Symbol, past: Past) -> Symbol:
         return sum(G_2[n] * cs.tanh(past(current, G_1[n]) + b_1[n]) for n in range(s.eta))
@@ -55,10 +77,10 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
         T_t = torque(cs.fmax(u.motor_current, 0), p.G_1t, p.b_1t, p.G_2t, past)
         T_b = torque(cs.fmin(u.motor_current, 0), p.G_1b, p.b_1b, p.G_2b, past)
 
-        psi_y = memberships(u.a_y, s.a_y)
-        psi_v = memberships(u.v_x, s.v_x)
-        Lambda = sum((p.q_1[n] + p.q_2[n] * (u.a_y - s.a_y[n])) * psi_y[n] for n in range(len(s.a_y)))
-        F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(len(s.v_x)))
+        psi_y = memberships(u.a_y, a_y_0)
+        psi_v = memberships(u.v_x, v_x_0)
+        Lambda = sum((p.q_1[n] + p.q_2[n] * (u.a_y - a_y_0[n])) * psi_y[n] for n in range(s.n_y))
+        F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(s.n_v))
 
         theta, v = u.road_slope, u.v_x
         I_w = 2 * p.I_w if s.one_inertia else p.I_wf + p.I_wr
@@ -68,14 +90,17 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
             - GRAVITY * cs.sin(theta)
         )
         D = 1 + 2 * I_w / (p.m * p.r**2)
-        return {"a_x": N / D}
+        a_x = N / D
+        if s.speed_window:
+            a_x += past(u.v_x, p.F_v)
+        return {"a_x": a_x}
 
     return Model(
         name="msnn_long",
         about="model-structured network of the longitudinal dynamics: acceleration",
         inputs=("v_x", "motor_current", "steer", "a_y", "road_slope"),
         outputs=("a_x",),
-        parameters=longitudinal_parameters(s),
+        parameters=_parameters(s, np.array(a_y_0)),
         equations=equations,
         sample_time=s.sample_time,
         defaults={"road_slope": 0.0},
@@ -88,42 +113,47 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
     )
 
 
-def longitudinal_parameters(s: LongitudinalSettings) -> tuple[Parameter, ...]:
+def _parameters(s: LongitudinalSettings, a_y: Array) -> tuple[Parameter, ...]:
     """Physical parameters about a 1:10 car, and the weights of its three networks."""
     length, eta = s.gamma + 1, s.eta
     inertias = ("I_w",) if s.one_inertia else ("I_wf", "I_wr")
     physical = (
-        Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.5), about="vehicle mass"),
+        Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.1), about="vehicle mass"),
         Parameter("c_r", "1", 0.03, (0.0, 0.5), Prior(0.03), about="rolling resistance coefficient"),
-        Parameter("c_l", "N s/m", 0.5, (0.0, 20.0), Prior(0.5), about="laminar drag coefficient"),
-        Parameter("k_a", "N s^2/m^2", 0.02, (0.0, 5.0), Prior(0.02), about="aerodynamic drag coefficient"),
-        *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(3e-5), about="wheel inertia, one wheel") for n in inertias),
-        Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.005), about="wheel radius"),
+        Parameter("c_l", "N s/m", 0.5, (0.0, 50.0), Prior(3.0), about="laminar drag coefficient"),
+        Parameter("k_a", "N s^2/m^2", 0.02, (0.0, 5.0), Prior(0.12), about="aerodynamic drag coefficient"),
+        *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(2e-5), about="wheel inertia, one wheel") for n in inertias),
+        Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.001), about="wheel radius"),
     )
-    # Neurons that start alike stay alike: each branch starts with thresholds spread over the current's range.
-    current = Prior(0.3, mean=0.0, step_sd=(None, 0.15), strength="actuation")
-    spread = np.linspace(-1.0, 1.0, eta)
-    start = np.outer(np.linspace(0.3, 1.0, eta), fading(length))
+    # Neurons that start alike stay alike: their thresholds start spread over the branch's range of current.
     branches = tuple(
         parameter
-        for branch, word, sign in (("t", "traction", 1.0), ("b", "brake", -1.0))
+        for branch, word, gain, thresholds in (
+            ("t", "traction", 1.0, -np.linspace(0.2, 5.0, eta)),
+            ("b", "brake", 2.0, np.linspace(0.2, 3.0, eta)),
+        )
         for parameter in (
-            Parameter(f"G_1{branch}", "1/A", start, prior=current,
+            Parameter(f"G_1{branch}", "1/A", np.outer(np.full(eta, gain), fading(length, 2.0)),
+                      prior=fading_prior(length, sd=0.2, decay=0.65, axes=2, strength="actuation"),
                       about=f"{word} network, first layer (neuron, age oldest first)"),
-            Parameter(f"b_1{branch}", "1", sign * spread, prior=Prior(1.0, strength="actuation"),
+            Parameter(f"b_1{branch}", "1", thresholds, prior=Prior(0.25, strength="actuation"),
                       about=f"{word} network, thresholds"),
-            Parameter(f"G_2{branch}", "N m", np.full(eta, 0.02), prior=Prior(0.3, mean=0.0, strength="actuation"),
+            Parameter(f"G_2{branch}", "N m", np.full(eta, 0.05), prior=Prior(0.5, mean=0.0, strength="actuation"),
                       about=f"{word} network, second layer"),
         )
     )  # fmt: skip
-    a_y = np.array(s.a_y)
     lateral = (
-        Parameter("q_1", "N", 1.7 * a_y, prior=Prior(5.0, strength="lateral_force"),
+        Parameter("q_1", "N", 1.7 * a_y, prior=Prior(10.0, strength="lateral_force"),
                   about="front lateral force at the centre of each local model", source="half the mass times a_y"),
-        Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(2.0, strength="lateral_force"),
+        Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(3.0, strength="lateral_force"),
                   about="its slope over lateral acceleration", source="half the mass"),
-        Parameter("F_y", "1", np.broadcast_to(fading(length), (len(s.v_x), length)),
-                  prior=Prior(0.2, step_sd=(None, 0.2), strength="lateral_force"),
+        Parameter("F_y", "1", np.broadcast_to(fading(length), (s.n_v, length)),
+                  prior=fading_prior(length, sd=0.5, decay=0.75, axes=2, strength="lateral_force"),
                   about="finite impulse response of each local model, oldest sample first"),
     )  # fmt: skip
-    return physical + branches + lateral
+    speed = (
+        Parameter("F_v", "1/s", np.zeros(length),
+                  prior=fading_prior(length, sd=10.0, decay=0.7, axes=1, strength="speed_window"),
+                  about="impulse response of the acceleration to speed, oldest sample first"),
+    )  # fmt: skip
+    return physical + branches + lateral + (speed if s.speed_window else ())

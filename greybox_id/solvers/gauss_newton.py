@@ -1,8 +1,12 @@
-"""Condensed Gauss-Newton with Levenberg-Marquardt damping, bounds and a filter.
+"""Condensed Gauss-Newton with a line search, damping where it fails, and bounds.
 
-Every step solves the small dense normal equations that are left when the nodes are eliminated. A trial point is
-accepted when it improves the objective or the matching conditions and no earlier point was better in both
-(Fletcher & Leyffer, Math. Program. 91, 2002): an L1 merit would have to guess a penalty, and stalls.
+Every step solves the small dense normal equations that are left when the nodes are eliminated; the nodes then
+follow by simulation, so that every point matches and the objective alone decides whether a step is taken. Models
+with memory are stable on their own predictions, which is what makes this safe. (Moving the nodes to first order
+only, with a filter on the gaps, was tried on a network of 544 weights: it wandered where this descends.)
+
+A step is shortened before it is bent towards the gradient: on networks, damping alone (Levenberg-Marquardt) creeps
+along curved valleys that a shortened Gauss-Newton step walks straight through, ten times as fast.
 """
 
 from __future__ import annotations
@@ -13,10 +17,15 @@ from enum import Enum
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 
 from ..parameter import Array
 from ..engine.shooting import Nodes, NormalEquations, Problem
+
+
+PATIENCE = 4
+NEGLIGIBLE = 1e-3
+"""Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
+objective in PATIENCE steps has stopped learning anything that its residuals could show."""
 
 
 class Status(Enum):
@@ -26,6 +35,7 @@ class Status(Enum):
     STOPPED = "stopped by the caller before convergence"
     INTERRUPTED = "interrupted; the best point so far is kept"
     STEP_LIMIT = "step limit reached before convergence"
+    SLOW = "progress became negligible before convergence; further steps would change the fit by far less than its error"
     STALLED = "no step improved the fit further, though the gradient is not zero"
     NOT_FINITE = "the model is not finite at the starting point"
 
@@ -62,7 +72,6 @@ def gauss_newton(
     problem: Problem,
     x: Array,
     *,
-    nodes: Nodes | None = None,
     max_steps: int = 100,
     tolerance: float = 1e-8,
     on_step: OnStep | None = None,
@@ -73,94 +82,104 @@ def gauss_newton(
     ----------
     problem : the problem.
     x : (unknowns,) starting parameters.
-    nodes : starting nodes; None starts at the measurements.
     max_steps : accepted steps at most.
-    tolerance : stop when the next step promises a decrease of less than this share of the objective.
+    tolerance : stop when a full Gauss-Newton step promises a decrease of less than this share of the objective.
     on_step : progress, and a way to stop.
 
     Returns
     -------
     Solution. Ctrl-C ends with `Status.INTERRUPTED` and the best point so far.
     """
-    damping = 1e-7
-    nodes = problem.measured_nodes() if nodes is None else nodes
-    equations = problem.normal_equations(x, nodes)
-    history = [equations.objective]
-    if not np.isfinite(equations.objective):
-        return Solution(x, nodes, Status.NOT_FINITE, 0, np.inf, np.inf, tuple(history))
-    passed: list[tuple[float, float]] = []
-    status, steps, decrement = Status.STEP_LIMIT, 0, np.inf
+    point = _Point(np.clip(x, *problem.bounds), [], np.inf)
+    history: list[float] = []
+    status, steps, decrement, search = Status.STEP_LIMIT, 0, np.inf, _Search()
     try:
-        while steps < max_steps:
-            movable = _movable(problem, x, equations.g)
-            step = _step(equations, movable, 0.0)
-            decrement = _decrease(equations, step) / max(equations.objective, 1e-300)
-            if decrement <= tolerance and equations.violation <= 1e-6 * len(problem.runs):
+        point = _at(problem, point.x)
+        if not np.isfinite(point.objective):
+            return Solution(point.x, point.nodes, Status.NOT_FINITE, 0, np.inf, np.inf, ())
+        history.append(point.objective)
+        while True:
+            equations = problem.normal_equations(point.x, point.nodes)
+            decrement = _decrease(equations, _step(problem, point.x, equations, 0.0)) / max(point.objective, 1e-300)
+            if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
-            trial = _accepted(problem, x, nodes, equations, movable, passed, damping)
-            if trial is None:
+            if len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < NEGLIGIBLE * history[-1]:
+                status = Status.SLOW
+                break
+            if steps == max_steps:
+                break
+            better = _descent(problem, point, equations, search)
+            if better is None:
                 status = Status.CONVERGED if decrement <= 1e3 * tolerance else Status.STALLED
                 break
-            x, nodes, damping = trial
-            equations = problem.normal_equations(x, nodes)
-            history.append(equations.objective)
-            steps += 1
-            if on_step is not None and not on_step(steps, equations.objective, x):
+            point, steps = better, steps + 1
+            history.append(point.objective)
+            if on_step is not None and not on_step(steps, point.objective, point.x):
                 status = Status.STOPPED
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
+    return Solution(point.x, point.nodes, status, steps, point.objective, float(decrement), tuple(history))
+
+
+@dataclass(frozen=True)
+class _Point:
+    x: Array
+    nodes: Nodes
+    objective: float
+
+
+def _at(problem: Problem, x: Array) -> _Point:
     nodes = problem.simulated_nodes(x)
-    objective, _ = problem.merit(x, nodes)
-    return Solution(x, nodes, status, steps, objective, float(decrement), tuple(history))
+    return _Point(x, nodes, problem.objective(x, nodes))
 
 
-def _accepted(
-    problem: Problem,
-    x: Array,
-    nodes: Nodes,
-    equations: NormalEquations,
-    movable: NDArray[np.bool_],
-    passed: list[tuple[float, float]],
-    damping: float,
-) -> tuple[Array, Nodes, float] | None:
-    """The next point and damping, raising the damping until the filter accepts; None when no step helps."""
-    here = (equations.objective, equations.violation)
-    while damping < 1e10:
-        step = _step(equations, movable, damping)
-        target = np.clip(x + step, *problem.bounds)
-        there = problem.moved(nodes, equations, target - x) if nodes else []
-        objective, violation = problem.merit(target, there)
-        if _acceptable((objective, violation), [*passed, here]):
-            if here[1] > 1e-9:
-                passed.append(here)
-            return target, there, max(damping / 8, 1e-10)
-        damping = max(damping * 5, 1e-6)
+@dataclass
+class _Search:
+    """What the search for a step learned from the last one: the share of a step taken, and the damping."""
+
+    share: float = 1.0
+    damping: float = 1e-5
+
+
+def _descent(problem: Problem, point: _Point, equations: NormalEquations, search: _Search) -> _Point | None:
+    """The next point: a step shortened until the objective falls as promised, damped if no share of it helps."""
+    while search.damping < 1e8:
+        step = _step(problem, point.x, equations, search.damping)
+        promised = -float(equations.g @ step)
+        share = min(1.0, 2.5 * search.share)
+        while share > 1e-3:
+            trial = _at(problem, np.clip(point.x + share * step, *problem.bounds))
+            if trial.objective < point.objective - 1e-2 * share * promised:
+                search.share, search.damping = share, max(search.damping / 10.0, 1e-5)
+                return trial
+            share *= 0.4
+        search.share, search.damping = 1.0, search.damping * 100.0
     return None
 
 
-def _acceptable(point: tuple[float, float], others: list[tuple[float, float]]) -> bool:
-    objective, violation = point
-    if not np.isfinite(objective):
-        return False
-    margin = 1e-5
-    return all(objective < f - margin * v - 1e-13 * abs(f) or violation < (1 - margin) * v - 1e-12 for f, v in others)
+def _step(problem: Problem, x: Array, equations: NormalEquations, damping: float) -> Array:
+    """The damped Gauss-Newton step within bounds.
 
-
-def _movable(problem: Problem, x: Array, g: Array) -> NDArray[np.bool_]:
-    """Free unknowns that are not held at a bound by the gradient."""
+    Unknowns that would leave their bounds are put on them and the others solved for again: clipping alone would
+    leave the others where they were best only together with what was clipped.
+    """
     low, high = problem.bounds
-    return np.asarray(problem.free & ~((x <= low) & (g > 0)) & ~((x >= high) & (g < 0)))
-
-
-def _step(equations: NormalEquations, movable: NDArray[np.bool_], damping: float) -> Array:
-    step = np.zeros_like(equations.g)
-    H = equations.H[np.ix_(movable, movable)].copy()
-    scale = np.diag(H).copy()
+    step = np.zeros_like(x)
+    movable = problem.free & ~((x <= low) & (equations.g > 0)) & ~((x >= high) & (equations.g < 0))
+    scale = np.diag(equations.H).copy()
     scale[scale <= 0] = 1.0
-    H[np.diag_indices_from(H)] += (damping + 1e-13) * scale
-    step[movable] = la.solve(H, -equations.g[movable], assume_a="sym" if damping == 0.0 else "pos")
+    H = equations.H + np.diag((damping + 1e-12) * scale)
+    while np.any(movable):
+        fixed = ~movable
+        force = equations.g[movable] + H[np.ix_(movable, fixed)] @ step[fixed]
+        step[movable] = la.solve(H[np.ix_(movable, movable)], -force, assume_a="pos")
+        outside = movable & ((x + step < low) | (x + step > high))
+        if not np.any(outside):
+            break
+        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
+        movable &= ~outside
     return step
 
 

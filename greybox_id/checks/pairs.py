@@ -1,0 +1,188 @@
+"""Channels that must tell the same story: each pair is one quantity got in two ways.
+
+What the left side reads, the right side says as well, up to a gain: yaw_rate and d(yaw)/dt, a_x and dv_x/dt, ...
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from ..recording import Array, Recording
+
+EARTH = 6.371e6
+"""Mean radius of the earth, m."""
+
+SHARPEST = 1.0
+"""Angle in rad turned within one chord, up to which the course over ground follows."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One quantity, got in two ways.
+
+    Attributes
+    ----------
+    left, right : what the two sides are called in sentences.
+    nodes : the two channels whose signs are compared.
+    channels : every channel that takes part.
+    left_values, right_values : (n,) in the same unit up to a gain; NaN where a side cannot be formed.
+    kinematic : both sides are the same quantity (gain 1, no delay); otherwise the vehicle's response lies between.
+    smoothing : width of the moving average for comparing gains, s.
+    lag_smoothing : standard deviation of the smoothing for comparing delays, s; None where a pair is too
+        coarse to tell a delay.
+    """
+
+    left: str
+    right: str
+    nodes: tuple[str, str]
+    channels: tuple[str, ...]
+    left_values: Array
+    right_values: Array
+    kinematic: bool = True
+    smoothing: float = 0.5
+    lag_smoothing: float | None = 0.06
+
+
+def pairs(recording: Recording) -> list[Pair]:
+    """All pairs that the recording's channels allow."""
+    r = recording
+    found: list[Pair] = []
+
+    def has(*names: str) -> bool:
+        return all(name in r and np.isfinite(r[name]).any() for name in names)
+
+    if has("yaw_rate", "v_x", "steer"):
+        found.append(
+            Pair("yaw_rate", "v_x · steer", ("yaw_rate", "steer"), ("yaw_rate", "v_x", "steer"),
+                 r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
+        )  # fmt: skip
+    if has("yaw_rate", "yaw"):
+        found.append(
+            Pair(
+                "yaw_rate",
+                "d(yaw)/dt",
+                ("yaw_rate", "yaw"),
+                ("yaw_rate", "yaw"),
+                r["yaw_rate"],
+                rate(r, r["yaw"], True),
+            )
+        )
+    if has("a_x", "v_x"):
+        turning = r["yaw_rate"] * r["v_y"] if has("yaw_rate", "v_y") else 0.0
+        right = "dv_x/dt - yaw_rate · v_y" if has("yaw_rate", "v_y") else "dv_x/dt"
+        found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], rate(r, r["v_x"]) - turning))
+    if has("a_y", "v_x", "yaw_rate"):
+        sliding = rate(r, r["v_y"]) if has("v_y") else 0.0
+        right = "v_x · yaw_rate + dv_y/dt" if has("v_y") else "v_x · yaw_rate"
+        found.append(
+            Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"),
+                 r["a_y"], r["v_x"] * r["yaw_rate"] + sliding, lag_smoothing=0.06 if has("v_y") else None)
+        )  # fmt: skip
+    if has("sideslip", "v_x", "v_y"):
+        slow = np.abs(r["v_x"]) < 1.0
+        angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
+        found.append(
+            Pair("sideslip", "atan2(v_y, v_x)", ("sideslip", "v_y"), ("sideslip", "v_y"), r["sideslip"], angle)
+        )
+    return found + _over_ground(r)
+
+
+def _over_ground(r: Recording) -> list[Pair]:
+    """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
+    places = []
+    if all(name in r and np.isfinite(r[name]).any() for name in ("latitude", "longitude")):
+        north = np.radians(r["latitude"]) * EARTH
+        east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
+        # Receivers know their place to about a metre: the course needs a chord of several metres.
+        places.append(("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
+    if "x" in r and "y" in r:
+        places.append(("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
+    found = []
+    for words, channels, east, north, seconds, shortest in places:
+        if not (np.isfinite(east).any() and np.isfinite(north).any()):
+            continue
+        turn, speed = _course(r, east, north, seconds, shortest)
+        node, course = f"course over ground ({words})", f"the course over ground ({words})"
+        if "yaw_rate" in r:
+            turned = smooth(r, smooth(r, r["yaw_rate"], seconds), seconds)
+            # Past half a turn within one chord a course comes round the other way.
+            gentle = smooth(r, smooth(r, np.abs(r["yaw_rate"]), seconds), seconds) * seconds < SHARPEST
+            turned = np.where(gentle, turned, np.nan)
+            found.append(_coarse("yaw_rate", course, ("yaw_rate", node), ("yaw_rate", *channels), turned, turn))
+        elif "steer" in r and "v_x" in r:
+            turned = smooth(r, smooth(r, r["v_x"] * r["steer"], seconds), seconds)
+            involved = ("v_x", "steer", *channels)
+            found.append(
+                replace(_coarse("v_x · steer", course, ("steer", node), involved, turned, turn), kinematic=False)
+            )
+        if "v_x" in r:
+            pace, ground = smooth(r, np.abs(r["v_x"]), seconds), f"the speed over ground ({words})"
+            found.append(
+                _coarse("|v_x|", ground, ("v_x", f"speed over ground ({words})"), ("v_x", *channels), pace, speed)
+            )
+    return found
+
+
+def _coarse(
+    left: str, right: str, nodes: tuple[str, str], channels: tuple[str, ...], left_values: Array, right_values: Array
+) -> Pair:
+    """A pair with chords of seconds behind it: smooth already, and too coarse to tell a delay."""
+    return Pair(left, right, nodes, channels, left_values, right_values, smoothing=0.0, lag_smoothing=None)
+
+
+def _course(r: Recording, east: Array, north: Array, seconds: float, shortest: float) -> tuple[Array, Array]:
+    """Turn rate of the course, rad/s, and speed, m/s, from chords of the given duration."""
+    half = max(1, int(round(seconds / 2 / r.sample_time)))
+    course, chord = np.full(len(r), np.nan), np.full(len(r), np.nan)
+    turn = np.full(len(r), np.nan)
+    spans = []
+    for start, stop in r.runs:
+        if stop - start > 4 * half + 1:
+            dx = east[start + 2 * half : stop] - east[start : stop - 2 * half]
+            dy = north[start + 2 * half : stop] - north[start : stop - 2 * half]
+            course[start + half : stop - half] = np.arctan2(dy, dx)
+            chord[start + half : stop - half] = np.hypot(dx, dy)
+            spans.append((start, stop))
+    if not spans or not np.isfinite(chord).any():
+        return turn, chord
+    usual = float(np.nanquantile(chord, 0.95))
+    sound = chord > max(shortest, 0.2 * usual)
+    course = np.where(sound, course, np.nan)
+    duration = 2 * half * r.sample_time
+    for start, stop in spans:
+        change = course[start + 2 * half : stop] - course[start : stop - 2 * half]
+        turn[start + half : stop - half] = (np.mod(change + np.pi, 2 * np.pi) - np.pi) / duration
+    return turn, np.where(sound, chord / duration, np.nan)
+
+
+def rate(recording: Recording, values: Array, angle: bool = False) -> Array:
+    """Time derivative within runs, (n,) for (n,); NaN in runs of fewer than 3 rows."""
+    out = np.full(len(values), np.nan)
+    for start, stop in recording.runs:
+        if stop - start >= 3:
+            run = values[start:stop]
+            if angle and np.isfinite(run).all():
+                run = np.unwrap(run)
+            out[start:stop] = np.gradient(run, recording.time[start:stop])
+    return out
+
+
+def smooth(recording: Recording, values: Array, seconds: float) -> Array:
+    """Centred moving average within runs, (n,) for (n,); NaN where the window would leave the run or meets a NaN."""
+    half = int(round(seconds / 2 / recording.sample_time))
+    if half < 1:
+        return values
+    out = np.full(len(values), np.nan)
+    width = 2 * half + 1
+    for start, stop in recording.runs:
+        if stop - start >= width:
+            run = values[start:stop]
+            holes = ~np.isfinite(run)
+            mean = uniform_filter1d(np.where(holes, 0.0, run), width)
+            if holes.any():
+                mean[uniform_filter1d(holes.astype(float), width) > 0.5 / width] = np.nan
+            out[start + half : stop - half] = mean[half : len(run) - half]
+    return out

@@ -1,0 +1,110 @@
+"""`greybox data`: is a recording to be trusted?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ..checks import Finding, Severity, check, distrusted
+from ..datasets.read import read
+from ..recording import Recording
+
+COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
+MOST_ROWS = 20
+"""Row numbers given for one finding in the JSON output; their count is there in full."""
+
+
+@click.group()
+def data() -> None:
+    """Look at recordings before anything is fitted to them."""
+
+
+@data.command("check")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option(
+    "--columns", default="canonical", metavar="MAP", help="Column map: name of a shipped one, or a .toml file."
+)
+@click.option(
+    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output instead of a table.")
+def check_command(files: Sequence[str], columns: str, wheelbase: float | None, as_json: bool) -> None:
+    """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted."""
+    results = [(recording, check(recording, wheelbase)) for recording in (read(file, columns) for file in files)]
+    if as_json:
+        click.echo(json.dumps({"files": [as_dict(*result) for result in results]}, indent=2, ensure_ascii=False))
+    else:
+        console = Console(highlight=False, markup=False)  # names and sentences may hold brackets
+        for recording, findings in results:
+            show(recording, findings, console)
+    sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+def show(recording: Recording, findings: Sequence[Finding], console: Console) -> None:
+    """Print one recording's header line and its table of findings."""
+    console.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
+    if not findings:
+        console.print("nothing noteworthy found\n")
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title in ("severity", "channel", "run", "finding"):
+        table.add_column(title, header_style="dim", overflow="fold")
+    for finding in findings:
+        run = "all" if finding.where.run is None else str(finding.where.run)
+        words = (finding.severity.value, finding.where.channel, run, finding.sentence)
+        table.add_row(*words, style=COLOURS[finding.severity] if finding.severity is Severity.DISTRUST else None)
+    console.print(table)
+    verdict = "not to be trusted as it is" if distrusted(findings) else "can be used, mind the warnings"
+    if not any(finding.severity is not Severity.NOTE for finding in findings):
+        verdict = "can be used"
+    console.print(f"{recording.name}: {verdict}\n")
+
+
+def header(recording: Recording) -> str:
+    """Rows, runs, duration and sample rate in one line."""
+    runs = f"{len(recording.runs)} run{'s' if len(recording.runs) != 1 else ''}"
+    dt = recording.sample_time
+    rate = f"{1 / dt:.4g} Hz" if dt > 0 else "no sample rate"
+    return f"{len(recording)} rows, {runs}, {recording.duration:.1f} s at {rate}"
+
+
+def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]:
+    """One recording's header and findings as plain data."""
+    dt = recording.sample_time
+    return {
+        "path": recording.source.path,
+        "sha256": recording.source.sha256,
+        "columns": recording.source.columns,
+        "rows": len(recording),
+        "runs": len(recording.runs),
+        "duration_s": _number(recording.duration),
+        "sample_rate_hz": _number(1 / dt) if dt > 0 else None,
+        "trusted": not distrusted(findings),
+        "findings": [
+            {
+                "kind": finding.kind,
+                "severity": finding.severity.value,
+                "channel": finding.where.channel,
+                "run": finding.where.run,
+                "rows": list(finding.where.rows[:MOST_ROWS]),
+                "row_count": len(finding.where.rows),
+                "sentence": finding.sentence,
+                "value": _number(finding.value),
+                "uncertainty": _number(finding.uncertainty),
+                "unit": finding.unit,
+            }
+            for finding in findings
+        ],
+    }
+
+
+def _number(value: float | None) -> float | None:
+    """JSON knows no NaN."""
+    return float(value) if value is not None and abs(value) < float("inf") else None

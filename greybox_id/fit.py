@@ -1,0 +1,304 @@
+"""A fit: a model with its estimates, their uncertainty, metrics, solver record and provenance.
+
+Saved as JSON and loaded again without running code from the file: the file names the model and its settings,
+the caller hands in the function that builds models by name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import __version__
+from .errors import BadInput
+from .model import Model
+from .parameter import Array
+from .recording import Recording
+
+FORMAT = "greybox-fit"
+FORMAT_VERSION = 1
+
+Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
+"""Model name, settings, effects with their magnitudes -> model."""
+
+
+@dataclass(frozen=True)
+class DataRecord:
+    """A recording that a fit saw.
+
+    Attributes
+    ----------
+    role : "train" or "validate".
+    name, path, sha256, columns : provenance of the file.
+    samples, runs : rows and unbroken runs.
+    duration : s.
+    """
+
+    role: str
+    name: str
+    path: str
+    sha256: str
+    columns: str
+    samples: int
+    runs: int
+    duration: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What Ipopt said of the optimum on the same problem.
+
+    Attributes
+    ----------
+    status : Ipopt's own words.
+    confirmed : whether it found nothing better than a share of 1e-6 of the objective.
+    iterations : its iterations.
+    objective_before, objective_after : half the sum of squares.
+    gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).
+    violation : largest gap in the matching conditions, in the outputs' units.
+    cpu_seconds : s.
+    """
+
+    status: str
+    confirmed: bool
+    iterations: int
+    objective_before: float
+    objective_after: float
+    gradient: float
+    violation: float
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of fitting: a part alone, or the closed loop.
+
+    Attributes
+    ----------
+    model : name of what was fitted.
+    closed_loop : whether its own predictions were fed back.
+    status : how the solver ended, in words.
+    converged : whether it met its tolerance.
+    steps : accepted steps.
+    history : objective after each step.
+    starts : objective reached from each start, the chosen one first.
+    strengths : factors on the priors.
+    strengths_from : "cross-validation", "early stopping" or "given".
+    tried : strengths tried with their cross-validated error, in noise standard deviations.
+    noise : residual standard deviation of each output, in its unit.
+    cpu_seconds : s, without cross-validation.
+    cross_validation_seconds : s.
+    certificate : Ipopt's word, None where it was not asked.
+    """
+
+    model: str
+    closed_loop: bool
+    status: str
+    converged: bool
+    steps: int
+    history: tuple[float, ...]
+    starts: tuple[float, ...]
+    strengths: Mapping[str, float]
+    strengths_from: str
+    tried: tuple[tuple[Mapping[str, float], float], ...]
+    noise: Mapping[str, float]
+    cpu_seconds: float
+    cross_validation_seconds: float
+    certificate: Certificate | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of fitting.
+
+    Attributes
+    ----------
+    model : the model at its estimates.
+    sd : name -> standard deviation of every entry, in the parameter's unit, corrected for correlated residuals.
+    per_run : name -> (runs, ...) estimates of run-scoped parameters on the training runs.
+    stages : the steps that led here.
+    metrics : "train" and "validate" -> protocol -> output -> {rmse, rmse_sd, fvu, samples}.
+    data : recordings seen.
+    mode : "cross-validation", "early stopping" or "given": how the strength of regularisation was chosen.
+    seed : of everything random.
+    command : what reproduces it.
+    version : greybox-id's own.
+    """
+
+    model: Model
+    sd: Mapping[str, Array]
+    stages: tuple[Stage, ...]
+    metrics: Mapping[str, Any]
+    data: tuple[DataRecord, ...]
+    mode: str
+    seed: int
+    per_run: Mapping[str, Array] = field(default_factory=dict)
+    command: str = ""
+    version: str = __version__
+
+    def notes(self) -> dict[str, str]:
+        """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
+        found = {}
+        for parameter in self.model.parameters:
+            sd = self.sd.get(parameter.name)
+            if parameter.fixed:
+                found[parameter.name] = "held"
+            elif parameter.size == 1 and sd is not None:
+                value, (low, high) = float(parameter.array), parameter.bounds
+                prior = None if parameter.prior is None else float(np.max(np.asarray(parameter.prior.sd)))
+                if value <= low or value >= high:
+                    found[parameter.name] = "at its bound"
+                elif prior is not None and float(sd) > 0.7 * prior:
+                    found[parameter.name] = "mostly prior: this recording hardly tells it"
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fit as plain data for JSON."""
+        return {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "version": self.version,
+            "command": self.command,
+            "mode": self.mode,
+            "seed": self.seed,
+            "model": {
+                "name": self.model.name,
+                "settings": dict(self.model.settings),
+                "effects": {name: float(self.model[name].array) for name in self.model.effects},
+            },
+            "parameters": {
+                p.name: {
+                    "unit": p.unit,
+                    "value": p.array.tolist(),
+                    "sd": np.asarray(self.sd.get(p.name, np.zeros(p.shape))).tolist(),
+                    "fixed": p.fixed,
+                    "about": p.about,
+                }
+                for p in self.model.parameters
+            },
+            "per_run": {name: np.asarray(values).tolist() for name, values in self.per_run.items()},
+            "notes": self.notes(),
+            "together": list(self.model.together),
+            "stages": [asdict(stage) for stage in self.stages],
+            "metrics": dict(self.metrics),
+            "data": [asdict(record) for record in self.data],
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
+        body = self.as_dict()
+        body["checksum"] = _checksum(body)
+        return write_atomically(Path(path), json.dumps(body, indent=1, allow_nan=False, sort_keys=False) + "\n")
+
+
+def load(path: str | Path, build: Build) -> Fit:
+    """Read a fit back.
+
+    Parameters
+    ----------
+    path : a file written by `Fit.save`.
+    build : makes a model from its name, settings and effects.
+
+    Raises
+    ------
+    BadInput : the file is no fit, is damaged, or was written by a newer version.
+    """
+    file = Path(path)
+    body = _read_json(file)
+    if not isinstance(body, dict) or body.get("format") != FORMAT:
+        raise BadInput(f"{file} is not a fit of greybox-id; make one with greybox fit.")
+    if body.get("format_version") != FORMAT_VERSION:
+        raise BadInput(
+            f"{file} has format version {body.get('format_version')!r}, this is greybox-id {__version__}, which reads "
+            f"version {FORMAT_VERSION}. Install the version that wrote it ({body.get('version', 'unknown')}), or fit again."
+        )
+    if body.pop("checksum", None) != _checksum(body):
+        raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or fit again.")
+    try:
+        return _from_dict(body, build)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"{file} is damaged: {error}. Restore it, or fit again.") from error
+
+
+def data_record(recording: Recording, role: str) -> DataRecord:
+    """Provenance of a recording."""
+    source = recording.source
+    return DataRecord(
+        role, recording.name, source.path, source.sha256, source.columns,
+        len(recording), len(recording.runs), recording.duration,
+    )  # fmt: skip
+
+
+def write_atomically(path: Path, text: str) -> Path:
+    """Write beside the target, then replace it; the folder is made. Raises `BadInput` where that is not allowed."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+            Path(beside).chmod(0o644)
+            Path(beside).replace(path)
+        except BaseException:
+            Path(beside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise BadInput(f"{path} cannot be written: {error.strerror}. Name another place with --out.") from error
+    return path
+
+
+def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
+    described = body["model"]
+    model = build(described["name"], described["settings"], described["effects"])
+    stored = body["parameters"]
+    if set(stored) != {p.name for p in model.parameters}:
+        raise ValueError(f"its parameters are not those of model {model.name}")
+    model = model.with_parameters(*(p.with_value(stored[p.name]["value"]) for p in model.parameters))
+    stages = []
+    for stage in body["stages"]:
+        certificate = stage["certificate"]
+        stages.append(
+            Stage(
+                **{
+                    **stage,
+                    "history": tuple(stage["history"]),
+                    "starts": tuple(stage["starts"]),
+                    "tried": tuple((dict(s), e) for s, e in stage["tried"]),
+                    "certificate": None if certificate is None else Certificate(**certificate),
+                }
+            )
+        )
+    return Fit(
+        model=model,
+        sd={name: np.asarray(record["sd"], dtype=float) for name, record in stored.items()},
+        stages=tuple(stages),
+        metrics=body["metrics"],
+        data=tuple(DataRecord(**record) for record in body["data"]),
+        mode=body["mode"],
+        seed=body["seed"],
+        per_run={name: np.asarray(values, dtype=float) for name, values in body["per_run"].items()},
+        command=body["command"],
+        version=body["version"],
+    )
+
+
+def _read_json(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+
+
+def _checksum(body: Mapping[str, Any]) -> str:
+    plain = json.dumps(body, sort_keys=True, allow_nan=True, default=list)
+    return hashlib.sha256(plain.encode()).hexdigest()

@@ -1,0 +1,310 @@
+"""The verb `fit`: from recordings and a model to a `Fit`.
+
+A model with parts is fitted in two steps, as the papers on model-structured networks do: each part alone, on
+measured inputs (step 1), then everything together with its own predictions fed back (step 2).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from .crossvalidation import choose_strengths
+from .engine.shooting import Problem
+from .engine.trace import Trace
+from .errors import BadInput
+from .fit import Certificate, Fit, Stage, data_record
+from .metrics import as_dict, score
+from .model import Model
+from .parameter import Array, unpack
+from .recording import Recording, join
+from .solvers.gauss_newton import Solution, Status, gauss_newton
+from .solvers.ipopt import SAME, ipopt
+from .uncertainty import covariance
+
+Solver = Literal["auto", "gauss-newton", "ipopt"]
+Say = Callable[[str], None]
+
+MOST_STEPS = 150
+PATIENCE = 5
+"""Early stopping ends when this many steps in a row have not improved on the validation recording."""
+CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 50, 8
+"""Ipopt's iterations where Gauss-Newton converged, and where it only carries on."""
+GUESSED_NOISE, SHORT, SPREAD = 0.15, 6, 0.3
+"""Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts."""
+WEAK = 0.3
+"""Strength of priors under early stopping: the stopping itself regularises."""
+
+
+@dataclass(frozen=True)
+class How:
+    """How to fit.
+
+    Attributes
+    ----------
+    strengths : "cross-validation", "early stopping", or a factor on every prior that has a strength.
+    solver : "auto" finds with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
+        "ipopt" solves with Ipopt from the start.
+    starts : how many starting points; all but the first are drawn about it.
+    seed : of those draws.
+    """
+
+    strengths: Literal["cross-validation", "early stopping"] | float = "cross-validation"
+    solver: Solver = "auto"
+    starts: int = 1
+    seed: int = 0
+
+    @property
+    def mode(self) -> str:
+        """How the strength of regularisation is chosen, in words."""
+        return self.strengths if isinstance(self.strengths, str) else "given"
+
+
+def fit(
+    model: Model,
+    recordings: Sequence[Recording],
+    *,
+    validate: Recording | None = None,
+    how: How | None = None,
+    say: Say | None = None,
+    command: str = "",
+) -> Fit:
+    """Fit a model to recordings.
+
+    Parameters
+    ----------
+    model : nominal values are the starting point.
+    recordings : training data, in SI units.
+    validate : only scored, except under early stopping, where it chooses when to stop.
+    how : strengths, solver, starts, seed.
+    say : called with one line of progress at a time.
+    command : what reproduces the fit, for the record.
+
+    Returns
+    -------
+    Fit. Ctrl-C keeps the best point so far and says so in the stage's status.
+
+    Raises
+    ------
+    BadInput : the recordings lack a signal, differ in sample time or are too short.
+    """
+    how = how or How()
+    if how.strengths == "early stopping" and validate is None:
+        raise BadInput("Early stopping needs a validation recording; name one with --validate.")
+    say = say or _silent
+    values = dict(zip((p.name for p in model.parameters), (p.array for p in model.parameters), strict=True))
+    stages: list[Stage] = []
+    for part in model.parts or (model,):
+        problem, solution, stage = _fit_alone(_with(part, values), recordings, validate, how, say)
+        values |= _by_name(problem, solution)
+        stages.append(stage)
+        if stage.status == Status.INTERRUPTED.value:
+            break
+    if model.parts:
+        noise = {name: sd for stage in stages for name, sd in stage.noise.items()}
+        strengths = {name: factor for stage in stages for name, factor in stage.strengths.items()}
+        whole = _with(model, values)
+        spread = np.array([noise.get(name, 1.0) for name in model.outputs])
+        problem = Problem(Trace(whole), recordings, closed_loop=True, noise=spread, strengths=strengths)
+        if stages[-1].status == Status.INTERRUPTED.value:
+            solution = _untouched(problem)
+        else:
+            solution, stage = _fit_together(problem, strengths, validate, how, say)
+            stages.append(stage)
+            values |= _by_name(problem, solution)
+    fitted = _with(model, values)
+    say(f"{model.name}: uncertainty of {fitted.size} parameters")
+    return Fit(
+        model=fitted,
+        sd=_standard_deviations(problem, solution),
+        per_run=_per_run(problem, solution),
+        stages=tuple(stages),
+        metrics={
+            "train": as_dict(score(fitted, join(recordings, "training data"))),
+            **({"validate": as_dict(score(fitted, validate))} if validate is not None else {}),
+        },
+        data=(
+            *(data_record(recording, "train") for recording in recordings),
+            *((data_record(validate, "validate"),) if validate is not None else ()),
+        ),
+        mode=how.mode,
+        seed=how.seed,
+        command=command,
+    )
+
+
+def _fit_alone(
+    part: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say
+) -> tuple[Problem, Solution, Stage]:
+    """Step 1: one part on measured inputs."""
+    clock = time.process_time()
+    trace = Trace(part)
+    noise = _noise(trace, recordings)
+    checked = time.process_time()
+    tried: tuple[tuple[Mapping[str, float], float], ...] = ()
+    if how.strengths == "cross-validation":
+        choice = choose_strengths(trace, recordings, noise, part.values, say)
+        strengths, tried = choice.strengths, choice.tried
+    else:
+        factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
+        strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
+    checking = time.process_time() - checked
+    problem = Problem(trace, recordings, noise=noise, strengths=strengths)
+    solutions = [
+        _solve(problem, x, validate, how, say, f"{part.name}, start {k + 1}" if how.starts > 1 else part.name)
+        for k, x in enumerate(_starts(problem, how))
+    ]
+    best = min(solutions, key=lambda solution: solution.objective)
+    certificate = None
+    if not part.feedback and how.solver == "auto" and best.status is not Status.INTERRUPTED:
+        best, certificate = _certified(problem, best, say)
+    stage = Stage(
+        model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
+        steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
+        strengths=strengths, strengths_from=how.mode, tried=tried,
+        noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
+        cpu_seconds=time.process_time() - clock - checking, cross_validation_seconds=checking, certificate=certificate,
+    )  # fmt: skip
+    return problem, best, stage
+
+
+def _fit_together(
+    problem: Problem, strengths: Mapping[str, float], validate: Recording | None, how: How, say: Say
+) -> tuple[Solution, Stage]:
+    """Step 2: everything, on the model's own predictions."""
+    clock = time.process_time()
+    model = problem.trace.model
+    solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
+    certificate = None
+    if how.solver == "auto" and solution.status is not Status.INTERRUPTED:
+        solution, certificate = _certified(problem, solution, say)
+    return solution, Stage(
+        model=model.name, closed_loop=True, status=solution.status.value,
+        converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
+        starts=(solution.objective,), strengths=strengths, strengths_from=how.mode, tried=(),
+        noise=dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
+        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=certificate,
+    )  # fmt: skip
+
+
+def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say: Say, name: str) -> Solution:
+    def report(step: int, objective: float, _: Array) -> bool:
+        say(f"{name}: step {step}, objective {objective:.6g}")
+        return True
+
+    if how.solver == "ipopt":
+        say(f"{name}: Ipopt, {problem.layout.size} parameters")
+        return ipopt(problem, x)[0]
+    if how.strengths != "early stopping" or validate is None:
+        solution = gauss_newton(problem, x, max_steps=MOST_STEPS, on_step=report)
+        say(f"{name}: {solution.status.value} after {solution.steps} steps")
+        return solution
+    watch = _Watch(problem, validate, report)
+    solution = gauss_newton(problem, x, max_steps=MOST_STEPS, on_step=watch)
+    say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
+    nodes = problem.simulated_nodes(watch.best)
+    return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes))
+
+
+class _Watch:
+    """Keeps the point with the least error on a validation recording, and stops when none has been better lately."""
+
+    def __init__(self, problem: Problem, validate: Recording, report: Callable[[int, float, Array], bool]) -> None:
+        self._problem, self._report = problem, report
+        self._validation = Problem(
+            problem.trace, [validate], closed_loop=problem.closed_loop, noise=problem.noise, strengths={}
+        )
+        self.best, self.best_step, self._least = problem.start, 0, np.inf
+
+    def __call__(self, step: int, objective: float, x: Array) -> bool:
+        shared = self._validation.unknowns(self._problem.shared(x))
+        error = self._validation.misfit(shared, self._validation.simulated_nodes(shared))
+        if error < self._least:
+            self.best, self.best_step, self._least = x, step, error
+        return self._report(step, objective, x) and step - self.best_step < PATIENCE
+
+
+def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
+    """Ask Ipopt; keep what it found where that is better."""
+    converged = found.status is Status.CONVERGED
+    iterations = CERTIFYING_ITERATIONS if converged else CONTINUING_ITERATIONS
+    say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
+    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
+    gained = (found.objective - solution.objective) / found.objective
+    certificate = Certificate(
+        status=verdict.words,
+        confirmed=solution.status is Status.CONVERGED and gained < SAME,
+        iterations=verdict.iterations,
+        objective_before=found.objective,
+        objective_after=min(solution.objective, found.objective),
+        gradient=verdict.gradient,
+        violation=verdict.violation,
+        cpu_seconds=verdict.cpu_seconds,
+    )
+    if gained <= 0:
+        return found, certificate
+    status = Status.CONVERGED if solution.status is Status.CONVERGED else found.status
+    return replace(solution, status=status, steps=found.steps, history=found.history), certificate
+
+
+def _noise(trace: Trace, recordings: Sequence[Recording]) -> Array:
+    """Residual standard deviation of each output after a short first fit: what one residual counts as."""
+    model = trace.model
+    measured = join(recordings, "training data")
+    guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
+    problem = Problem(trace, recordings, noise=guess)
+    solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-4)
+    squares = np.concatenate([residuals**2 for residuals, _ in problem.residuals(solution.x, solution.nodes)])
+    return np.maximum(guess * np.sqrt(squares.mean(axis=0)), 1e-9)
+
+
+def _starts(problem: Problem, how: How) -> list[Array]:
+    """The nominal start, and others drawn about it."""
+    random = np.random.default_rng(how.seed)
+    start = problem.start
+    scale = np.abs(start) + np.sqrt(np.mean(start**2)) * 0.1
+    others = [start + SPREAD * scale * random.standard_normal(len(start)) for _ in range(how.starts - 1)]
+    return [start, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
+
+
+def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:
+    variances = np.diag(covariance(problem, solution.x, solution.nodes))
+    found, start = {}, 0
+    for parameter in problem.trace.model.parameters:
+        own = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)
+        found[parameter.name] = np.sqrt(np.maximum(own, 0.0)).reshape(parameter.shape)
+        start += parameter.size
+    return found
+
+
+def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
+    found, start = {}, 0
+    for parameter in problem.trace.model.parameters:
+        if parameter.scope == "run":
+            rows = [solution.x[index[start : start + parameter.size]] for index in problem.layout.index]
+            found[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
+        start += parameter.size
+    return found
+
+
+def _untouched(problem: Problem) -> Solution:
+    nodes = problem.simulated_nodes(problem.start)
+    objective = problem.objective(problem.start, nodes)
+    return Solution(problem.start, nodes, Status.INTERRUPTED, 0, objective, np.nan, (objective,))
+
+
+def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:
+    parameters = unpack(problem.trace.model.parameters, problem.shared(solution.x))
+    return {parameter.name: parameter.array for parameter in parameters}
+
+
+def _with(model: Model, values: Mapping[str, Array]) -> Model:
+    return model.with_parameters(*(p.with_value(values[p.name]) for p in model.parameters))
+
+
+def _silent(_: str) -> None:
+    """Say nothing."""

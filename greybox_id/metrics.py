@@ -1,0 +1,125 @@
+"""How far a model is from a recording: errors in the signals' own units, in stated protocols.
+
+honest : windows never cross a join; all samples pooled; open loop (fed-back inputs measured).
+published : as in the papers on model-structured networks: windows laid across joins, the mean over batches of
+    100 windows of each batch's RMSE, an incomplete last batch dropped; open loop with measured a_x and a_y.
+closed_loop : no window across a join, pooled; the model runs on its own predictions from the first window of
+    each run to its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .engine.sensing import Sensing
+from .engine.series import Run, runs
+from .engine.trace import Trace
+from .model import Model
+from .parameter import Array
+from .recording import Recording
+
+Protocol = Literal["honest", "published", "closed_loop"]
+PROTOCOLS: tuple[Protocol, ...] = ("honest", "published", "closed_loop")
+BATCH = 100
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of one output under one protocol.
+
+    Attributes
+    ----------
+    rmse : root mean square error, in the output's unit.
+    rmse_sd : its standard error from blocks of one second of the residual, which are correlated within.
+    fvu : fraction of variance unexplained, var(error)/var(measured).
+    samples : predictions scored.
+    """
+
+    rmse: float
+    rmse_sd: float
+    fvu: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predictions of one recording.
+
+    Attributes
+    ----------
+    rows : (samples,) rows of the recording they belong to.
+    predicted, measured : (samples, outputs).
+    run : (samples,) number of the run, from 0.
+    """
+
+    rows: Array
+    predicted: Array
+    measured: Array
+    run: Array
+
+
+def predictions(model: Model, recording: Recording, protocol: Protocol = "honest") -> Prediction:
+    """Predict a recording one sample ahead (open loop) or freely (closed loop)."""
+    trace = Trace(model)
+    found = runs(trace, recording, across_joins=protocol == "published")
+    sensing = Sensing(trace)
+    p = model.values
+    predicted = [sensing(_predicted(run, p, protocol), None, p)[0] for run in found]
+    return Prediction(
+        rows=np.concatenate([np.arange(run.rows.start + run.first, run.rows.stop) for run in found]),
+        predicted=np.vstack(predicted),
+        measured=np.vstack([run.measured[run.predicted] for run in found]),
+        run=np.concatenate([np.full(len(run) - run.first, k) for k, run in enumerate(found)]),
+    )
+
+
+def score(model: Model, recording: Recording) -> dict[Protocol, dict[str, Error]]:
+    """Errors of every output under every protocol that the model has."""
+    protocols = PROTOCOLS if model.feedback is not None else PROTOCOLS[:2]
+    return {protocol: errors(model, predictions(model, recording, protocol), protocol) for protocol in protocols}
+
+
+def errors(model: Model, prediction: Prediction, protocol: Protocol) -> dict[str, Error]:
+    """Errors of every output of one set of predictions."""
+    return {
+        name: _error(prediction.predicted[:, k], prediction.measured[:, k], model.sample_time, protocol)
+        for k, name in enumerate(model.outputs)
+    }
+
+
+def as_dict(scores: Mapping[Protocol, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, float]]]:
+    """Scores as plain data for JSON."""
+    return {
+        protocol: {
+            name: {"rmse": e.rmse, "rmse_sd": e.rmse_sd, "fvu": e.fvu, "samples": e.samples}
+            for name, e in by_output.items()
+        }
+        for protocol, by_output in scores.items()
+    }
+
+
+def _predicted(run: Run, p: Array, protocol: Protocol) -> Array:
+    if protocol == "closed_loop":
+        return run.simulate(p)[run.predicted]
+    if protocol == "honest" and not run.complete:
+        return run.predict(p, run.measured)
+    return run.predict(p)
+
+
+def _error(predicted: Array, measured: Array, sample_time: float, protocol: Protocol) -> Error:
+    residual = predicted - measured
+    square = residual**2
+    if protocol == "published" and len(square) >= BATCH:
+        batches = square[: len(square) // BATCH * BATCH].reshape(-1, BATCH).mean(axis=1)
+        rmse, sd = float(np.mean(np.sqrt(batches))), float(np.std(np.sqrt(batches)) / np.sqrt(len(batches)))
+    else:
+        rmse = float(np.sqrt(np.mean(square)))
+        length = max(1, min(len(square), round(1.0 / sample_time)))
+        blocks = square[: len(square) // length * length].reshape(-1, length).mean(axis=1)
+        sd = float(np.std(blocks) / np.sqrt(len(blocks)) / (2 * rmse)) if rmse > 0 else 0.0
+    variance = float(np.var(measured))
+    return Error(rmse, sd, float(np.var(residual)) / variance if variance > 0 else float("nan"), len(residual))

@@ -1,0 +1,63 @@
+"""MS-NN-full with what recordings of a 1:10 car suggested beyond the paper; each addition can be switched off.
+
+    lat.n_delta = 3        coarser in steering: cross-validation on the training data prefers 3-2-2 to 5-2-2
+    steering_rate_limit    the servo's limit before the window (an effect, held at its setting)
+    symmetric              left and right are the same vehicle, so every recording is seen mirrored too
+    long.speed_window      the window of speeds acts on the acceleration
+    timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect)
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+
+from ..model import Model
+from ..recording import Recording
+from .effects import sensor_latency_imu, steering_rate_limit
+from .msnn_full import FullSettings, covering_full, msnn_full
+from .msnn_lat import LateralSettings
+from .msnn_long import LongitudinalSettings
+
+
+@dataclass(frozen=True)
+class PlusSettings:
+    """Hyperparameters and additions.
+
+    Attributes
+    ----------
+    lat, long : those of MS-NN-lat and MS-NN-long.
+    symmetric : see every recording mirrored too.
+    steering_rate_limit : rad/s, before the steering window; None for no limit.
+    timing_offset : estimate one latency of the inertial sensors per run.
+    """
+
+    lat: LateralSettings = field(default_factory=lambda: LateralSettings(n_delta=3))
+    long: LongitudinalSettings = field(default_factory=lambda: LongitudinalSettings(speed_window=True))
+    symmetric: bool = False
+    steering_rate_limit: float | None = 2.5
+    timing_offset: bool = False
+
+
+def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
+    """MS-NN-full with additions."""
+    s = settings or PlusSettings()
+    model = msnn_full(FullSettings(s.lat, s.long))
+    model = replace(
+        model,
+        name="msnn_full_plus",
+        about="MS-NN-full with a steering rate limit, a speed window, mirroring and timing offsets",
+        symmetric=s.symmetric,
+        parts=tuple(replace(part, symmetric=s.symmetric) for part in model.parts),
+    )
+    if s.steering_rate_limit is not None:
+        model = model + steering_rate_limit.at(s.steering_rate_limit)
+    if s.timing_offset:
+        model = model + sensor_latency_imu
+    return replace(model, settings=asdict(s))
+
+
+def covering_plus(settings: PlusSettings, recording: Recording) -> PlusSettings:
+    """Centres left open cover the recording's range, symmetric about straight ahead where the model is."""
+    seen = recording
+    both = covering_full(FullSettings(settings.lat, settings.long), seen, symmetric=settings.symmetric)
+    return replace(settings, lat=both.lat, long=both.long)

@@ -1,0 +1,86 @@
+"""Models and effects by name, and how to build them from plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from ..effect import Effect
+from ..errors import BadInput
+from ..model import Model
+from ..recording import Recording
+from . import effects as _effects
+from .msnn_full import FullSettings, covering_full, msnn_full
+from .msnn_full_plus import PlusSettings, covering_plus, msnn_full_plus
+from .msnn_lat import LateralSettings, covering_lat, msnn_lat
+from .msnn_long import LongitudinalSettings, covering_long, msnn_long
+from .settings import from_mapping
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How a model is made.
+
+    Attributes
+    ----------
+    settings : dataclass of its hyperparameters.
+    make : settings -> model.
+    covering : settings, training recording -> settings that cover its range, where they were left open.
+    """
+
+    settings: type[Any]
+    make: Callable[[Any], Model]
+    covering: Callable[[Any, Recording], Any]
+
+
+MODELS: dict[str, Entry] = {
+    "msnn_lat": Entry(LateralSettings, msnn_lat, covering_lat),
+    "msnn_long": Entry(LongitudinalSettings, msnn_long, covering_long),
+    "msnn_full": Entry(FullSettings, msnn_full, covering_full),
+    "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus),
+}
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect for effect in (_effects.steering_rate_limit, _effects.sensor_latency_imu)
+}
+
+
+def build(name: str, settings: Mapping[str, Any] | None = None, effects: Mapping[str, float] | None = None) -> Model:
+    """A model from its name, its settings as plain data, and the magnitudes of effects added to it."""
+    entry = _entry(name)
+    return _with_effects(entry.make(from_mapping(entry.settings, settings or {})), effects or {})
+
+
+def prepared(
+    name: str,
+    recording: Recording,
+    settings: Mapping[str, Any] | None = None,
+    effects: Mapping[str, float] | None = None,
+) -> Model:
+    """A model for a training recording: hyperparameters left open are set to cover the recording's range."""
+    entry = _entry(name)
+    covering = entry.covering(from_mapping(entry.settings, settings or {}), recording)
+    return build(name, asdict(covering), effects)
+
+
+def _entry(name: str) -> Entry:
+    if name not in MODELS:
+        raise BadInput(f"There is no model {name!r}; there are {', '.join(MODELS)}.{_near(name, MODELS)}")
+    return MODELS[name]
+
+
+def _with_effects(model: Model, effects: Mapping[str, float]) -> Model:
+    for name, value in effects.items():
+        if name in model.effects:
+            continue
+        if name not in EFFECTS:
+            raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{_near(name, EFFECTS)}")
+        model = model + EFFECTS[name].at(value)
+    return model
+
+
+def _near(name: str, known: Mapping[str, object]) -> str:
+    near = get_close_matches(name, list(known), 1)
+    return f" Did you mean {near[0]}?" if near else ""

@@ -1,0 +1,54 @@
+"""Hyperparameters of models as plain data: read from files and options, checked field by field."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ..errors import BadInput
+
+T = TypeVar("T")
+
+
+def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T:
+    """A settings dataclass from plain data.
+
+    Raises
+    ------
+    BadInput : an unknown name, or a value of the wrong kind; the sentence says which and what would do.
+    """
+    hints = get_type_hints(kind)
+    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    for name in values:
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            hint = f" Did you mean {where}{near[0]}?" if near else ""
+            raise BadInput(f"There is no setting {where}{name}; there are {', '.join(where + k for k in known)}.{hint}")
+    return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
+
+
+def _value(hint: Any, value: Any, name: str) -> Any:
+    origin = get_origin(hint)
+    if origin in (Union, types.UnionType):
+        if value is None and type(None) in get_args(hint):
+            return None
+        hint = next(h for h in get_args(hint) if h is not type(None))
+        origin = get_origin(hint)
+    if is_dataclass(hint) and isinstance(hint, type):
+        if not isinstance(value, Mapping):
+            raise BadInput(f"Setting {name} is a group of settings, but {value!r} was given.")
+        return from_mapping(hint, value, f"{name}.")
+    if origin is tuple:
+        if not isinstance(value, (list, tuple)) or not value:
+            raise BadInput(f"Setting {name} is a list of numbers, but {value!r} was given.")
+        return tuple(_value(float, v, name) for v in value)
+    if hint is bool and isinstance(value, bool):
+        return value
+    if hint is int and isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if hint is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    raise BadInput(f"Setting {name} is a {getattr(hint, '__name__', hint)}, but {value!r} was given.")

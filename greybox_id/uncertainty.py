@@ -1,0 +1,43 @@
+"""How well a fit tells its parameters: covariance corrected for what the residuals leave correlated.
+
+One residual does not tell its neighbour nothing: a car's unmodelled lag or bump lasts. The plain Gauss-Newton
+covariance takes residuals as independent and is several times too small then. Here the scores (gradients of one
+second's residuals) are summed in blocks first, and their scatter sets the covariance (a sandwich estimate,
+Newey & West, Econometrica 55 (1987), with block sums in place of a kernel).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as la
+
+from .engine.shooting import Nodes, Problem
+from .parameter import Array
+
+BLOCK = 2.0
+"""Length of a block, s: longer than residuals of a vehicle stay correlated."""
+
+
+def covariance(problem: Problem, x: Array, nodes: Nodes) -> Array:
+    """Covariance of the unknowns about an optimum, (unknowns, unknowns); fixed ones have none.
+
+    With J the residuals' derivative and R the priors', both in standard deviations, it is
+    H^-1 (S + R'R) H^-1 with H = J'J + R'R and S the sum over blocks of the outer product of J'r.
+    """
+    rows = max(1, round(BLOCK / problem.trace.model.sample_time))
+    H = (problem.R.T @ problem.R).toarray()
+    middle = H.copy()
+    for k, (residuals, J) in enumerate(problem.residuals(x, nodes)):
+        index = problem.layout.index[k]
+        full = J.reshape(-1, J.shape[-1])
+        H[np.ix_(index, index)] += full.T @ full
+        scores = np.einsum("ro,rop->rp", residuals, J)
+        sums = np.add.reduceat(scores, np.arange(0, len(scores), rows), axis=0)
+        middle[np.ix_(index, index)] += sums.T @ sums
+    free = problem.free
+    inner = H[np.ix_(free, free)]
+    inner[np.diag_indices_from(inner)] *= 1 + 1e-12
+    half = la.solve(inner, np.eye(len(inner)), assume_a="pos")
+    result = np.zeros_like(H)
+    result[np.ix_(free, free)] = half @ middle[np.ix_(free, free)] @ half
+    return result
