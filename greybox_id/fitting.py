@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from .crossvalidation import choose_strengths
 from .engine.shooting import Problem
@@ -34,7 +35,7 @@ PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
 CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 50, 8
 """Ipopt's iterations where Gauss-Newton converged, and where it only carries on."""
-GUESSED_NOISE, SHORT, SPREAD = 0.15, 6, 0.3
+GUESSED_NOISE, SHORT, SPREAD = 0.15, 12, 0.3
 """Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts."""
 WEAK = 0.3
 """Strength of priors under early stopping: the stopping itself regularises."""
@@ -92,14 +93,21 @@ def fit(
     ------
     BadInput : the recordings lack a signal, differ in sample time or are too short.
     """
-    how = how or How()
+    with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
+        return _fit(model, recordings, validate, how or How(), say or _silent, command)
+
+
+def _fit(
+    model: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
+) -> Fit:
     if how.strengths == "early stopping" and validate is None:
         raise BadInput("Early stopping needs a validation recording; name one with --validate.")
-    say = say or _silent
     values = dict(zip((p.name for p in model.parameters), (p.array for p in model.parameters), strict=True))
     stages: list[Stage] = []
     for part in model.parts or (model,):
-        problem, solution, stage = _fit_alone(_with(part, values), recordings, validate, how, say)
+        problem, solution, stage = _fit_alone(
+            _with(part, values), recordings, validate, how, say, alone=not model.parts
+        )
         values |= _by_name(problem, solution)
         stages.append(stage)
         if stage.status == Status.INTERRUPTED.value:
@@ -138,12 +146,12 @@ def fit(
 
 
 def _fit_alone(
-    part: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say
+    part: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
 ) -> tuple[Problem, Solution, Stage]:
-    """Step 1: one part on measured inputs."""
+    """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
     clock = time.process_time()
     trace = Trace(part)
-    noise = _noise(trace, recordings)
+    noise, near = _noise(trace, recordings)
     checked = time.process_time()
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
     if how.strengths == "cross-validation":
@@ -154,13 +162,14 @@ def _fit_alone(
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
     checking = time.process_time() - checked
     problem = Problem(trace, recordings, noise=noise, strengths=strengths)
+    first = problem.start if how.strengths == "early stopping" else near
     solutions = [
         _solve(problem, x, validate, how, say, f"{part.name}, start {k + 1}" if how.starts > 1 else part.name)
-        for k, x in enumerate(_starts(problem, how))
+        for k, x in enumerate(_starts(problem, first, how))
     ]
     best = min(solutions, key=lambda solution: solution.objective)
     certificate = None
-    if not part.feedback and how.solver == "auto" and best.status is not Status.INTERRUPTED:
+    if alone and how.solver == "auto" and best.status is not Status.INTERRUPTED:
         best, certificate = _certified(problem, best, say)
     stage = Stage(
         model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
@@ -251,24 +260,24 @@ def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, C
     return replace(solution, status=status, steps=found.steps, history=found.history), certificate
 
 
-def _noise(trace: Trace, recordings: Sequence[Recording]) -> Array:
-    """Residual standard deviation of each output after a short first fit: what one residual counts as."""
+def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]:
+    """Residual standard deviation of each output after a short first fit, and where that fit ended."""
     model = trace.model
     measured = join(recordings, "training data")
     guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
     problem = Problem(trace, recordings, noise=guess)
     solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-4)
     squares = np.concatenate([residuals**2 for residuals, _ in problem.residuals(solution.x, solution.nodes)])
-    return np.maximum(guess * np.sqrt(squares.mean(axis=0)), 1e-9)
+    return np.maximum(guess * np.sqrt(squares.mean(axis=0)), 1e-9), solution.x
 
 
-def _starts(problem: Problem, how: How) -> list[Array]:
-    """The nominal start, and others drawn about it."""
+def _starts(problem: Problem, first: Array, how: How) -> list[Array]:
+    """The first start, and others drawn about the nominal values."""
     random = np.random.default_rng(how.seed)
     start = problem.start
     scale = np.abs(start) + np.sqrt(np.mean(start**2)) * 0.1
     others = [start + SPREAD * scale * random.standard_normal(len(start)) for _ in range(how.starts - 1)]
-    return [start, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
+    return [first, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
 
 
 def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:

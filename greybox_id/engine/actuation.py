@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as cs
 import numpy as np
 
@@ -14,7 +16,7 @@ from .trace import Index, Trace, namespace
 class Actuation:
     """All actuators of a model, in order, as one function of a run's recorded inputs.
 
-    An actuator starts each run at rest on the first command.
+    An actuator starts each run, and each piece of a run that was joined, at rest on the first command.
     """
 
     def __init__(self, trace: Trace) -> None:
@@ -29,7 +31,7 @@ class Actuation:
         held = np.concatenate([np.full(q.size, q.fixed) for q in trace.model.parameters])
         self._moving = not np.all(held[self.touched])
 
-    def __call__(self, recorded: Array, p: Array) -> tuple[Array, Array | None]:
+    def __call__(self, recorded: Array, p: Array, pieces: Sequence[slice]) -> tuple[Array, Array | None]:
         """(n, inputs) as recorded -> as the equations see it, and (n, inputs, parameters) its derivative or None.
 
         There is none where every parameter that acts through an actuator is held.
@@ -39,7 +41,9 @@ class Actuation:
         seen = recorded.copy()
         by_p = np.zeros((*recorded.shape, len(p)))
         for step in self._steps:
-            seen[:, step.column], by_p[:, step.column] = step(seen[:, step.column], by_p[:, step.column], p)
+            for piece in pieces:
+                place = (piece, step.column)
+                seen[place], by_p[place] = step(seen[place], by_p[place], p)
         return seen, by_p if self._moving else None
 
     @property

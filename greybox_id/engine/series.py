@@ -7,7 +7,7 @@ output per row: predictions themselves (a simulation) or free variables of a lif
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,14 +52,17 @@ class Run:
     recorded : (n, inputs) as recorded; NaN where a fed-back input was not recorded.
     measured : (n, outputs) recorded outputs; NaN where there is none.
     rows : rows of the recording that the n samples are.
+    pieces : row ranges (of the run) that actuators run through; one, unless windows were laid across joins.
     actuation : the model's actuators.
     first : first row (of the run) that has a prediction; predictions cover rows first ... n-1.
     """
 
-    def __init__(self, trace: Trace, recording: Recording, rows: range) -> None:
+    def __init__(self, trace: Trace, recording: Recording, rows: range, joins: Sequence[int] = ()) -> None:
         model = trace.model
         self.trace = trace
         self.rows = rows
+        edges = [0, *(join - rows.start for join in joins if rows.start < join < rows.stop), len(rows)]
+        self.pieces = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.first = trace.memory
         self.recorded = np.column_stack([_input(trace, recording, name)[rows.start : rows.stop] for name in model.inputs])
         nothing = np.full(len(rows), np.nan)
@@ -100,7 +103,7 @@ class Run:
         """The recorded inputs behind their actuators, computed anew only when an actuator's parameter moved."""
         acting = p[self.actuation.touched]
         if self._seen is None or not np.array_equal(self._seen[0], acting):
-            self._seen = (acting, *self.actuation(self.recorded, p))
+            self._seen = (acting, *self.actuation(self.recorded, p, self.pieces))
             self._constant_stage_by_p = None
         return self._seen[1], self._seen[2]
 
@@ -268,12 +271,13 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
             f"{recording.name} is sampled every {recording.sample_time * 1e3:.4g} ms, model {model.name} every "
             f"{model.sample_time * 1e3:.4g} ms. Resample the recording, or build the model with another sample time."
         )
+    joins = [start for start, _ in recording.runs] if across_joins else []
     if across_joins:
         recording = replace(recording, runs=((0, len(recording)),))
     present = [recording[name] for name in _needed(trace) if name in recording]
     whole = np.all(np.isfinite(np.column_stack(present)), axis=1)
     shortest = trace.memory + 1
-    found = [Run(trace, recording, rows) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
+    found = [Run(trace, recording, rows, joins) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
     if not found:
         raise BadInput(
             f"{recording.name} has no unbroken run of {shortest} samples "

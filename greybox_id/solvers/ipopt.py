@@ -91,7 +91,7 @@ def ipopt(
     start = program.start(x, warm)
     found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
-    unknowns = np.asarray(found["x"].full()).ravel()[: len(x)]
+    unknowns = np.clip(np.asarray(found["x"].full()).ravel()[: len(x)], *problem.bounds)
     matched = problem.simulated_nodes(unknowns)
     objective = problem.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
