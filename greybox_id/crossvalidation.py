@@ -13,13 +13,23 @@ import numpy as np
 
 from .engine.shooting import Problem
 from .engine.trace import Trace
+from .model import Model
 from .parameter import Array
-from .recording import Recording
+from .recording import Recording, join
 from .solvers.gauss_newton import Solution, gauss_newton
 
 FOLDS = 6
+STRETCH = 6
+"""Length of a held-out stretch in windows: some seconds."""
 FACTORS = (0.5, 1.0, 2.0, 4.0)
 """Strengths tried, as factors on the priors as stated by the model."""
+
+NOISE_SHARE = 0.15
+"""Residuals count as this share of a signal's spread while structures are compared."""
+
+WORST = 3.0
+"""Errors beyond this many noise standard deviations count as this: what a recording shows once, such as its only
+start from rest, is extrapolated when it is held out, and would decide everything."""
 
 Progress = Callable[[str], None]
 
@@ -51,58 +61,112 @@ def choose_strengths(
     start : (parameters,) where fits start.
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
-    tried: dict[tuple[float, ...], float] = {}
+    tried: dict[tuple[float, ...], Array] = {}
 
-    def error(strengths: Mapping[str, float]) -> float:
+    def by_fold(strengths: Mapping[str, float]) -> Array:
         key = tuple(strengths[name] for name in names)
         if key not in tried:
             problem = Problem(trace, recordings, noise=noise, strengths=strengths)
-            tried[key] = cross_validated_error(problem, problem.unknowns(start))
+            tried[key] = cross_validated_squares(problem, problem.unknowns(start))
             if progress is not None:
                 named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
-                progress(f"{trace.model.name}: cross-validation, {named}: {tried[key]:.4f} of the noise")
+                progress(f"{trace.model.name}: cross-validation, {named}: {_root(tried[key]):.4f} of the noise")
         return tried[key]
 
     best = dict.fromkeys(names, 1.0)
     for name in names:
-        best = min(({**best, name: factor} for factor in FACTORS), key=error)
-    return Choice(best, error(best), tuple((dict(zip(names, k, strict=True)), v) for k, v in tried.items()))
+        options = [{**best, name: factor} for factor in FACTORS]
+        best = options[_strongest_as_good([by_fold(option) for option in options])]
+    return Choice(best, _root(by_fold(best)), tuple((dict(zip(names, k, strict=True)), _root(v)) for k, v in tried.items()))
 
 
-def cross_validated_error(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> float:
-    """Root mean square error over held-out stretches, in noise standard deviations.
+def _strongest_as_good(by_fold: Sequence[Array]) -> int:
+    """The last option that is not worse than the best by more than the standard error of their difference.
+
+    The one-standard-error rule (Breiman et al., Classification and Regression Trees, Sec. 3.4.3), paired by fold.
+    """
+    best = int(np.argmin([np.mean(squares) for squares in by_fold]))
+    chosen = best
+    for later in range(best + 1, len(by_fold)):
+        worse = by_fold[later] - by_fold[best]
+        if np.mean(worse) <= np.std(worse, ddof=1) / np.sqrt(len(worse)):
+            chosen = later
+    return chosen
+
+
+def _root(squares: Array) -> float:
+    return float(np.sqrt(np.mean(squares)))
+
+
+def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], progress: Progress | None = None) -> int:
+    """Which of several structures of a model predicts held-out stretches best, open loop, priors as stated.
+
+    The errors of all outputs count alike, each relative to the signal's own spread. Returns the place in `models`.
+    """
+    measured = join(recordings, "training data")
+    known: dict[str, float] = {}
+
+    def error(model: Model) -> float:
+        total = 0.0
+        for part in model.parts or (model,):
+            key = f"{part.name} {dict(part.settings)} {part.symmetric} {[(e, part[e].array) for e in part.effects]}"
+            if key not in known:
+                spread = np.array([max(float(np.nanstd(measured[name])), 1e-9) for name in part.outputs])
+                problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
+                known[key] = NOISE_SHARE**2 * float(np.mean(cross_validated_squares(problem, problem.start)))
+            total += known[key]
+        return float(np.sqrt(total / len(model.parts or (model,))))
+
+    errors = []
+    for number, model in enumerate(models, 1):
+        errors.append(error(model))
+        if progress is not None:
+            progress(f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread")
+    return int(np.argmin(errors))
+
+
+def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> Array:
+    """Mean square error over held-out stretches per fold, in noise variances, each error at most `WORST`.
 
     One fit to everything gives the starting point of the folds' fits, which are therefore short; their number of
     steps is limited so that a fold forgets what its start knew of the held-out stretch.
     """
     everything = problem.keep
     whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=max_steps)
-    square, count = 0.0, 0
+    squares = []
     for kept, held_out in blocks(problem, folds):
         problem.keep = kept
         solution = gauss_newton(problem, whole.x, tolerance=1e-4, max_steps=10)
-        square += _square(problem, solution, held_out)
-        count += int(sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True)))
+        scored = sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True))
+        squares.append(_square(problem, solution, held_out) / (scored * len(problem.noise)))
     problem.keep = everything
-    return float(np.sqrt(square / (count * len(problem.noise))))
+    return np.array(squares)
 
 
 def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Contiguous stretches of about a `folds`-th of the data, none across a join: rows kept, rows held out."""
+    """Rows kept and rows held out, per fold; every row with a prediction is held out once.
+
+    Runs are cut into stretches some windows long, dealt out to the folds in turn, so that every fold is tested on
+    all of the recording's regimes: a fold that lost the only hard braking would be a test of extrapolation.
+    """
     gap = problem.trace.memory
+    length = STRETCH * gap
     originals = problem.runs[: problem.copies]
-    total = sum(len(run) for run in originals)
-    for number, run in enumerate(originals):
-        pieces = max(1, round(folds * len(run) / total))
-        edges = np.linspace(0, len(run), pieces + 1).astype(int)
-        for start, stop in zip(edges[:-1], edges[1:], strict=True):
-            kept = [np.ones(len(other)) for other in problem.runs]
-            held_out = [np.zeros(len(other)) for other in problem.runs]
+    stretches = [
+        (number, start, min(start + length, len(run)))
+        for number, run in enumerate(originals)
+        for start in range(0, len(run), length)
+    ]
+    folds = min(folds, len(stretches))
+    for fold in range(folds):
+        kept = [np.ones(len(run)) for run in problem.runs]
+        held_out = [np.zeros(len(run)) for run in problem.runs]
+        for number, start, stop in stretches[fold::folds]:
+            held_out[number][start:stop] = 1.0
             for image in range(number, len(problem.runs), problem.copies):  # its mirror image would tell it
                 kept[image][max(0, start - gap) : stop + gap] = 0.0
-            held_out[number][start:stop] = 1.0
-            if any(np.any(rows[run.predicted]) for run, rows in zip(problem.runs, kept, strict=True)):
-                yield kept, held_out
+        if any(np.any(rows[run.predicted]) for run, rows in zip(problem.runs, kept, strict=True)):
+            yield kept, held_out
 
 
 def _square(problem: Problem, solution: Solution, held_out: list[Array]) -> float:
@@ -112,5 +176,6 @@ def _square(problem: Problem, solution: Solution, held_out: list[Array]) -> floa
         if np.any(rows):
             p = solution.x[problem.layout.index[k]]
             seen, _ = problem.sensing(run.predict(p), None, p)
-            total += float(rows @ np.sum(((seen - run.measured[run.predicted]) / problem.noise) ** 2, axis=1))
+            error = np.minimum(np.abs(seen - run.measured[run.predicted]) / problem.noise, WORST)
+            total += float(rows @ np.sum(error**2, axis=1))
     return total

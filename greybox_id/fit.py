@@ -10,8 +10,9 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -196,7 +197,8 @@ class Fit:
         """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
         body = self.as_dict()
         body["checksum"] = _checksum(body)
-        return write_atomically(Path(path), json.dumps(body, indent=1, allow_nan=False, sort_keys=False) + "\n")
+        plain = json.dumps(_without_nan(body), indent=1, allow_nan=False, sort_keys=False)
+        return write_atomically(Path(path), plain + "\n")
 
 
 def load(path: str | Path, build: Build) -> Fit:
@@ -238,21 +240,28 @@ def data_record(recording: Recording, role: str) -> DataRecord:
 
 
 def write_atomically(path: Path, text: str) -> Path:
-    """Write beside the target, then replace it; the folder is made. Raises `BadInput` where that is not allowed."""
+    """Write a text beside its target, then replace that. Raises `BadInput` where that is not allowed."""
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+    return path
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file beside the target to write to; it replaces the target when all went well, else it is gone."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, beside = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+        os.close(handle)
+        beside = Path(name)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            Path(beside).chmod(0o644)
-            Path(beside).replace(path)
-        except BaseException:
-            Path(beside).unlink(missing_ok=True)
-            raise
+            yield beside
+            beside.chmod(0o644)
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
     except OSError as error:
         raise BadInput(f"{path} cannot be written: {error.strerror}. Name another place with --out.") from error
-    return path
 
 
 def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
@@ -261,7 +270,13 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
     stored = body["parameters"]
     if set(stored) != {p.name for p in model.parameters}:
         raise ValueError(f"its parameters are not those of model {model.name}")
-    model = model.with_parameters(*(p.with_value(stored[p.name]["value"]) for p in model.parameters))
+    for p in model.parameters:
+        shape = np.shape(stored[p.name]["sd"])
+        if shape != p.shape:
+            raise ValueError(f"the standard deviations of {p.name} have shape {shape}, its values {p.shape}")
+    model = model.with_parameters(
+        *(replace(p.with_value(stored[p.name]["value"]), fixed=bool(stored[p.name]["fixed"])) for p in model.parameters)
+    )
     stages = []
     for stage in body["stages"]:
         certificate = stage["certificate"]
@@ -292,11 +307,31 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
 
 def _read_json(file: Path) -> Any:
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
+        return json.loads(file.read_text(encoding="utf-8"), object_hook=_with_nan)
     except OSError as error:
         raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+
+
+NOT_FINITE = "not_finite"
+"""JSON has no word for numbers that are not finite; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _without_nan(own) for name, own in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(own) for own in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return {NOT_FINITE: str(float(value))}
+    return value
+
+
+def _with_nan(body: dict[str, Any]) -> Any:
+    if set(body) == {NOT_FINITE} and body[NOT_FINITE] in ("nan", "inf", "-inf"):
+        return float(body[NOT_FINITE])
+    return body
 
 
 def _checksum(body: Mapping[str, Any]) -> str:

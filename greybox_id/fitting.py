@@ -9,12 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .crossvalidation import choose_strengths
+from .crossvalidation import choose_strengths, choose_structure
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
@@ -28,7 +28,14 @@ from .solvers.ipopt import SAME, ipopt
 from .uncertainty import covariance
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]
-Say = Callable[[str], None]
+
+
+class Say(Protocol):
+    """Where progress goes: one line at a time; a passing line is only worth showing until the next one."""
+
+    def __call__(self, line: str, passing: bool = False) -> None: ...
+
+
 
 MOST_STEPS = 150
 PATIENCE = 5
@@ -95,6 +102,23 @@ def fit(
     """
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         return _fit(model, recordings, validate, how or How(), say or _silent, command)
+
+
+def fit_best(
+    models: Sequence[Model],
+    recordings: Sequence[Recording],
+    *,
+    validate: Recording | None = None,
+    how: How | None = None,
+    say: Say | None = None,
+    command: str = "",
+) -> Fit:
+    """Fit the structure, among several, that blocked cross-validation on the training data prefers."""
+    chosen = 0
+    if len(models) > 1:
+        with threadpool_limits(1):
+            chosen = choose_structure(models, recordings, say)
+    return fit(models[chosen], recordings, validate=validate, how=how, say=say, command=command)
 
 
 def _fit(
@@ -202,7 +226,7 @@ def _fit_together(
 
 def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say: Say, name: str) -> Solution:
     def report(step: int, objective: float, _: Array) -> bool:
-        say(f"{name}: step {step}, objective {objective:.6g}")
+        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
         return True
 
     if how.solver == "ipopt":
@@ -315,5 +339,6 @@ def _with(model: Model, values: Mapping[str, Array]) -> Model:
     return model.with_parameters(*(p.with_value(values[p.name]) for p in model.parameters))
 
 
-def _silent(_: str) -> None:
+def _silent(line: str, passing: bool = False) -> None:
     """Say nothing."""
+    del line, passing

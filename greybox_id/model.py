@@ -112,6 +112,8 @@ class Model:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise BadModel(f"Model {self.name} has two parameters of the name {', '.join(twice)}.")
+        if not self.sample_time > 0:
+            raise BadModel(f"Model {self.name} needs a sample time above zero; {self.sample_time} s was given.")
 
     def __getitem__(self, name: str) -> Parameter:
         for parameter in self.parameters:

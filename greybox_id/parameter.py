@@ -52,6 +52,7 @@ class Parameter:
         timing offset), predicted on new runs by its prior's mean.
     about : meaning, for people.
     source : where the nominal value comes from.
+    axes : for local models, the signal along each leading axis of the value and its centres, in the SI unit.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Parameter:
     scope: Literal["model", "run"] = "model"
     about: str = ""
     source: str = ""
+    axes: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         value = np.array(self.value, dtype=float)

@@ -22,22 +22,29 @@ def covariance(problem: Problem, x: Array, nodes: Nodes) -> Array:
     """Covariance of the unknowns about an optimum, (unknowns, unknowns); fixed ones have none.
 
     With J the residuals' derivative and R the priors', both in standard deviations, it is
-    H^-1 (S + R'R) H^-1 with H = J'J + R'R and S the sum over blocks of the outer product of J'r.
+    H^-1 (S + R'R) H^-1 with H = J'J + R'R and S the sum over blocks of the outer product of J'r. A run and its
+    mirror image carry the same noise: their scores belong to one block. What neither the data nor a prior tells
+    has infinite variance.
     """
     rows = max(1, round(BLOCK / problem.trace.model.sample_time))
     H = (problem.R.T @ problem.R).toarray()
     middle = H.copy()
+    scores: list[Array] = []
     for k, (residuals, J) in enumerate(problem.residuals(x, nodes)):
         index = problem.layout.index[k]
         full = J.reshape(-1, J.shape[-1])
         H[np.ix_(index, index)] += full.T @ full
-        scores = np.einsum("ro,rop->rp", residuals, J)
-        sums = np.add.reduceat(scores, np.arange(0, len(scores), rows), axis=0)
-        middle[np.ix_(index, index)] += sums.T @ sums
-    free = problem.free
+        of_rows = np.einsum("ro,rop->rp", residuals, J)
+        sums = np.add.reduceat(of_rows, np.arange(0, len(of_rows), rows), axis=0)
+        if k < problem.copies:
+            scores.append(np.zeros((len(sums), len(H))))
+        scores[k % problem.copies][:, index] += sums
+    middle += sum(of_run.T @ of_run for of_run in scores)
+    untold = problem.free & (np.diag(H) <= 0.0)
+    free = problem.free & ~untold
     inner = H[np.ix_(free, free)]
     inner[np.diag_indices_from(inner)] *= 1 + 1e-12
     half = la.solve(inner, np.eye(len(inner)), assume_a="pos")
-    result = np.zeros_like(H)
+    result = np.diag(np.where(untold, np.inf, 0.0))
     result[np.ix_(free, free)] = half @ middle[np.ix_(free, free)] @ half
     return result

@@ -29,7 +29,10 @@ Nodes = list[Array]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a run's model parameters stand among the unknowns: run-scoped ones have a place per run."""
+    """Where a run's model parameters stand among the unknowns.
+
+    Run-scoped ones have a place per run; a run and its mirror image share it.
+    """
 
     index: tuple[NDArray[np.intp], ...]
     size: int
@@ -85,9 +88,9 @@ class Problem:
         self._counted = self.noise * np.sqrt(len(self.runs) / self.copies)
         self.keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
         self.sensing = Sensing(trace)
-        self.layout = _layout(trace, len(self.runs))
+        self.layout = _layout(trace, len(self.runs), self.copies)
         self.bounds, self.free = _limits(trace, self.layout)
-        self.R, self.r = _beliefs(trace, self.layout, strengths)
+        self.R, self.r = _beliefs(trace, self.layout, self.copies, strengths)
         self._believed = (self.R.T @ self.R).toarray()
 
     @property
@@ -188,11 +191,12 @@ def _condense(by_p: Array, by_nodes: Array) -> Array:
     return total[memory:]
 
 
-def _layout(trace: Trace, count: int) -> Layout:
+def _layout(trace: Trace, count: int, copies: int) -> Layout:
     size, columns = 0, []
     for parameter in trace.model.parameters:
         if parameter.scope == "run":
-            block = size + np.arange(parameter.size * count).reshape(count, parameter.size)
+            own = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
+            block = np.tile(own, (count // copies, 1))
         else:
             block = np.broadcast_to(size + np.arange(parameter.size), (count, parameter.size))
         size = int(block.max(initial=size - 1)) + 1
@@ -213,14 +217,16 @@ def _limits(trace: Trace, layout: Layout) -> tuple[tuple[Array, Array], NDArray[
     return (low, high), free
 
 
-def _beliefs(trace: Trace, layout: Layout, strengths: Mapping[str, float] | None) -> tuple[sp.csr_matrix, Array]:
+def _beliefs(
+    trace: Trace, layout: Layout, copies: int, strengths: Mapping[str, float] | None
+) -> tuple[sp.csr_matrix, Array]:
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
     blocks, offsets, start = [], [], 0
     for parameter in trace.model.parameters:
         R, r = belief_rows([parameter], strengths)
         own = slice(start, start + parameter.size)
         start += parameter.size
-        placements = layout.index if parameter.scope == "run" else layout.index[:1]
+        placements = layout.index[: copies if parameter.scope == "run" else 1]
         for index in placements:
             place = sp.csr_matrix(
                 (np.ones(parameter.size), (np.arange(parameter.size), index[own])), shape=(parameter.size, layout.size)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
+from math import ceil, inf
 
 import casadi as cs
 
@@ -33,8 +33,10 @@ def _delay_imu(model: Model) -> Model:
     def weights(p: Namespace, sample_time: float) -> Sequence[Symbol]:
         """Linear interpolation between samples, exact for signals that are straight between them."""
         lag = p.sensor_latency_imu / sample_time
-        longest = int(_SENSOR_LATENCY_IMU.bounds[1] / sample_time + 0.5)
-        return [cs.fmax(0, 1 - cs.fabs(lag - k)) for k in range(longest + 1)]
+        longest = max(1, ceil(_SENSOR_LATENCY_IMU.bounds[1] / sample_time - 1e-9))
+        whole = cs.fmin(cs.floor(lag), longest - 1)  # at a whole sample the slope is that towards later, not a kink's
+        share = lag - whole
+        return [(whole == k) * (1 - share) + (whole + 1 == k) * share for k in range(longest + 1)]
 
     for signal in ("yaw_rate", "a_x", "a_y"):
         if signal in model.outputs:

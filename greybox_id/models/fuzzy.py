@@ -18,8 +18,7 @@ def memberships(x: Symbol, centres: Sequence[float]) -> list[Symbol]:
     Beyond the outermost centres the outermost activation stays 1.
     Source: Mungiello et al., Vehicle dynamics learning from physics priors, Eq. 4 and Fig. 2b.
     """
-    if any(b <= a for a, b in zip(centres[:-1], centres[1:], strict=True)):
-        raise BadInput(f"The centres of a membership function must increase; they are {list(centres)}.")
+    _increasing(centres, "of a membership function")
     last = len(centres) - 1
     rising = [cs.fmin(1, cs.fmax(0, (x - a) / (b - a))) for a, b in zip(centres[:-1], centres[1:], strict=True)]
     return [(rising[j - 1] if j > 0 else 1) - (rising[j] if j < last else 0) for j in range(last + 1)]
@@ -54,4 +53,10 @@ def centres(
         return evenly(low, high, count)
     if len(given) != count:
         raise BadInput(f"{count} local models over {name} were asked for, but {len(given)} centres are given.")
+    _increasing(given, f"over {name}")
     return given
+
+
+def _increasing(centres: Sequence[float], what: str) -> None:
+    if not all(a < b for a, b in zip(centres[:-1], centres[1:], strict=True)):
+        raise BadInput(f"The centres {what} must increase; they are {list(centres)}.")

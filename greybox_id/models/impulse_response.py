@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import BadInput
 from ..parameter import Array, Prior
 
 
 def fading(length: int, samples: float = 3.0) -> Array:
     """An impulse response that fades over `samples` samples, oldest first, with unit gain."""
+    if length < 1:
+        raise BadInput(f"A window holds the newest sample at least; {length - 1} samples before it were asked for.")
     weights = np.exp(-np.arange(length)[::-1] / samples)
     return np.asarray(weights / weights.sum())
 

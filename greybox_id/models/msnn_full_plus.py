@@ -9,7 +9,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+
+from typing import Any
 
 from ..model import Model
 from ..recording import Recording
@@ -54,6 +57,20 @@ def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
     if s.timing_offset:
         model = model + sensor_latency_imu
     return replace(model, settings=asdict(s))
+
+
+def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Structures that cross-validation on the training data chooses between, where the settings leave them open."""
+    lat = settings.get("lat", {})
+    counts = [lat["n_delta"]] if "n_delta" in lat else [3, 5]
+    limits = [settings["steering_rate_limit"]] if "steering_rate_limit" in settings else [None, 2.5]
+    mirrors = [settings["symmetric"]] if "symmetric" in settings else [False, True]
+    return [
+        {**settings, "lat": {**lat, "n_delta": count}, "steering_rate_limit": limit, "symmetric": mirror}
+        for count in counts
+        for limit in limits
+        for mirror in mirrors
+    ]
 
 
 def covering_plus(settings: PlusSettings, recording: Recording) -> PlusSettings:

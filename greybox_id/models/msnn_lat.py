@@ -149,5 +149,6 @@ def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
             "F", "1", np.broadcast_to(fading(s.q + 1), (len(c.v_x), len(c.a_x), s.q + 1)),
             prior=fading_prior(s.q + 1, sd=0.5, decay=0.72, axes=3, strength="transient"),
             about="finite impulse response of each local model, oldest sample first",
+            axes=(("v_x", c.v_x), ("a_x", c.a_x)),
         ),
     )  # fmt: skip

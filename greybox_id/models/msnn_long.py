@@ -100,7 +100,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
         about="model-structured network of the longitudinal dynamics: acceleration",
         inputs=("v_x", "motor_current", "steer", "a_y", "road_slope"),
         outputs=("a_x",),
-        parameters=_parameters(s, np.array(a_y_0)),
+        parameters=_parameters(s, np.array(a_y_0), v_x_0),
         equations=equations,
         sample_time=s.sample_time,
         defaults={"road_slope": 0.0},
@@ -113,7 +113,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
     )
 
 
-def _parameters(s: LongitudinalSettings, a_y: Array) -> tuple[Parameter, ...]:
+def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> tuple[Parameter, ...]:
     """Physical parameters about a 1:10 car, and the weights of its three networks."""
     length, eta = s.gamma + 1, s.eta
     inertias = ("I_w",) if s.one_inertia else ("I_wf", "I_wr")
@@ -149,7 +149,7 @@ def _parameters(s: LongitudinalSettings, a_y: Array) -> tuple[Parameter, ...]:
                   about="its slope over lateral acceleration", source="half the mass"),
         Parameter("F_y", "1", np.broadcast_to(fading(length), (s.n_v, length)),
                   prior=fading_prior(length, sd=0.5, decay=0.75, axes=2, strength="lateral_force"),
-                  about="finite impulse response of each local model, oldest sample first"),
+                  about="finite impulse response of each local model, oldest sample first", axes=(("v_x", v_x),)),
     )  # fmt: skip
     speed = (
         Parameter("F_v", "1/s", np.zeros(length),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
 from typing import Any
@@ -13,10 +13,14 @@ from ..model import Model
 from ..recording import Recording
 from . import effects as _effects
 from .msnn_full import FullSettings, covering_full, msnn_full
-from .msnn_full_plus import PlusSettings, covering_plus, msnn_full_plus
+from .msnn_full_plus import PlusSettings, alternatives_plus, covering_plus, msnn_full_plus
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import from_mapping
+
+
+def _only(settings: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    return (settings,)
 
 
 @dataclass(frozen=True)
@@ -27,19 +31,21 @@ class Entry:
     ----------
     settings : dataclass of its hyperparameters.
     make : settings -> model.
+    alternatives : settings as plain data as a user gave them -> settings that cross-validation may choose between.
     covering : settings, training recording -> settings that cover its range, where they were left open.
     """
 
     settings: type[Any]
     make: Callable[[Any], Model]
     covering: Callable[[Any, Recording], Any]
+    alternatives: Callable[[Mapping[str, Any]], Sequence[Mapping[str, Any]]] = _only
 
 
 MODELS: dict[str, Entry] = {
     "msnn_lat": Entry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": Entry(LongitudinalSettings, msnn_long, covering_long),
     "msnn_full": Entry(FullSettings, msnn_full, covering_full),
-    "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus),
+    "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus, alternatives_plus),
 }
 
 EFFECTS: dict[str, Effect] = {
@@ -63,6 +69,16 @@ def prepared(
     entry = _entry(name)
     covering = entry.covering(from_mapping(entry.settings, settings or {}), recording)
     return build(name, asdict(covering), effects)
+
+
+def candidates(
+    name: str,
+    recording: Recording,
+    settings: Mapping[str, Any] | None = None,
+    effects: Mapping[str, float] | None = None,
+) -> list[Model]:
+    """The models of that name that differ in what the settings leave open; one where they leave nothing open."""
+    return [prepared(name, recording, chosen, effects) for chosen in _entry(name).alternatives(settings or {})]
 
 
 def _entry(name: str) -> Entry:

@@ -1,0 +1,36 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+columns_option = click.option(
+    "--columns", default="canonical", show_default=True, metavar="MAP",
+    help="Column map: name of a shipped one, or a .toml file.",
+)  # fmt: skip
+json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+
+
+def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
+    """NAME=VALUE pairs as nested plain data: `lat.q=14` becomes {"lat": {"q": 14}}; values are read as JSON."""
+    found: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not equals or not name:
+            raise click.UsageError(f"{pair!r} is not NAME=VALUE.")
+        try:
+            value = json.loads(text)
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise click.UsageError(f"{pair!r}: {text!r} is no number, true, false, null or [list].") from error
+        *groups, last = name.split(".")
+        inner = found
+        for group in groups:
+            inner = inner.setdefault(group, {})
+            if not isinstance(inner, dict):
+                raise click.UsageError(f"{pair!r}: {group} is given as a value and as a group.")
+        inner[last] = value
+    return found

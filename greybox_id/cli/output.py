@@ -1,0 +1,85 @@
+"""What a person sees while and after a command works, on standard error and standard output."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from ..fitting import Say
+from ..signals import SIGNALS
+
+
+def console() -> Console:
+    """Standard output for people; names and sentences may hold brackets, so there is no markup."""
+    return Console(highlight=False, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def progress(quiet: bool) -> Iterator[Say]:
+    """A live line with time on a terminal, plain lines elsewhere, nothing where quiet; all on standard error."""
+    errors = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    if quiet or not errors.is_terminal:
+
+        def plain(line: str, passing: bool = False) -> None:
+            if not (quiet or passing):
+                click.echo(line, err=True)
+
+        yield plain
+        return
+    with errors.status("starting") as status:
+
+        def live(line: str, passing: bool = False) -> None:
+            status.update(line)
+            if not passing:
+                errors.print(line, style="dim")
+
+        yield live
+
+
+def print_json(body: Mapping[str, Any]) -> None:
+    """One JSON object on standard output; what is not a finite number becomes null."""
+    sys.stdout.write(json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def finite(value: Any) -> Any:
+    """Plain data without NaN and infinities, which JSON does not know."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(inner) for inner in value]
+    return value
+
+
+def unit(name: str) -> str:
+    """Unit of a signal for tables."""
+    return SIGNALS[name].unit if name in SIGNALS else "1"
+
+
+PROTOCOL_WORDS = {
+    "honest": "one sample ahead, pooled, no window across a join",
+    "published": "as published: batches of 100, windows across joins",
+    "closed_loop": "free run on own predictions, pooled",
+}
+
+
+def errors_table(metrics: Mapping[str, Any]) -> Table:
+    """Errors by recording, protocol and output, each with its standard error and unit."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title, justify in (("error", "left"), ("protocol", "left"), ("RMSE", "right"), ("unit", "left"), ("FVU", "right")):
+        table.add_column(title, header_style="dim", justify=justify)  # type: ignore[arg-type]
+    for role, protocols in metrics.items():
+        for protocol, outputs in protocols.items():
+            for name, error in outputs.items():
+                rmse = f"{error['rmse']:.4f} ± {error['rmse_sd']:.4f}"
+                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit(name), f"{error['fvu']:.4f}")
+    return table

@@ -1,0 +1,151 @@
+"""One look for all figures: palette, type, axis labels with units, and SVG that is the same everywhere.
+
+Colours are from Okabe and Ito's palette and differ in lightness as well as in hue, and every curve has a line style of
+its own, so that a figure can be read by everybody and on a grey printer. Letters are drawn as outlines: an SVG
+then needs no font of the machine it is looked at on.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from ...recording import Recording
+from ...signals import SIGNALS
+from ..numbers import pretty_unit
+
+WIDTH = 6.9
+"""Width of a figure, inches: the text width of the report, so that letters keep their size."""
+
+INK, PALE = "#1a1a1a", "#9a9a9a"
+BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#e69f00", "#009e73", "#7b3f8c"
+
+
+@dataclass(frozen=True)
+class Line:
+    """How one kind of curve is drawn, and what it is called.
+
+    Attributes
+    ----------
+    colour : of the curve.
+    style : matplotlib's line style.
+    width : points.
+    words : in the legend.
+    """
+
+    colour: str
+    style: str
+    width: float
+    words: str
+
+    def shape(self) -> dict[str, object]:
+        """Keyword arguments of a plot."""
+        return {"color": self.colour, "linestyle": self.style, "linewidth": self.width}
+
+
+MEASURED = Line(INK, "-", 1.3, "measured")
+NOISE = Line(PALE, "-.", 1.3, "noise")
+PROTOCOL_LINES = {
+    "honest": Line(ORANGE, "-", 1.0, "one sample ahead"),
+    "published": Line(PALE, ":", 1.0, "as published"),
+    "closed_loop": Line(BLUE, (0, (4, 1.2)), 1.1, "closed loop"),  # type: ignore[arg-type]
+}
+"""By protocol of `greybox_id.metrics`."""
+
+LEVELS = (("#56b4e9", "-"), ("#0072b2", "--"), ("#1a1a3d", "-."))
+"""Colour and line style of an ordered quantity, low to high."""
+
+_LOOK = {
+    "font.family": ["STIXGeneral"],
+    "mathtext.fontset": "stix",
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "legend.handlelength": 2.2,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": "#4d4d4d",
+    "ytick.color": "#4d4d4d",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.5,
+    "axes.unicode_minus": True,
+    "figure.facecolor": "white",
+    "figure.dpi": 100.0,
+    "savefig.dpi": 100.0,
+    "path.simplify": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "greybox-id",
+}
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Matplotlib's settings for making and for drawing a figure, whatever the user's own are."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_LOOK)
+        yield
+
+
+def canvas(height: float) -> Figure:
+    """An empty figure of the report's width; constrained layout keeps labels apart."""
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def svg(figure: Figure) -> bytes:
+    """A figure as SVG; the same figure always gives the same bytes."""
+    buffer = io.BytesIO()
+    with look():
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+def symbol(name: str) -> str:
+    """A signal's or parameter's name for a figure: a_x as a symbol with its index, yaw_rate as words."""
+    found = re.fullmatch(r"([A-Za-z]|kappa|sigma|alpha)_(\w+)", name)
+    if not found:
+        return name.replace("_", " ") if name in SIGNALS else name
+    head, index = found.groups()
+    letter = head if len(head) == 1 else f"\\{head}"
+    return f"${letter}_{{{index}}}$" if len(index) == 1 else f"${letter}_{{\\mathrm{{{index}}}}}$"
+
+
+def label(name: str, unit: str) -> str:
+    """An axis label: a name and its unit in brackets."""
+    return f"{symbol(name)} [{pretty_unit(unit)}]"
+
+
+def signal_label(recording: Recording, name: str) -> str:
+    """An axis label of a signal of a recording."""
+    return label(name, recording.unit(name))
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """The legend of one panel in a line above all of them."""
+    handles, words = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, words, loc="outside upper center", ncols=min(columns, len(handles)))

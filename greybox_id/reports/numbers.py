@@ -1,0 +1,106 @@
+"""Numbers and names for people: as many digits as the uncertainty allows, units as they are printed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+_RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+SMALLEST, LARGEST = -3, 5
+"""Powers of ten between which numbers are written out."""
+
+
+def pretty_unit(unit: str) -> str:
+    """pint's spelling of a unit as it is printed: m/s^2 as m/s², no unit as a dash."""
+    if unit in ("", "1"):
+        return "–"
+    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), unit)
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number of three digits with its unit."""
+    return f"{number(value)} {pretty_unit(unit)}" if unit not in ("", "1") else number(value)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits."""
+    if not math.isfinite(value):
+        return "–" if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    if value == 0.0:
+        return "0"
+    power = _power(value)
+    if SMALLEST <= power < LARGEST:
+        return _minus(f"{value:.{max(0, digits - 1 - power)}f}")
+    return f"{_minus(f'{value / 10.0**power:.{digits - 1}f}')}·10{_raised(power)}"
+
+
+def with_sd(value: float, sd: float) -> str:
+    """Estimate ± standard deviation, to two digits of the latter."""
+    if not (math.isfinite(sd) and sd > 0.0):
+        return number(value)
+    shown = together(value, sd, by=sd)
+    if shown.power:
+        return f"({shown.words[0]} ± {shown.words[1]})·10{_raised(shown.power)}"
+    return f"{shown.words[0]} ± {shown.words[1]}"
+
+
+def interval(low: float, high: float, sd: float) -> str:
+    """An interval, to two digits of the standard deviation it came from."""
+    if not (math.isfinite(sd) and sd > 0.0):
+        return "–"
+    shown = together(low, high, by=sd)
+    times = f"·10{_raised(shown.power)}" if shown.power else ""
+    return f"[{shown.words[0]}, {shown.words[1]}]{times}"
+
+
+class together:  # noqa: N801 - reads as a word where it is used
+    """Numbers written with a common power of ten and common decimals.
+
+    Attributes
+    ----------
+    words : the numbers without their power.
+    power : of ten; 0 where they are written out.
+    """
+
+    def __init__(self, *values: float, by: float) -> None:
+        largest = max(*(abs(v) for v in values), by)
+        power = _power(largest)
+        self.power = 0 if SMALLEST <= power < LARGEST else power
+        decimals = max(0, 1 - (_power(by) - self.power))
+        self.words = tuple(_minus(f"{value / 10.0**self.power:.{decimals}f}") for value in values)
+
+
+def percent(share: float) -> str:
+    """A share in percent, to two digits."""
+    if not math.isfinite(share):
+        return "–"
+    hundred = 100.0 * share
+    if hundred == 0.0:
+        return "0 %"
+    return f"{hundred:.{max(0, 1 - _power(hundred))}f} %"
+
+
+def listed(words: Sequence[str]) -> str:
+    """a, b and c."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def counted(count: int, word: str, plural: str = "") -> str:
+    """A number with its noun: 1 run, 4 runs."""
+    return f"{count:,}".replace(",", " ") + " " + (word if count == 1 else plural or f"{word}s")
+
+
+def _power(value: float) -> int:
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(_RAISED)
+
+
+def _minus(text: str) -> str:
+    """A true minus sign, and no negative zero."""
+    return re.sub(r"^-(?=[0.]*$)", "", text).replace("-", "−")

@@ -1,0 +1,112 @@
+"""The recordings that a fit saw, found again, and what its model predicts of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import BadInput
+from ..fit import DataRecord, Fit
+from ..metrics import PROTOCOLS, Prediction, Protocol, predictions
+from ..recording import Recording
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A recording that a fit saw, with the model's predictions of it.
+
+    Attributes
+    ----------
+    role : "train" or "validate".
+    recording : the same rows that the fit saw.
+    predicted : protocol -> predictions; closed loop only where the model feeds itself.
+    """
+
+    role: str
+    recording: Recording
+    predicted: Mapping[Protocol, Prediction]
+
+    @property
+    def main(self) -> Protocol:
+        """The protocol a simulation is judged by: on the model's own predictions where it has that."""
+        return "closed_loop" if "closed_loop" in self.predicted else "honest"
+
+
+def seen(fit: Fit, recordings: Sequence[Recording]) -> tuple[Seen, ...]:
+    """The recordings of a fit, in its order, with predictions.
+
+    Raises
+    ------
+    BadInput : one that the fit saw is missing, or is another file.
+    """
+    protocols = PROTOCOLS if fit.model.feedback is not None else PROTOCOLS[:2]
+    return tuple(
+        Seen(record.role, recording, {p: predictions(fit.model, recording, p) for p in protocols})
+        for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
+    )
+
+
+def matched(fit: Fit, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The recordings of a fit, in its order. Raises `BadInput` where one is missing or is another file."""
+    return tuple(_match(record, recordings) for record in fit.data)
+
+
+def of_role(recordings: Sequence[Seen], role: str) -> tuple[Seen, ...]:
+    """Those that trained, or those that validated."""
+    return tuple(one for one in recordings if one.role == role)
+
+
+def shown_first(recordings: Sequence[Seen]) -> Seen:
+    """The recording to show: the longest that validated, else the longest that trained."""
+    choice = of_role(recordings, "validate") or tuple(recordings)
+    return max(choice, key=lambda one: len(one.recording))
+
+
+def run_rows(one: Seen, protocol: Protocol) -> list[tuple[int, Prediction]]:
+    """The predictions of each unbroken run of a recording, with the run's number from 1; runs without any left out."""
+    whole = one.predicted[protocol]
+    found = []
+    for number, (start, stop) in enumerate(one.recording.runs, 1):
+        inside = (whole.rows >= start) & (whole.rows < stop)
+        if np.any(inside):
+            part = Prediction(whole.rows[inside], whole.predicted[inside], whole.measured[inside], whole.run[inside])
+            found.append((number, part))
+    return found
+
+
+def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:
+    if not recordings:
+        raise BadInput(f"The fit saw {_named(record)}, but no recording was given; name it.")
+    same = [r for r in recordings if r.source.sha256 == record.sha256 and (record.sha256 or r.name == record.name)]
+    if not same:
+        near = [r for r in recordings if r.name == record.name]
+        if near:
+            raise BadInput(
+                f"{_where(near[0])} is not the file the fit saw: its sha256 begins with "
+                f"{near[0].source.sha256[:12] or 'nothing'}, that of the fit's {record.role} data with "
+                f"{record.sha256[:12] or 'nothing'}. Name the file the fit was made with, or fit again."
+            )
+        given = ", ".join(_where(r) for r in recordings)
+        raise BadInput(
+            f"The fit saw {_named(record)} to {record.role}, and none of the recordings given ({given}) is that file. "
+            "Name the file the fit was made with, or fit again."
+        )
+    alike = [r for r in same if (len(r), len(r.runs), r.source.columns) == (record.samples, record.runs, record.columns)]
+    if not alike:
+        other = same[0]
+        raise BadInput(
+            f"{_where(other)} is the file the fit saw, but read differently: {len(other)} rows in {len(other.runs)} "
+            f"runs through column map {other.source.columns or 'none'}, where the fit had {record.samples} rows in "
+            f"{record.runs} runs through {record.columns or 'none'}. Read it through that column map, or fit again."
+        )
+    return alike[0]
+
+
+def _named(record: DataRecord) -> str:
+    return record.path or record.name
+
+
+def _where(recording: Recording) -> str:
+    return recording.source.path or recording.name

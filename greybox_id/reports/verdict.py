@@ -1,0 +1,147 @@
+"""The verdict: how good a fit is, against what, and how it was chosen, in three sentences that hold for any numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fit import Fit, Stage
+from ..metrics import Protocol
+from ..signals import SIGNALS
+from .numbers import listed, number, percent, pretty_unit, with_sd
+from .recordings import Seen, of_role
+
+EARLY = "early stopping"
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What one output's error can be held against, on one role's recordings.
+
+    Attributes
+    ----------
+    held : RMSE of holding the last measured value for one sample, in the output's unit.
+    held_fvu : its fraction of variance unexplained.
+    """
+
+    held: float
+    held_fvu: float
+
+
+def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yardstick]]:
+    """Role -> output -> what its error can be held against."""
+    found: dict[str, dict[str, Yardstick]] = {}
+    for role in dict.fromkeys(one.role for one in recordings):
+        found[role] = {}
+        for k, name in enumerate(fit.model.outputs):
+            steps, values = [], []
+            for one in of_role(recordings, role):
+                scored = one.predicted["honest"]
+                values.append(scored.measured[:, k])
+                steps.append(one.recording[name][scored.rows] - one.recording[name][scored.rows - 1])
+            moved, variance = np.concatenate(steps), float(np.var(np.concatenate(values)))
+            fvu = float(np.var(moved)) / variance if variance > 0 else float("nan")
+            found[role][name] = Yardstick(float(np.sqrt(np.mean(moved**2))), fvu)
+    return found
+
+
+def verdict(fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]) -> tuple[str, ...]:
+    """Three sentences: how good, against what, how chosen."""
+    role = "validate" if "validate" in fit.metrics else "train"
+    return _how_good(fit, recordings, role), _against_what(fit, role, measures[role]), _how_chosen(fit)
+
+
+def main_protocol(fit: Fit) -> Protocol:
+    """The protocol a fit is judged by: on its own predictions where the model has a loop."""
+    return "closed_loop" if fit.model.feedback is not None else "honest"
+
+
+def signal_words(name: str) -> str:
+    """A signal in prose: yaw rate for yaw_rate, a_x as its symbol."""
+    return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name
+
+
+def unit_of(name: str) -> str:
+    """SI unit of an output."""
+    return SIGNALS[name].unit if name in SIGNALS else "1"
+
+
+def _how_good(fit: Fit, recordings: Sequence[Seen], role: str) -> str:
+    scores = fit.metrics[role][main_protocol(fit)]
+    data = of_role(recordings, role)
+    seconds = sum(one.recording.duration for one in data)
+    where = listed([one.recording.name for one in data])
+    if role == "train":
+        circumstances = f"On {where}, the {seconds:.1f} s it was fitted to (no recording was held back)"
+    elif fit.mode == EARLY:
+        circumstances = f"On {where}, {seconds:.1f} s that it was not fitted to but that chose when to stop"
+    else:
+        circumstances = f"On {where}, {seconds:.1f} s that it has not seen"
+    how = "running on its own predictions" if main_protocol(fit) == "closed_loop" else "one sample ahead"
+    each = [
+        f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} ({_unexplained(e)})"
+        for name, e in scores.items()
+    ]
+    return f"{circumstances}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
+
+
+def _unexplained(error: Mapping[str, float]) -> str:
+    fvu = error["fvu"]
+    if not np.isfinite(fvu):
+        return "a signal that does not vary"
+    if fvu >= 1.0:
+        return f"{percent(fvu)} of the variance: no better than the signal's mean"
+    return f"{percent(fvu)} of the variance unexplained"
+
+
+def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str:
+    held = [
+        f"{_factor(fit.metrics[role]['honest'][name]['rmse'], measure.held)} in {signal_words(name)}"
+        for name, measure in measures.items()
+    ]
+    text = (
+        f"One sample ahead on measured inputs, its error is {listed(held)} times that of holding the last measured value"
+    )
+    if role == "train":
+        return f"{text}; how the error grows on a recording it has not seen is not known."
+    protocol = main_protocol(fit)
+    own = "on its own predictions" if protocol == "closed_loop" else "one sample ahead"
+    grown = [
+        f"{_factor(error['rmse'], fit.metrics['train'][protocol][name]['rmse'])} in {signal_words(name)}"
+        for name, error in fit.metrics[role][protocol].items()
+    ]
+    return f"{text}; {own}, its error is {listed(grown)} times that on the training data."
+
+
+def _factor(value: float, reference: float) -> str:
+    return number(value / reference, 3) if reference > 0 else "infinitely many"
+
+
+def _how_chosen(fit: Fit) -> str:
+    last = fit.stages[-1]
+    strength = {
+        "cross-validation": "chosen by blocked cross-validation on the training data",
+        EARLY: "left weak and fitting stopped where the error on the validation recording was least",
+        "given": "given, not chosen by the data",
+    }.get(fit.mode, fit.mode)
+    return f"The strength of regularisation was {strength}; {_ended(last)}, and {_ipopt_words(last)}."
+
+
+def _ended(stage: Stage) -> str:
+    steps = f"after {stage.steps} step{'s' if stage.steps != 1 else ''}"
+    if stage.converged:
+        return f"the solver converged {steps}"
+    return f"the solver did not converge {steps} ({stage.status.rstrip('.')})"
+
+
+def _ipopt_words(stage: Stage) -> str:
+    verdict = stage.certificate
+    if verdict is None:
+        return "Ipopt was not asked to confirm the optimum"
+    gained = (verdict.objective_before - verdict.objective_after) / verdict.objective_before
+    if verdict.confirmed:
+        return "Ipopt confirmed the optimum on the same problem"
+    better = f"finding {percent(gained)} less in the objective" if gained > 0 else "finding nothing better"
+    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}” {better}"

@@ -1,0 +1,142 @@
+"""The least-squares problem: total derivatives, priors, mirror images, run-scoped parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toys import drive, joined, linear_toy, scattered, speed_toy, tiny
+
+from greybox_id.engine.shooting import Problem
+from greybox_id.engine.trace import Trace
+from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
+from greybox_id.parameter import Parameter, Prior
+
+
+def problem_of(model, *recordings, closed_loop=False, **more):
+    noise = np.linspace(0.3, 0.7, len(model.outputs))
+    return Problem(Trace(model), recordings or [joined(30, 22)], closed_loop=closed_loop, noise=noise, **more)
+
+
+def limited(model):
+    """With a rate limit that is estimated."""
+    free = Parameter("steering_rate_limit", "rad/s", 1.7, (0.1, 10.0))
+    return (model + steering_rate_limit.at(1.7)).with_parameters(free)
+
+
+def late(model):
+    """With a latency that is estimated, away from its null, where it has one slope only."""
+    model = model + sensor_latency_imu
+    return model.with_parameters(model["sensor_latency_imu"].with_value(0.07))
+
+
+full, lat = tiny("msnn_full"), tiny("msnn_lat")
+CASES = {
+    "lat, open": (lat, False),
+    "lat, symmetric": (replace(lat, symmetric=True), False),
+    "full, open": (full, False),
+    "full, closed": (full, True),
+    "full, closed, symmetric": (replace(full, symmetric=True), True),
+    "full, closed, limit held": (full + steering_rate_limit.at(1.7), True),
+    "full, closed, limit free": (limited(full), True),
+    "full, closed, late": (late(full), True),
+    "full, closed, limit free, late, symmetric": (replace(late(limited(full)), symmetric=True), True),
+    "lat, limit free, late": (late(limited(lat)), False),
+    "plus, closed": (tiny("msnn_full_plus"), True),
+    "loop, closed": (speed_toy(), True),
+}
+
+
+def residuals_at(problem, x):
+    return np.concatenate([r.ravel() for r, _ in problem.residuals(x, problem.simulated_nodes(x))])
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_total_derivatives_are_those_of_finite_differences_of_a_simulation(case):
+    model, closed = CASES[case]
+    model = scattered(model, 2, share=0.2)
+    problem = problem_of(model, closed_loop=closed)
+    x = problem.start
+    found = []
+    for index, (r, J) in zip(problem.layout.index, problem.residuals(x, problem.simulated_nodes(x)), strict=True):
+        wide = np.zeros((r.size, len(x)))
+        wide[:, index] = J.reshape(r.size, -1)
+        found.append(wide)
+    found = np.vstack(found)
+    for k in np.flatnonzero(problem.free)[:: 2 if closed else 1]:
+        step = 1e-6 * max(1e-3, abs(x[k]))
+        e = step * np.eye(len(x))[k]
+        slope = (residuals_at(problem, x + e) - residuals_at(problem, x - e)) / (2 * step)
+        np.testing.assert_allclose(found[:, k], slope, atol=2e-4 * (np.max(np.abs(slope)) + 1e-3), err_msg=str(k))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_gradient_of_the_normal_equations_is_that_of_the_objective(case):
+    model, closed = CASES[case]
+    problem = problem_of(scattered(model, 2, share=0.2), closed_loop=closed)
+    x = problem.start
+    g = problem.normal_equations(x, problem.simulated_nodes(x)).g
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        direction = np.where(problem.free, rng.standard_normal(len(x)) * (np.abs(x) + 0.01), 0.0)
+        up, down = (problem.objective(x + h * direction, problem.simulated_nodes(x + h * direction)) for h in (1e-6, -1e-6))
+        scale = np.linalg.norm(g * direction)
+        assert (up - down) / 2e-6 == pytest.approx(g @ direction, abs=1e-4 * scale)
+
+
+def test_the_objective_is_written_out_half_the_sum_of_squares():
+    prior = Prior(0.5, mean=0.2)
+    recording = drive(30)
+    problem = problem_of(linear_toy(2, prior), recording)
+    F = np.array([0.7, -0.3])
+    steer, measured = recording["steer"], recording["yaw_rate"]
+    residuals = [(F[0] * steer[k - 2] + F[1] * steer[k - 1] - measured[k]) / 0.3 for k in range(2, 30)]
+    expected = 0.5 * np.sum(np.square(residuals)) + 0.5 * np.sum(((F - 0.2) / 0.5) ** 2)
+    assert problem.objective(F, []) == pytest.approx(expected)
+
+
+def test_a_mirror_image_adds_nothing_where_the_model_is_odd():
+    plain, both = (problem_of(linear_toy(2, symmetric=s), joined(40, 30)) for s in (False, True))
+    F = np.array([0.7, -0.3])
+    assert both.misfit(F, []) == pytest.approx(plain.misfit(F, []))
+    a, b = (q.normal_equations(F, []) for q in (plain, both))
+    np.testing.assert_allclose(a.H, b.H)
+    np.testing.assert_allclose(a.g, b.g, atol=1e-12)
+
+
+def test_a_symmetric_model_fits_recording_and_mirror_image_alike():
+    lopsided = replace(
+        linear_toy(1), symmetric=True, equations=lambda u, p, past: {"yaw_rate": p.F[0] + past(u.steer, [1.0])}
+    )
+    problem = problem_of(lopsided, drive(30))
+    assert problem.normal_equations(np.zeros(1), []).g == pytest.approx(0.0, abs=1e-12)
+
+
+def test_rows_that_are_not_kept_do_not_count():
+    recording = drive(60)
+    keep = [(np.arange(60) < 30).astype(float)]
+    half = problem_of(linear_toy(2), recording, keep=keep)
+    first = problem_of(linear_toy(2), recording.rows(0, 30))
+    F = np.array([0.7, -0.3])
+    assert half.misfit(F, []) == pytest.approx(first.misfit(F, []))
+
+
+def test_a_run_scoped_parameter_has_a_value_and_a_prior_per_run():
+    problem = problem_of(linear_toy(1) + sensor_latency_imu, joined(30, 30, 30))
+    assert problem.layout.size == 1 + 3
+    x = problem.unknowns(np.array([1.0, 0.04]))
+    late = x.copy()
+    late[2] += 0.03
+    assert np.sum(problem.belief_residuals(x) ** 2) == pytest.approx(0.0)
+    assert np.sum(problem.belief_residuals(late) ** 2) == pytest.approx(1.0)
+    assert problem.shared(late)[1] == pytest.approx(0.05)
+
+
+def test_a_run_and_its_mirror_image_share_their_run_scoped_parameters():
+    problem = problem_of(linear_toy(1, symmetric=True) + sensor_latency_imu, joined(30, 30))
+    assert problem.layout.size == 1 + 2
+
+
+def test_held_parameters_and_bounds_are_known():
+    problem = problem_of(lat + steering_rate_limit.at(1.7), joined(40, 35))
+    assert np.flatnonzero(~problem.free).tolist() == [len(problem.start) - 1]
+    assert problem.bounds[0][-1] == 0.1

@@ -1,0 +1,74 @@
+"""Effects of the registry on every model of the registry."""
+
+import numpy as np
+import pytest
+from toys import TINY, drive, linear_toy, scattered, tiny
+
+from greybox_id.errors import BadModel
+from greybox_id.metrics import predictions
+from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
+from greybox_id.models.registry import EFFECTS, MODELS
+
+
+def test_every_model_of_the_registry_is_examined():
+    assert set(TINY) == set(MODELS)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize("name", MODELS)
+def test_null_effect_leaves_every_model_unchanged(name, effect):
+    model = scattered(tiny(name))
+    if effect in model.effects:
+        pytest.skip("this model has it already")
+    recording = drive(80)
+    more = model + EFFECTS[effect]
+    assert more.effects[-1] == effect
+    for protocol in ("honest", "published") + (("closed_loop",) if model.feedback else ()):
+        bare, with_effect = (predictions(m, recording, protocol).predicted for m in (model, more))
+        np.testing.assert_allclose(with_effect, bare, atol=1e-12)
+
+
+@pytest.mark.parametrize(("effect", "value"), [("steering_rate_limit", 0.5), ("sensor_latency_imu", 0.06)])
+@pytest.mark.parametrize("name", MODELS)
+def test_an_effect_away_from_its_null_does_change_the_predictions(name, effect, value):
+    model = scattered(tiny(name))
+    if effect in model.effects:
+        pytest.skip("this model has it already")
+    more = model + EFFECTS[effect].at(value)
+    assert np.max(np.abs(predictions(more, drive()).predicted - predictions(model, drive()).predicted)) > 1e-6
+
+
+@pytest.mark.parametrize("name", ["msnn_lat", "msnn_full"])
+def test_effects_compose_in_either_order(name):
+    a, b = steering_rate_limit.at(1.0), sensor_latency_imu.at(0.04)
+    one, other = tiny(name) + a + b, tiny(name) + b + a
+    assert one.effects == ("steering_rate_limit", "sensor_latency_imu")
+    assert one.effects == other.effects[::-1]
+    np.testing.assert_allclose(predictions(one, drive()).predicted, predictions(other, drive()).predicted, atol=1e-12)
+
+
+def test_an_effect_reaches_the_parts_it_concerns():
+    model = tiny("msnn_full") + steering_rate_limit.at(1.0)
+    assert all("steering_rate_limit" in part.effects for part in model.parts)
+    assert all(part["steering_rate_limit"].array == 1.0 for part in model.parts)
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_an_effect_twice_is_refused_in_a_sentence(effect):
+    with pytest.raises(BadModel, match="already has"):
+        _ = linear_toy() + EFFECTS[effect] + EFFECTS[effect]
+
+
+def test_an_effect_on_a_model_it_does_not_concern_is_refused_in_a_sentence():
+    with pytest.raises(BadModel, match="acts on yaw_rate"):
+        _ = _current_to_speed() + sensor_latency_imu
+    with pytest.raises(BadModel, match="acts on steer"):
+        _ = _current_to_speed() + steering_rate_limit
+
+
+def _current_to_speed():
+    toy = linear_toy()
+    return type(toy)(
+        name="motor", about="", inputs=("motor_current",), outputs=("v_x",), parameters=toy.parameters,
+        equations=lambda u, p, past: {"v_x": past(u.motor_current, p.F)}, sample_time=0.05,
+    )  # fmt: skip

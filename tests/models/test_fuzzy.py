@@ -1,0 +1,71 @@
+"""Membership functions and their centres."""
+
+import casadi as cs
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from greybox_id.errors import BadInput
+from greybox_id.models.fuzzy import centres, evenly, memberships, over
+
+rising = st.lists(st.floats(-50, 50), min_size=1, max_size=6, unique=True).map(sorted).filter(
+    lambda c: all(b - a > 1e-3 for a, b in zip(c[:-1], c[1:], strict=True))
+)  # fmt: skip
+
+
+def at(x, where):
+    return np.array([float(cs.DM(m)) for m in memberships(cs.DM(x), where)])
+
+
+@given(rising, st.floats(-200, 200))
+def test_memberships_sum_to_one_everywhere(where, x):
+    assert np.sum(at(x, where)) == pytest.approx(1.0, abs=1e-12)
+
+
+@given(rising, st.floats(-200, 200))
+def test_memberships_lie_between_zero_and_one(where, x):
+    assert np.all(at(x, where) >= -1e-12)
+    assert np.all(at(x, where) <= 1 + 1e-12)
+
+
+@given(rising)
+def test_each_membership_is_one_at_its_own_centre_and_zero_at_the_others(where):
+    found = np.array([at(x, where) for x in where])
+    np.testing.assert_allclose(found, np.eye(len(where)), atol=1e-12)
+
+
+@given(rising.filter(lambda c: len(c) > 1), st.floats(-200, 200))
+def test_memberships_are_triangles_held_outside(where, x):
+    expected = [np.interp(x, where, row) for row in np.eye(len(where))]
+    np.testing.assert_allclose(at(x, where), expected, atol=1e-9)
+
+
+def test_centres_that_do_not_increase_are_refused():
+    with pytest.raises(BadInput, match="must increase"):
+        memberships(cs.SX.sym("x"), (0.0, 0.0, 1.0))
+
+
+def test_even_spacing():
+    assert evenly(-1.0, 3.0, 3) == (-1.0, 1.0, 3.0)
+    assert evenly(-1.0, 3.0, 1) == (1.0,)
+
+
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=20), st.integers(2, 6))
+def test_centres_over_recorded_values_increase_and_symmetric_ones_mirror(values, count):
+    for symmetric in (False, True):
+        where = over(np.array([*values, np.nan]), count, symmetric)
+        assert len(where) == count
+        assert np.all(np.diff(where) > 0)
+        if symmetric:
+            np.testing.assert_allclose(where, -np.array(where)[::-1], atol=1e-9)
+
+
+def test_a_channel_without_a_single_value_still_gives_centres():
+    assert np.all(np.diff(over(np.full(5, np.nan), 3)) > 0)
+
+
+def test_given_centres_must_be_as_many_as_local_models():
+    assert centres("v_x", (1.0, 2.0), 2, 0.0, 1.0) == (1.0, 2.0)
+    with pytest.raises(BadInput, match="3 local models over v_x"):
+        centres("v_x", (1.0, 2.0), 3, 0.0, 1.0)

@@ -1,0 +1,58 @@
+"""Models by name, from plain data."""
+
+import json
+
+import numpy as np
+import pytest
+from toys import TINY, drive, tiny
+
+from greybox_id.errors import GreyboxError, BadInput
+from greybox_id.metrics import predictions
+from greybox_id.models.registry import MODELS, build, prepared
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_is_rebuilt_from_its_settings_as_json(name):
+    model = prepared(name, drive(300), TINY[name])
+    again = build(name, json.loads(json.dumps(dict(model.settings))))
+    assert again.settings == model.settings
+    assert np.array_equal(predictions(again, drive()).predicted, predictions(model, drive()).predicted)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_stands_without_settings(name):
+    assert build(name).name == name
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "effects", "says"),
+    [
+        ("msnn_lap", {}, {}, "Did you mean msnn_lat"),
+        ("msnn_lat", {"n_dleta": 3}, {}, "Did you mean n_delta"),
+        ("msnn_lat", {"n_delta": 3.5}, {}, "n_delta is a int"),
+        ("msnn_lat", {"n_delta": True}, {}, "n_delta is a int"),
+        ("msnn_lat", {"v_x": "0, 1"}, {}, "list of numbers"),
+        ("msnn_lat", {"v_x": []}, {}, "list of numbers"),
+        ("msnn_lat", {"v_x": [0, "1"]}, {}, "v_x"),
+        ("msnn_full", {"lat": 3}, {}, "group of settings"),
+        ("msnn_full", {"lat": {"n_q": 3}}, {}, "lat.n_q"),
+        ("msnn_full_plus", {"symmetric": 1}, {}, "symmetric is a bool"),
+        ("msnn_lat", {}, {"steering_rate_limt": 2.0}, "Did you mean steering_rate_limit"),
+        ("msnn_lat", {}, {"steering_rate_limit": -1.0}, "outside its bounds"),
+    ],
+)
+def test_what_cannot_be_built_is_refused_in_a_sentence(name, settings, effects, says):
+    with pytest.raises(BadInput, match=says):
+        build(name, settings, effects)
+
+
+@pytest.mark.parametrize("wrong", [{"sample_time": 0.0}, {"sample_time": -0.05}, {"q": -1}, {"q": -5}])
+def test_hyperparameters_that_make_no_sense_are_refused_in_a_sentence(wrong):
+    with pytest.raises(GreyboxError):
+        build("msnn_lat", wrong)
+
+
+def test_an_effect_that_a_model_has_from_its_settings_is_not_added_twice():
+    model = tiny("msnn_full_plus")
+    again = build("msnn_full_plus", model.settings, {name: float(model[name].array) for name in model.effects})
+    assert again.effects == model.effects
