@@ -13,6 +13,7 @@ import numpy as np
 
 from .engine.shooting import Problem
 from .engine.trace import Trace
+from .errors import BadInput
 from .model import Model
 from .parameter import Array
 from .recording import Recording, join
@@ -77,7 +78,9 @@ def choose_strengths(
     for name in names:
         options = [{**best, name: factor} for factor in FACTORS]
         best = options[_strongest_as_good([by_fold(option) for option in options])]
-    return Choice(best, _root(by_fold(best)), tuple((dict(zip(names, k, strict=True)), _root(v)) for k, v in tried.items()))
+    return Choice(
+        best, _root(by_fold(best)), tuple((dict(zip(names, k, strict=True)), _root(v)) for k, v in tried.items())
+    )
 
 
 def _strongest_as_good(by_fold: Sequence[Array]) -> int:
@@ -121,7 +124,9 @@ def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], p
     for number, model in enumerate(models, 1):
         errors.append(error(model))
         if progress is not None:
-            progress(f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread")
+            progress(
+                f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread"
+            )
     return int(np.argmin(errors))
 
 
@@ -140,6 +145,13 @@ def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, 
         scored = sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True))
         squares.append(_square(problem, solution, held_out) / (scored * len(problem.noise)))
     problem.keep = everything
+    if len(squares) < 2:
+        longest = max(len(run) for run in problem.runs)
+        raise BadInput(
+            f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest unbroken "
+            f"run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, or choose the "
+            "strength of regularisation yourself with --strength."
+        )
     return np.array(squares)
 
 

@@ -36,7 +36,6 @@ class Say(Protocol):
     def __call__(self, line: str, passing: bool = False) -> None: ...
 
 
-
 MOST_STEPS = 150
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
@@ -267,7 +266,7 @@ def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, C
     iterations = CERTIFYING_ITERATIONS if converged else CONTINUING_ITERATIONS
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
     solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
-    gained = (found.objective - solution.objective) / found.objective
+    gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
     certificate = Certificate(
         status=verdict.words,
         confirmed=solution.status is Status.CONVERGED and gained < SAME,
@@ -291,6 +290,11 @@ def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]
     guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
     problem = Problem(trace, recordings, noise=guess)
     solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-4)
+    if solution.status is Status.NOT_FINITE:
+        raise BadInput(
+            f"Model {model.name} gives no finite predictions of {measured.name} at its nominal parameters. "
+            "Check the recording's units, or start from other values."
+        )
     squares = np.concatenate([residuals**2 for residuals, _ in problem.residuals(solution.x, solution.nodes)])
     return np.maximum(guess * np.sqrt(squares.mean(axis=0)), 1e-9), solution.x
 
@@ -299,7 +303,8 @@ def _starts(problem: Problem, first: Array, how: How) -> list[Array]:
     """The first start, and others drawn about the nominal values."""
     random = np.random.default_rng(how.seed)
     start = problem.start
-    scale = np.abs(start) + np.sqrt(np.mean(start**2)) * 0.1
+    size = np.where(np.isfinite(start), np.abs(start), 0.0)  # an effect's null may be infinite
+    scale = size + np.sqrt(np.mean(size**2)) * 0.1
     others = [start + SPREAD * scale * random.standard_normal(len(start)) for _ in range(how.starts - 1)]
     return [first, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
 
@@ -318,7 +323,8 @@ def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
     found, start = {}, 0
     for parameter in problem.trace.model.parameters:
         if parameter.scope == "run":
-            rows = [solution.x[index[start : start + parameter.size]] for index in problem.layout.index]
+            runs = problem.layout.index[: problem.copies]  # a mirror image shares its run's
+            rows = [solution.x[index[start : start + parameter.size]] for index in runs]
             found[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
         start += parameter.size
     return found

@@ -105,7 +105,7 @@ def as_dict(scores: Mapping[Protocol, Mapping[str, Error]]) -> dict[str, dict[st
 def _predicted(run: Run, p: Array, protocol: Protocol) -> Array:
     if protocol == "closed_loop":
         return run.simulate(p)[run.predicted]
-    if protocol == "honest" and not run.complete:
+    if not run.complete:
         return run.predict(p, run.measured)
     return run.predict(p)
 

@@ -16,13 +16,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType, SimpleNamespace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from .errors import BadModel
 from .parameter import Array, Parameter, pack, unpack
-
-if TYPE_CHECKING:
-    from .effect import Effect
 
 Symbol = Any
 """A CasADi SX expression; CasADi ships no type information."""
@@ -122,7 +119,8 @@ class Model:
         names = ", ".join(parameter.name for parameter in self.parameters)
         raise BadModel(f"Model {self.name} has no parameter {name!r}; it has {names}.")
 
-    def __add__(self, effect: Effect) -> Model:
+    def __add__(self, effect: Callable[[Model], Model]) -> Model:
+        """The model with an effect."""
         return effect(self)
 
     @property

@@ -42,9 +42,10 @@ def covariance(problem: Problem, x: Array, nodes: Nodes) -> Array:
     middle += sum(of_run.T @ of_run for of_run in scores)
     untold = problem.free & (np.diag(H) <= 0.0)
     free = problem.free & ~untold
-    inner = H[np.ix_(free, free)]
-    inner[np.diag_indices_from(inner)] *= 1 + 1e-12
-    half = la.solve(inner, np.eye(len(inner)), assume_a="pos")
+    unit = 1.0 / np.sqrt(np.diag(H)[free])
+    inner = H[np.ix_(free, free)] * np.outer(unit, unit)
+    inner[np.diag_indices_from(inner)] += 1e-12
+    half = la.solve(inner, np.eye(len(inner)), assume_a="pos") * np.outer(unit, unit)
     result = np.diag(np.where(untold, np.inf, 0.0))
     result[np.ix_(free, free)] = half @ middle[np.ix_(free, free)] @ half
     return result

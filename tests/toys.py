@@ -95,3 +95,11 @@ def obeying_toy(F, rows=400, seed=0, noise=0.0):
     return Recording(
         "obeying", DT * np.arange(rows), {"steer": steer, "yaw_rate": yaw_rate + noise * rng.standard_normal(rows)}
     )
+
+
+def looping(recording, pole, gain, noise=0.0):
+    """The recording with an acceleration that the loop of one state explains up to white noise."""
+    current, a = recording["motor_current"], [0.1, 0.2]
+    for k in range(2, len(recording)):
+        a.append(pole * (0.2 * a[k - 2] + 0.8 * a[k - 1]) + gain * current[k - 1])
+    return recording.with_signals(a_x=np.array(a) + noise * np.random.default_rng(0).standard_normal(len(a)))

@@ -28,16 +28,35 @@ from .output import console, errors_table, print_json, progress
 @click.option("--out", default=None, metavar="DIR", help="Folder for fit.json; default: the model's name.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as lat.q=14.")
 @click.option("--with", "effects", multiple=True, metavar="EFFECT=VALUE", help="Add an effect, held at a magnitude.")
-@click.option("--early-stopping", is_flag=True, help="Stop where the validation recording is fitted best (as published).")
-@click.option("--strength", type=click.FloatRange(min=0, min_open=True), help="Factor on all priors, instead of choosing it.")
-@click.option("--solver", type=click.Choice(["auto", "gauss-newton", "ipopt"]), default="auto", show_default=True,
-              help="auto: Gauss-Newton finds, Ipopt certifies.")
+@click.option(
+    "--early-stopping", is_flag=True, help="Stop where the validation recording is fitted best (as published)."
+)
+@click.option(
+    "--strength", type=click.FloatRange(min=0, min_open=True), help="Factor on all priors, instead of choosing it."
+)
+@click.option(
+    "--solver",
+    type=click.Choice(["auto", "gauss-newton", "ipopt"]),
+    default="auto",
+    show_default=True,
+    help="auto: Gauss-Newton finds, Ipopt certifies.",
+)
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
 @json_option
 def fit(
-    files: Sequence[str], name: str, columns: str, validation: str | None, out: str | None, settings: Sequence[str],
-    effects: Sequence[str], early_stopping: bool, strength: float | None, solver: Solver, starts: int, seed: int,
+    files: Sequence[str],
+    name: str,
+    columns: str,
+    validation: str | None,
+    out: str | None,
+    settings: Sequence[str],
+    effects: Sequence[str],
+    early_stopping: bool,
+    strength: float | None,
+    solver: Solver,
+    starts: int,
+    seed: int,
     as_json: bool,
 ) -> None:
     """Fit a model to one or more recordings FILE...
@@ -57,7 +76,9 @@ def fit(
     models = candidates(name, join(recordings, "training data"), settings_of(settings), settings_of(effects))
     how = How(
         strengths="early stopping" if early_stopping else strength if strength is not None else "cross-validation",
-        solver=solver, starts=starts, seed=seed,
+        solver=solver,
+        starts=starts,
+        seed=seed,
     )
     command = shlex.join(["greybox", *sys.argv[1:]])
     with progress(quiet=as_json) as say:
@@ -96,7 +117,9 @@ def show(result: Fit) -> None:
     """Print a fit for people."""
     out = console()
     for record in result.data:
-        out.print(f"{record.role:9}{record.name}: {record.runs} runs, {record.duration:.1f} s, {record.samples} samples")
+        out.print(
+            f"{record.role:9}{record.name}: {record.runs} runs, {record.duration:.1f} s, {record.samples} samples"
+        )
     for stage in result.stages:
         loop = ", closed loop" if stage.closed_loop else ""
         out.print(f"fit      {stage.model}{loop}: {stage.steps} steps, {stage.cpu_seconds:.2f} s; {stage.status}")

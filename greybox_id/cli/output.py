@@ -75,7 +75,13 @@ PROTOCOL_WORDS = {
 def errors_table(metrics: Mapping[str, Any]) -> Table:
     """Errors by recording, protocol and output, each with its standard error and unit."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title, justify in (("error", "left"), ("protocol", "left"), ("RMSE", "right"), ("unit", "left"), ("FVU", "right")):
+    for title, justify in (
+        ("error", "left"),
+        ("protocol", "left"),
+        ("RMSE", "right"),
+        ("unit", "left"),
+        ("FVU", "right"),
+    ):
         table.add_column(title, header_style="dim", justify=justify)  # type: ignore[arg-type]
     for role, protocols in metrics.items():
         for protocol, outputs in protocols.items():

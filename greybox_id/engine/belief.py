@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..parameter import Array, Parameter, Prior
+from .trace import Index
 
 
 def belief_rows(
@@ -25,7 +26,7 @@ def belief_rows(
     (rows, parameters) sparse matrix, (rows,) offsets.
     """
     strengths = strengths or {}
-    blocks: list[tuple[Array, Array, Array]] = []  # entry indices (rows, terms), coefficients, offsets
+    blocks: list[tuple[Index, Array, Array]] = []  # entry indices (rows, terms), coefficients, offsets
     start = 0
     for parameter in parameters:
         index = start + np.arange(parameter.size).reshape(parameter.shape)
@@ -34,14 +35,14 @@ def belief_rows(
             blocks += _rows(parameter, parameter.prior, index, strengths.get(parameter.prior.strength, 1.0))
     if not blocks:
         return sp.csr_matrix((0, start)), np.empty(0)
-    matrices = [
+    matrices: list[sp.csr_matrix] = [
         sp.csr_matrix((c.ravel(), (np.repeat(np.arange(len(i)), i.shape[1]), i.ravel())), shape=(len(i), start))
         for i, c, _ in blocks
     ]
     return sp.vstack(matrices, format="csr"), np.concatenate([offsets for _, _, offsets in blocks])
 
 
-def _rows(parameter: Parameter, prior: Prior, index: Array, strength: float) -> list[tuple[Array, Array, Array]]:
+def _rows(parameter: Parameter, prior: Prior, index: Index, strength: float) -> list[tuple[Index, Array, Array]]:
     mean = np.broadcast_to(parameter.array if prior.mean is None else np.asarray(prior.mean, float), parameter.shape)
     weight = strength / np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).reshape(-1, 1)
     told = weight[:, 0] > 0.0

@@ -44,7 +44,7 @@ def call(function: cs.Function, *arguments: Array) -> Array:
     held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
     for k, array in enumerate(held):
         if array.size:
-            memory.set_arg(k, memoryview(array))
-    memory.set_res(0, memoryview(result))
+            memory.set_arg(k, array.data)
+    memory.set_res(0, result.data)
     run()
     return result

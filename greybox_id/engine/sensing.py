@@ -53,7 +53,8 @@ class _Weights:
         """This sensor's reading of an output, (1, rows)."""
         weights = self._weights.function(p)
         length = y.shape[1]
-        late = [cs.horzcat(cs.repmat(y[0], 1, lag), y[: length - lag]) for lag in range(weights.shape[0])]
+        held = [min(lag, length) for lag in range(weights.shape[0])]
+        late = [cs.horzcat(cs.repmat(y[0], 1, lag), y[: length - lag]) for lag in held]
         return sum(weights[lag] * shifted for lag, shifted in enumerate(late))
 
     def __call__(self, y: Array, by_p: Array | None, p: Array) -> None:

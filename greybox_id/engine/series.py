@@ -64,7 +64,9 @@ class Run:
         edges = [0, *(join - rows.start for join in joins if rows.start < join < rows.stop), len(rows)]
         self.pieces = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.first = trace.memory
-        self.recorded = np.column_stack([_input(trace, recording, name)[rows.start : rows.stop] for name in model.inputs])
+        self.recorded = np.column_stack(
+            [_input(trace, recording, name)[rows.start : rows.stop] for name in model.inputs]
+        )
         nothing = np.full(len(rows), np.nan)
         self.measured = np.column_stack(
             [recording[n][rows.start : rows.stop] if n in recording else nothing for n in model.outputs]
@@ -200,14 +202,15 @@ class Run:
             return
         lags = trace.weights_by_p.row[of_tap] % trace.memory
         slopes = trace.weights_by_p.nonzeros(p)[0, of_tap]
-        seen = windows(z[:usable, signal], trace.memory)[:, _tidy(lags)] * slopes
-        own = trace.weights_by_p.column[of_tap]
-        if len(np.unique(own)) == len(own):
-            yield _tidy(own), seen
-        else:  # one parameter weighs several samples of the window
-            together = np.zeros((len(seen), len(p)))
-            np.add.at(together, (slice(None), own), seen)
-            yield slice(None), together
+        own, place = np.unique(trace.weights_by_p.column[of_tap], return_inverse=True)
+        seen = windows(z[:usable, signal], trace.memory)
+        if len(own) == len(lags) and np.all(np.diff(lags[np.argsort(place)]) == 1):  # one parameter, one sample
+            order = np.argsort(place)
+            yield _tidy(own), seen[:, _tidy(lags[order])] * slopes[order]
+        else:
+            weights_by_p = np.zeros((trace.memory, len(own)))
+            weights_by_p[lags, place] = slopes
+            yield _tidy(own), seen @ weights_by_p
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
@@ -220,9 +223,7 @@ class Run:
         reached = np.flatnonzero(np.any(full, axis=0))
         return full[:, reached], reached
 
-    def _by_nodes(
-        self, nodes: Array, u: Array, z_by_u: Array, y_by_h: Array, y_by_u: Array, weights: Array
-    ) -> Array:
+    def _by_nodes(self, nodes: Array, u: Array, z_by_u: Array, y_by_h: Array, y_by_u: Array, weights: Array) -> Array:
         trace, outputs = self.trace, len(self.trace.model.outputs)
         fed_by_y = trace.feedback_by_y(nodes, u).reshape(len(u), len(self._fed), outputs)
         fed_by_y[: self.first] = 0.0  # before the first prediction the window holds measurements, not nodes

@@ -70,7 +70,9 @@ class Trace:
         self.z = cs.vertcat(*self._windows.signals) if self._windows.signals else cs.SX(0, 1)
         self.h = cs.vertcat(*self._windows.symbols) if self._windows.symbols else cs.SX(0, 1)
         if self.h.numel() and cs.depends_on(self.z, self.h):
-            raise BadModel(f"{model.name}: a window looks at another window; past(past(...)) has no finite memory here.")
+            raise BadModel(
+                f"{model.name}: a window looks at another window; past(past(...)) has no finite memory here."
+            )
         self.tap_signal: Index = np.array(self._windows.which, dtype=np.intp)
         self.memory = max((len(w) for w in self._windows.weights), default=1)
         self.W = cs.vertcat(*[_padded(w, self.memory) for w in self._windows.weights])

@@ -16,7 +16,9 @@ def fading(length: int, samples: float = 3.0) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def fading_prior(length: int, sd: float, decay: float, axes: int, mean: float | None = None, strength: str = "") -> Prior:
+def fading_prior(
+    length: int, sd: float, decay: float, axes: int, mean: float | None = None, strength: str = ""
+) -> Prior:
     """Tuned/correlated prior on impulse responses that lie along the last of `axes` axes, oldest sample first.
 
     The covariance of ages i and j is sd^2 min(decay^i, decay^j): independent steps that shrink with age, and a

@@ -1,10 +1,10 @@
 """MS-NN-full with what recordings of a 1:10 car suggested beyond the paper; each addition can be switched off.
 
-    lat.n_delta = 3        coarser in steering: cross-validation on the training data prefers 3-2-2 to 5-2-2
-    steering_rate_limit    the servo's limit before the window (an effect, held at its setting)
-    symmetric              left and right are the same vehicle, so every recording is seen mirrored too
-    long.speed_window      the window of speeds acts on the acceleration
-    timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect)
+lat.n_delta = 3        coarser in steering: cross-validation on the training data prefers 3-2-2 to 5-2-2
+steering_rate_limit    the servo's limit before the window (an effect, held at its setting)
+symmetric              left and right are the same vehicle, so every recording is seen mirrored too
+long.speed_window      the window of speeds acts on the acceleration
+timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect)
 """
 
 from __future__ import annotations

@@ -118,12 +118,12 @@ def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> 
     length, eta = s.gamma + 1, s.eta
     inertias = ("I_w",) if s.one_inertia else ("I_wf", "I_wr")
     physical = (
-        Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.1), about="vehicle mass"),
+        Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.05), about="vehicle mass"),
         Parameter("c_r", "1", 0.03, (0.0, 0.5), Prior(0.03), about="rolling resistance coefficient"),
         Parameter("c_l", "N s/m", 0.5, (0.0, 50.0), Prior(3.0), about="laminar drag coefficient"),
         Parameter("k_a", "N s^2/m^2", 0.02, (0.0, 5.0), Prior(0.12), about="aerodynamic drag coefficient"),
-        *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(2e-5), about="wheel inertia, one wheel") for n in inertias),
-        Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.001), about="wheel radius"),
+        *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(1e-5), about="wheel inertia, one wheel") for n in inertias),
+        Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.0005), about="wheel radius"),
     )
     # Neurons that start alike stay alike: their thresholds start spread over the branch's range of current.
     branches = tuple(
@@ -138,14 +138,14 @@ def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> 
                       about=f"{word} network, first layer (neuron, age oldest first)"),
             Parameter(f"b_1{branch}", "1", thresholds, prior=Prior(0.25, strength="actuation"),
                       about=f"{word} network, thresholds"),
-            Parameter(f"G_2{branch}", "N m", np.full(eta, 0.05), prior=Prior(0.5, mean=0.0, strength="actuation"),
+            Parameter(f"G_2{branch}", "N m", np.full(eta, 0.05), prior=Prior(0.5, mean=0.0),
                       about=f"{word} network, second layer"),
         )
     )  # fmt: skip
     lateral = (
-        Parameter("q_1", "N", 1.7 * a_y, prior=Prior(10.0, strength="lateral_force"),
+        Parameter("q_1", "N", 1.7 * a_y, prior=Prior(10.0),
                   about="front lateral force at the centre of each local model", source="half the mass times a_y"),
-        Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(3.0, strength="lateral_force"),
+        Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(3.0),
                   about="its slope over lateral acceleration", source="half the mass"),
         Parameter("F_y", "1", np.broadcast_to(fading(length), (s.n_v, length)),
                   prior=fading_prior(length, sd=0.5, decay=0.75, axes=2, strength="lateral_force"),

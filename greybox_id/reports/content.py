@@ -12,7 +12,7 @@ from ..fit import Fit, Stage
 from ..model import Model
 from ..parameter import Parameter
 from .noise import Noise
-from .numbers import counted, interval, number, percent, pretty_unit, with_sd
+from .numbers import counted, interval, number, percent, pretty_unit, raised, with_sd
 from .recordings import Seen
 from .verdict import Yardstick, signal_words, unit_of, verdict, yardsticks
 
@@ -108,7 +108,7 @@ def content(fit: Fit, recordings: Sequence[Seen], noise: Noise | None, nominal: 
         provenance=_provenance(fit),
         parameters=_scalars(fit, nominal),
         arrays=_arrays(fit),
-        together=fit.model.together,
+        together=tuple(raised(sentence) for sentence in fit.model.together),
         stages=_stages(fit),
         strengths=_strengths(fit),
     )
@@ -142,7 +142,9 @@ def _noise_words(fit: Fit, noise: Noise | None) -> str:
         for name in fit.model.outputs
         if np.isfinite(noise.sd(name))
     ]
-    caveat = " At rest there is no vibration of motor and road: it is a lower bound." if noise.where == "at rest" else ""
+    caveat = (
+        " At rest there is no vibration of motor and road: it is a lower bound." if noise.where == "at rest" else ""
+    )
     return (
         f"The sensors' noise, heard {noise.where} ({noise.seconds:.1f} s in "
         f"{counted(len(noise.stretches), 'stretch', 'stretches')}), has a standard deviation of "
@@ -189,11 +191,15 @@ def _scalars(fit: Fit, nominal: Model | None) -> Table:
         prior = "none"
         if parameter.prior is not None:
             spread = float(np.max(np.asarray(parameter.prior.sd, dtype=float)))
-            prior = f"± {number(spread, 2)}" if mean is None else f"{number(mean)} ± {number(spread, 2)}"
+            prior = f"± {number(spread, 2)}" if mean is None else with_sd(mean, spread)
             if mean is not None and not parameter.fixed and abs(value - mean) > FAR * spread > 0:
-                note.append(f"{abs(value - mean) / spread:.1f} prior sd from its prior: prior and recording disagree")
+                note.append(f"{abs(value - mean) / spread:.1f} prior sd from its prior mean")
         if parameter.scope == "run" and parameter.name in fit.per_run:
-            runs = ", ".join(number(float(v)) for v in np.ravel(fit.per_run[parameter.name]))
+            values = np.ravel(fit.per_run[parameter.name])
+            count = sum(record.runs for record in fit.data if record.role == "train")
+            if len(values) == 2 * count and np.array_equal(values[:count], values[count:]):
+                values = values[:count]  # the fit saw every run mirrored too
+            runs = ", ".join(number(float(value)) for value in values)
             note.append(f"one per training run: {runs}; the estimate is what new runs get")
         low, high = (np.clip(value + side * NORMAL_95 * sd, *parameter.bounds) for side in (-1, 1))
         rows.append(
@@ -280,4 +286,3 @@ def _strengths(fit: Fit) -> tuple[str, ...]:
         tried = f"; {counted(len(stage.tried), 'choice')} tried by cross-validation" if stage.tried else ""
         sentences.append(f"{stage.model}: {factors} ({stage.strengths_from}{tried}).")
     return tuple(sentences)
-

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -39,6 +40,11 @@ class Drawing:
     caption: str
     alt: str
 
+    @cached_property
+    def svg(self) -> bytes:
+        """The figure as SVG."""
+        return svg(self.figure)
+
 
 def drawings(fit: Fit, recordings: Sequence[Seen], heard: Noise | None) -> tuple[Drawing, ...]:
     """The figures that have a meaning for this model, in the order of the report."""
@@ -60,8 +66,8 @@ def drawings(fit: Fit, recordings: Sequence[Seen], heard: Noise | None) -> tuple
         Drawing(
             "errors",
             errors(fit, recordings),
-            "Prediction minus measurement by recording and run. Boxes hold the middle half of the samples, whiskers the "
-            "middle 95 %, bars are medians.",
+            "Prediction minus measurement by recording and run. Boxes hold the middle half of the samples, whiskers "
+            "the middle 95 %, bars are medians; protocols stand from left to right as in the legend.",
             f"Box plots of the errors of {outputs} per recording, run and protocol.",
         ),
         Drawing("spectrum", spectrum(fit, one, heard), _spectrum_words(where, heard), f"Power spectra of {outputs}."),
@@ -85,8 +91,8 @@ def drawings(fit: Fit, recordings: Sequence[Seen], heard: Noise | None) -> tuple
             Drawing(
                 "impulse_responses",
                 weights,
-                "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a band "
-                "of one standard deviation; titles give the centre of the local model. A parameter of more than "
+                "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a "
+                "band of one standard deviation; titles give the centre of the local model. A parameter of more than "
                 f"{MOST_PANELS} responses has them in one panel, without bands.",
                 "Weights of the model's finite impulse responses over age.",
             )
@@ -114,7 +120,7 @@ def write_figures(fit: Fit, train: Sequence[Recording], validate: Recording | No
 
 def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
     """Write figures as SVG files, each atomically."""
-    return [write_atomically(Path(folder) / f"{one.name}.svg", svg(one.figure).decode()) for one in made]
+    return [write_atomically(Path(folder) / f"{one.name}.svg", one.svg.decode()) for one in made]
 
 
 def _spectrum_words(where: str, heard: Noise | None) -> str:
@@ -123,5 +129,3 @@ def _spectrum_words(where: str, heard: Noise | None) -> str:
         return f"{method} No stretch lets the sensors' noise be heard alone, so it is left out."
     caveat = ", where motor and road do not shake the sensors" if heard.where == "at rest" else ""
     return f"{method} Noise is heard {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
-
-

@@ -16,7 +16,9 @@ REST_SHARE = 0.003
 """At rest: slower than this share of the top speed (the 99 % quantile of speed)."""
 MOVING_SHARE, STEADY_SHARE = 0.2, 0.05
 """Straight at constant speed: faster than the first share of the top speed, smoothed yaw rate and change of speed
-below the second share of their own 99 % quantile."""
+below the second share of their own 99 % quantile, or below what counts as none anyway."""
+NO_TURN, NO_CHANGE = 0.01, 0.02
+"""Yaw rate, rad/s, and change of speed, share of the top speed per second, that count as none."""
 SMOOTHING = 0.5
 """s over which yaw rate and speed are smoothed before the stretch is judged."""
 STRAIGHT_SECONDS, REST_SECONDS = 2.0, 1.0
@@ -75,8 +77,10 @@ def _straight(recording: Recording) -> list[tuple[int, int]]:
     for start, stop in recording.runs:
         if stop - start > 1:
             slope[start:stop] = np.abs(np.gradient(smooth[start:stop], recording.sample_time))
-    quiet = (speed > MOVING_SHARE * _top(np.abs(speed))) & (turning < STEADY_SHARE * _top(turning))
-    return _stretches(quiet & (slope < STEADY_SHARE * _top(slope)), recording, STRAIGHT_SECONDS)
+    top = _top(np.abs(speed))
+    quiet = (speed > MOVING_SHARE * top) & (turning < max(STEADY_SHARE * _top(turning), NO_TURN))
+    steady = slope < max(STEADY_SHARE * _top(slope), NO_CHANGE * top)
+    return _stretches(quiet & steady, recording, STRAIGHT_SECONDS)
 
 
 def _smooth(recording: Recording, name: str) -> Array:

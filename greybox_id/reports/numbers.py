@@ -12,10 +12,13 @@ SMALLEST, LARGEST = -3, 5
 
 
 def pretty_unit(unit: str) -> str:
-    """pint's spelling of a unit as it is printed: m/s^2 as m/s², no unit as a dash."""
-    if unit in ("", "1"):
-        return "–"
-    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), unit)
+    """A unit in pint's spelling as it is printed: m/s^2 as m/s², no unit as a dash."""
+    return "–" if unit in ("", "1") else raised(unit)
+
+
+def raised(text: str) -> str:
+    """Whole powers as they are printed: r^2 as r²."""
+    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), text)
 
 
 def quantity(value: float, unit: str) -> str:

@@ -15,7 +15,6 @@ from ..model import Model
 from ..recording import Recording
 from .content import Content, content
 from .drawings import Drawing, drawings
-from .figures.style import svg
 from .noise import noise
 from .recordings import seen
 
@@ -61,8 +60,10 @@ def render(said: Content, made: Sequence[Drawing]) -> bytes:
         (folder / TEMPLATE).write_text(template, encoding="utf-8")
         (folder / "content.json").write_text(json.dumps(words, ensure_ascii=False), encoding="utf-8")
         for one in made:
-            (folder / f"{one.name}.svg").write_bytes(svg(one.figure))
+            (folder / f"{one.name}.svg").write_bytes(one.svg)
         # The machine's own fonts are left aside: the same report everywhere.
-        pdf = typst.compile(str(folder / TEMPLATE), root=str(folder), format="pdf", ignore_system_fonts=True, timestamp=0)
+        pdf = typst.compile(
+            str(folder / TEMPLATE), root=str(folder), format="pdf", ignore_system_fonts=True, timestamp=0
+        )
     assert isinstance(pdf, bytes)
     return pdf

@@ -93,7 +93,9 @@ def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:
             f"The fit saw {_named(record)} to {record.role}, and none of the recordings given ({given}) is that file. "
             "Name the file the fit was made with, or fit again."
         )
-    alike = [r for r in same if (len(r), len(r.runs), r.source.columns) == (record.samples, record.runs, record.columns)]
+    alike = [
+        r for r in same if (len(r), len(r.runs), r.source.columns) == (record.samples, record.runs, record.columns)
+    ]
     if not alike:
         other = same[0]
         raise BadInput(

@@ -102,7 +102,8 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str
         for name, measure in measures.items()
     ]
     text = (
-        f"One sample ahead on measured inputs, its error is {listed(held)} times that of holding the last measured value"
+        "One sample ahead on measured inputs, the ratio of its error to that of holding the last measured value is "
+        f"{listed(held)} (below 1 the model is better)"
     )
     if role == "train":
         return f"{text}; how the error grows on a recording it has not seen is not known."
@@ -112,11 +113,11 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str
         f"{_factor(error['rmse'], fit.metrics['train'][protocol][name]['rmse'])} in {signal_words(name)}"
         for name, error in fit.metrics[role][protocol].items()
     ]
-    return f"{text}; {own}, its error is {listed(grown)} times that on the training data."
+    return f"{text}; {own}, the ratio of its error to that on the training data is {listed(grown)}."
 
 
 def _factor(value: float, reference: float) -> str:
-    return number(value / reference, 3) if reference > 0 else "infinitely many"
+    return number(value / reference, 3) if reference > 0 else "infinite"
 
 
 def _how_chosen(fit: Fit) -> str:
@@ -144,4 +145,4 @@ def _ipopt_words(stage: Stage) -> str:
     if verdict.confirmed:
         return "Ipopt confirmed the optimum on the same problem"
     better = f"finding {percent(gained)} less in the objective" if gained > 0 else "finding nothing better"
-    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}” {better}"
+    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}”, {better}"

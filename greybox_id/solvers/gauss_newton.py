@@ -35,7 +35,9 @@ class Status(Enum):
     STOPPED = "stopped by the caller before convergence"
     INTERRUPTED = "interrupted; the best point so far is kept"
     STEP_LIMIT = "step limit reached before convergence"
-    SLOW = "progress became negligible before convergence; further steps would change the fit by far less than its error"
+    SLOW = (
+        "progress became negligible before convergence; further steps would change the fit by far less than its error"
+    )
     STALLED = "no step improved the fit further, though the gradient is not zero"
     NOT_FINITE = "the model is not finite at the starting point"
 
@@ -171,10 +173,12 @@ def _step(problem: Problem, x: Array, equations: NormalEquations, damping: float
     scale = np.diag(equations.H).copy()
     scale[scale <= 0] = 1.0
     H = equations.H + np.diag((damping + 1e-12) * scale)
+    unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
     while np.any(movable):
         fixed = ~movable
         force = equations.g[movable] + H[np.ix_(movable, fixed)] @ step[fixed]
-        step[movable] = la.solve(H[np.ix_(movable, movable)], -force, assume_a="pos")
+        by = unit[movable]
+        step[movable] = by * la.solve(H[np.ix_(movable, movable)] * np.outer(by, by), -by * force, assume_a="pos")
         outside = movable & ((x + step < low) | (x + step > high))
         if not np.any(outside):
             break

@@ -27,6 +27,10 @@ SAME = 1e-6
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
 
 
+UNLIMITED = 1e10
+"""Ipopt takes no infinite values: an effect that stands at its infinite null (no limit at all) is pinned here."""
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What Ipopt said.
@@ -87,11 +91,13 @@ def ipopt(
             **{f"ipopt.warm_start_{kind}_frac": 1e-9 for kind in ("bound", "slack_bound")},
         }
     solver = cs.nlpsol("ipopt", "ipopt", program.nlp, options)
-    low, high = _bounds(problem, x, program.size)
-    start = program.start(x, warm)
+    limited = np.clip(x, -UNLIMITED, UNLIMITED)
+    low, high = _bounds(problem, limited, program.size)
+    start = program.start(limited, warm)
     found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
     unknowns = np.clip(np.asarray(found["x"].full()).ravel()[: len(x)], *problem.bounds)
+    unknowns[np.isinf(x)] = x[np.isinf(x)]
     matched = problem.simulated_nodes(unknowns)
     objective = problem.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
@@ -277,10 +283,10 @@ class _ConstraintJacobian(cs.Callback):  # type: ignore[misc]
 
 
 def _bounds(problem: Problem, x: Array, size: int) -> tuple[Array, Array]:
-    """Bounds of all variables; held parameters are pinned where they stand."""
+    """Bounds of all variables; parameters that are held, or that mean no limit at all, are pinned where they stand."""
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
     low[: len(x)], high[: len(x)] = problem.bounds
-    held = np.flatnonzero(~problem.free)
+    held = np.flatnonzero(~problem.free | (np.abs(x) >= UNLIMITED))
     low[held] = high[held] = x[held]
     return low, high
 

@@ -1,5 +1,7 @@
 """Models laid over runs: windows, joins, missing values, causality, derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -116,7 +118,16 @@ def variants(name):
             "steering_rate_limit", "rad/s", 1.7, (0.1, 10.0)))  # fmt: skip
 
 
-CASES = [pytest.param(model, id=f"{name}, {word}") for name in TINY for word, model in variants(name)]
+def sharing():
+    """A parameter that weighs several samples, one that weighs two windows, and weights laid out backwards."""
+    return replace(linear_toy(3), equations=lambda u, p, past: {
+        "yaw_rate": past(u.steer, [p.F[2], p.F[0] ** 2, p.F[2]]) * past(u.steer**2, p.F[::-1]) + past(u.steer, [p.F[0]])
+    })  # fmt: skip
+
+
+CASES = [pytest.param(model, id=f"{name}, {word}") for name in TINY for word, model in variants(name)] + [
+    pytest.param(sharing(), id="shared weights")
+]
 
 
 @pytest.mark.parametrize("nodes", ["recorded", "simulated"])

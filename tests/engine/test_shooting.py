@@ -78,7 +78,9 @@ def test_the_gradient_of_the_normal_equations_is_that_of_the_objective(case):
     rng = np.random.default_rng(0)
     for _ in range(3):
         direction = np.where(problem.free, rng.standard_normal(len(x)) * (np.abs(x) + 0.01), 0.0)
-        up, down = (problem.objective(x + h * direction, problem.simulated_nodes(x + h * direction)) for h in (1e-6, -1e-6))
+        up, down = (
+            problem.objective(x + h * direction, problem.simulated_nodes(x + h * direction)) for h in (1e-6, -1e-6)
+        )
         scale = np.linalg.norm(g * direction)
         assert (up - down) / 2e-6 == pytest.approx(g @ direction, abs=1e-4 * scale)
 

@@ -27,7 +27,12 @@ def written_out(model, chosen, recording):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     "hyper",
-    [{}, {"one_inertia": False}, {"n_v": 1, "n_y": 1, "eta": 3, "gamma": 0}, {"n_v": 3, "n_y": 2, "eta": 2, "gamma": 5}],
+    [
+        {},
+        {"one_inertia": False},
+        {"n_v": 1, "n_y": 1, "eta": 3, "gamma": 0},
+        {"n_v": 3, "n_y": 2, "eta": 2, "gamma": 5},
+    ],
 )
 def test_predictions_are_those_of_the_paper_written_out(hyper, seed):
     chosen = covering_long(LongitudinalSettings(**hyper), drive(60, seed + 10))

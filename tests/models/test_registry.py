@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toys import TINY, drive, tiny
 
-from greybox_id.errors import GreyboxError, BadInput
+from greybox_id.errors import BadInput, GreyboxError
 from greybox_id.metrics import predictions
 from greybox_id.models.registry import MODELS, build, prepared
 

@@ -26,7 +26,7 @@ def errors(fit: Fit, recordings: Sequence[Seen]) -> Figure:
     groups = _groups(recordings)
     protocols: list[Protocol] = [p for p in PROTOCOL_LINES if p in recordings[0].predicted]  # type: ignore[misc]
     with look():
-        figure = canvas(1.9 * len(fit.model.outputs) + 0.5)
+        figure = canvas(1.75 * len(fit.model.outputs) + 0.55)
         panels = figure.subplots(len(fit.model.outputs), 1, sharex=True, squeeze=False)[:, 0]
         for k, (name, axes) in enumerate(zip(fit.model.outputs, panels, strict=True)):
             axes.axhline(0.0, color=INK, linewidth=0.6)

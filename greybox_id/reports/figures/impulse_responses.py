@@ -88,7 +88,7 @@ def _title(parameter: Parameter, index: tuple[int, ...]) -> str:
             f"{symbol(name)} = {quantity(centres[k], SIGNALS[name].unit)}"
             for (name, centres), k in zip(parameter.axes, index, strict=True)
         )
-    return f"{symbol(parameter.name)}[{', '.join(str(k + 1) for k in index)}]" if index else symbol(parameter.name)
+    return f"{symbol(parameter.name)}[{', '.join(str(k + 1) for k in index)}]" if index else ""
 
 
 def _indices(parameter: Parameter) -> list[tuple[int, ...]]:
@@ -97,4 +97,3 @@ def _indices(parameter: Parameter) -> list[tuple[int, ...]]:
 
 def _few(parameter: Parameter) -> bool:
     return parameter.size // parameter.shape[-1] <= MOST_PANELS
-

@@ -29,7 +29,7 @@ def spectrum(fit: Fit, one: Seen, noise: Noise | None) -> Figure:
     rate = 1.0 / one.recording.sample_time
     outputs = fit.model.outputs
     with look():
-        figure = canvas(2.9)
+        figure = canvas(2.8)
         panels = figure.subplots(1, len(outputs), squeeze=False)[0]
         for k, (name, axes) in enumerate(zip(outputs, panels, strict=True)):
             measured = [part.measured[:, k] for _, part in run_rows(one, "honest")]
@@ -44,7 +44,7 @@ def spectrum(fit: Fit, one: Seen, noise: Noise | None) -> Figure:
             for line, words, parts in curves:
                 frequency, density = psd(parts, rate)
                 axes.loglog(frequency[1:], density[1:], label=words, **line.shape())
-            lowest = min(float(np.median(curve.get_ydata())) for curve in axes.lines)  # type: ignore[arg-type]
+            lowest = min(float(np.median(curve.get_ydata())) for curve in axes.lines)
             axes.set_ylim(bottom=lowest * BELOW)
             unit = pretty_unit(one.recording.unit(name))
             axes.set_ylabel(f"PSD of {symbol(name)} [({unit})²/Hz]")
@@ -66,6 +66,6 @@ def psd(parts: Sequence[Array], rate: float) -> tuple[Array, Array]:
     for part in parts:
         if len(part) >= length:
             segments = (len(part) - length // 2) // (length - length // 2)
-            frequency, density = welch(part, rate, "hamming", length, length // 2, detrend="linear")
+            frequency, density = welch(part, rate, "hamming", length, length // 2, detrend="constant")
             total, weight = total + segments * density, weight + segments
     return frequency, np.maximum(total / weight, np.finfo(float).tiny)

@@ -45,7 +45,7 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
     v_x, steer, yaw_rate = v_x[moving], steer[moving], yaw_rate[moving]
     trace = Trace(fit.model)
     with look():
-        figure = canvas(3.3)
+        figure = canvas(3.0)
         axes = figure.subplots()
         if len(v_x):
             rho = yaw_rate / v_x
@@ -55,8 +55,13 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
             )  # fmt: skip
             bar = figure.colorbar(cells, ax=axes, pad=0.02)
             bar.set_label("measured samples per cell [1]")
-            bar.outline.set_visible(False)  # type: ignore[operator]
-            speeds = sorted({round(float(speed), 1) for speed in np.linspace(*np.quantile(v_x, QUANTILES), 3)})
+            bar.outline.set_visible(False)
+            speeds = sorted(
+                {
+                    round(float(speed), 1)
+                    for speed in np.linspace(np.quantile(v_x, QUANTILES[0]), np.quantile(v_x, QUANTILES[1]), 3)
+                }
+            )
             angles = np.linspace(float(steer.min()), float(steer.max()), 161)
         else:
             speeds, angles = [1.0], np.linspace(-0.3, 0.3, 161)
@@ -91,7 +96,7 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
     model, p = trace.model, trace.model.values
     u = np.zeros((len(steer), len(model.inputs)))
     for k, name in enumerate(model.inputs):
-        u[:, k] = {"steer": steer, "v_x": v_x}.get(name, model.defaults.get(name, 0.0))
+        u[:, k] = steer if name == "steer" else v_x if name == "v_x" else model.defaults.get(name, 0.0)
     gains = trace.weights(p).reshape(len(trace.tap_signal), trace.memory).sum(axis=1)
     following = [(k, model.inputs.index(name)) for k, name in enumerate(trace.fed_back) if name != "a_x"]
     for _ in range(ROUNDS if following else 1):
@@ -104,4 +109,4 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
     return rates
 
 
-_GREYS = LinearSegmentedColormap.from_list("density", ["#ececec", "#8c8c8c"])
+_GREYS = LinearSegmentedColormap.from_list("density", ["#f0f0f0", "#a8a8a8"])

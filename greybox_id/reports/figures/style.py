@@ -12,10 +12,10 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from ...recording import Recording
@@ -46,7 +46,7 @@ class Line:
     width: float
     words: str
 
-    def shape(self) -> dict[str, object]:
+    def shape(self) -> dict[str, Any]:
         """Keyword arguments of a plot."""
         return {"color": self.colour, "linestyle": self.style, "linewidth": self.width}
 
@@ -60,10 +60,10 @@ PROTOCOL_LINES = {
 }
 """By protocol of `greybox_id.metrics`."""
 
-LEVELS = (("#56b4e9", "-"), ("#0072b2", "--"), ("#1a1a3d", "-."))
+LEVELS = (("#3f9fd6", "-"), ("#0072b2", "--"), ("#1a1a3d", "-."))
 """Colour and line style of an ordered quantity, low to high."""
 
-_LOOK = {
+_LOOK: dict[Any, Any] = {
     "font.family": ["STIXGeneral"],
     "mathtext.fontset": "stix",
     "font.size": 9.0,
@@ -120,7 +120,7 @@ def svg(figure: Figure) -> bytes:
     """A figure as SVG; the same figure always gives the same bytes."""
     buffer = io.BytesIO()
     with look():
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
 

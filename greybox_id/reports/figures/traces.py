@@ -19,7 +19,7 @@ def traces(fit: Fit, one: Seen) -> Figure:
     start, stop = typical_stretch(one)
     outputs = fit.model.outputs
     with look():
-        figure = canvas(2.5 * len(outputs) + 0.5)
+        figure = canvas(2.1 * len(outputs) + 0.5)
         panels = figure.subplots(2 * len(outputs), 1, sharex=True, height_ratios=[2.4, 1.2] * len(outputs))
         time = one.recording.time[start:stop]
         for k, name in enumerate(outputs):
@@ -34,7 +34,7 @@ def traces(fit: Fit, one: Seen) -> Figure:
                 at, shown = one.recording.time[prediction.rows[inside]], prediction.predicted[inside, k]
                 above.plot(at, shown, label=line.words, **line.shape())
                 below.plot(at, shown - prediction.measured[inside, k], **line.shape())
-            reach = 1.15 * max(np.max(np.abs(line.get_ydata())) for line in below.lines)  # type: ignore[type-var]
+            reach = 1.15 * max(np.max(np.abs(line.get_ydata())) for line in below.lines)
             below.set_ylim(-reach, reach)
             above.set_ylabel(signal_label(one.recording, name))
             below.set_ylabel(label("error", one.recording.unit(name)))

@@ -1,0 +1,96 @@
+"""`greybox report`: figures and a PDF of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from ..datasets.read import read
+from ..errors import BadInput
+from ..fit import DataRecord, Fit, load
+from ..models.registry import build
+from ..recording import Recording
+from .options import json_option
+from .output import console, print_json
+
+
+@click.command(name="report")
+@click.argument("fit_file", metavar="FIT", type=click.Path())
+@click.option("--train", multiple=True, metavar="FILE", help="Training recording, where it has moved; repeatable.")
+@click.option("--validate", metavar="FILE", help="Validation recording, where it has moved.")
+@click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
+@click.option("--out", metavar="FILE", help="PDF to write; beside FIT unless given.")
+@click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
+@json_option
+def report(
+    fit_file: str,
+    train: Sequence[str],
+    validate: str | None,
+    columns: str | None,
+    out: str | None,
+    figures: str | None,
+    as_json: bool,
+) -> None:
+    """Write a PDF report of FIT, a file made by greybox fit.
+
+    The recordings are read from where the fit found them, and must be the same files: their hashes are compared.
+    """
+    # The reports load the plotting library: commands that draw nothing, and --help, do without.
+    from ..reports.content import content
+    from ..reports.drawings import drawings, write_drawings
+    from ..reports.noise import noise
+    from ..reports.pdf import write_pdf
+    from ..reports.recordings import seen
+
+    path = Path(fit_file)
+    fit = load(path, build)
+    found = seen(fit, recordings_of(fit, path, train, validate, columns))
+    heard = noise([one.recording for one in found])
+    nominal = build(
+        fit.model.name, fit.model.settings, {name: float(fit.model[name].array) for name in fit.model.effects}
+    )
+    said, made = content(fit, found, heard, nominal), drawings(fit, found, heard)
+    target = write_pdf(said, made, out or path.with_suffix(".pdf"))
+    written = write_drawings(made, figures) if figures else []
+    if as_json:
+        print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": list(said.verdict)})
+        return
+    for sentence in said.verdict:
+        console().print(sentence)
+    for file in (target, *written):
+        console().print(f"written  {file}")
+
+
+def recordings_of(
+    fit: Fit, fit_file: Path, train: Sequence[str] = (), validate: str | None = None, columns: str | None = None
+) -> list[Recording]:
+    """The recordings of a fit, from where it found them or from where they have moved."""
+    moved = {"train": list(train), "validate": [validate] if validate else []}
+    for role, files in moved.items():
+        count = sum(record.role == role for record in fit.data)
+        if files and len(files) != count:
+            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but --{role} names {len(files)}.")
+    found = []
+    for record in fit.data:
+        files = moved.get(record.role, [])
+        file = Path(files.pop(0)) if files else _where(record, fit_file)
+        found.append(read(file, columns or record.columns or "canonical"))
+    return found
+
+
+def _where(record: DataRecord, fit_file: Path) -> Path:
+    """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder."""
+    if not record.path:
+        raise BadInput(
+            f"{fit_file} was fitted to a recording made in memory ({record.name}), which no file holds; make its "
+            "report from Python with greybox_id.reports.pdf.report."
+        )
+    for place in (Path(record.path), fit_file.parent / record.path, fit_file.parent / Path(record.path).name):
+        if place.is_file():
+            return place
+    raise BadInput(
+        f"{record.path}, which {fit_file} was fitted with, is no longer there. Name the file's new place with "
+        f"--{record.role}."
+    )

@@ -1,0 +1,90 @@
+"""What a report says is true whatever the numbers are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from greybox_id.fit import Certificate
+from greybox_id.parameter import Parameter, Prior
+from greybox_id.reports.content import content
+from greybox_id.reports.numbers import interval, number, percent, pretty_unit, with_sd
+from greybox_id.reports.verdict import verdict, yardsticks
+
+
+@pytest.fixture
+def sentences(found):
+    return lambda fit: verdict(fit, found, yardsticks(fit, found))
+
+
+def certified(fit, **changes):
+    word = Certificate("Maximum Iterations Exceeded", False, 8, 100.0, 99.0, 1.0, 0.0, 2.0)
+    return replace(fit, stages=(*fit.stages[:-1], replace(fit.stages[-1], certificate=replace(word, **changes))))
+
+
+def test_the_verdict_is_three_sentences(small_fit, sentences):
+    assert len(sentences(small_fit)) == 3
+    assert all(sentence.endswith(".") for sentence in sentences(small_fit))
+
+
+def test_ipopt_s_word_is_passed_on_as_it_was(small_fit, sentences):
+    assert "Ipopt was not asked" in sentences(small_fit)[2]
+    assert "did not confirm" in sentences(certified(small_fit))[2]
+    assert "1.0 % less in the objective" in sentences(certified(small_fit))[2]
+    confirmed = sentences(certified(small_fit, status="Solve Succeeded", confirmed=True, objective_after=100.0))[2]
+    assert "Ipopt confirmed" in confirmed
+
+
+def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sentences):
+    assert "has not seen" in sentences(small_fit)[0]
+    stopped = sentences(replace(small_fit, mode="early stopping"))
+    assert "has not seen" not in stopped[0]
+    assert "chose when to stop" in stopped[0]
+
+
+def test_a_fit_without_validation_says_so(small_fit, found):
+    alone = replace(small_fit, metrics={"train": small_fit.metrics["train"]}, data=small_fit.data[:1])
+    words = verdict(alone, found[:1], yardsticks(alone, found[:1]))
+    assert "no recording was held back" in words[0]
+    assert "not known" in words[1]
+    assert len(content(alone, found[:1], None).errors.head) == 4
+
+
+def test_a_model_worse_than_the_mean_is_called_so(small_fit, sentences):
+    worse = {"yaw_rate": {"rmse": 2.0, "rmse_sd": 0.1, "fvu": 1.4, "samples": 10}}
+    metrics = {**small_fit.metrics, "validate": {"honest": worse, "published": worse}}
+    assert "no better than the signal's mean" in sentences(replace(small_fit, metrics=metrics))[0]
+
+
+def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit, found):
+    m = Parameter("m", "kg", 0.6, (0.5, 10.0), Prior(0.1), about="vehicle mass")
+    g = Parameter("g", "m/s^2", 9.81, fixed=True)
+    before = small_fit.model.with_parameters(m.with_value(3.5), g)
+    one = replace(small_fit, model=small_fit.model.with_parameters(m, g), sd={**small_fit.sd, "m": np.array(0.09)})
+    said = content(one, found, None, before)
+    mass, gravity = said.parameters.rows
+    assert mass[2:6] == ("0.600 ± 0.090", "[0.500, 0.776]", "kg", "3.50 ± 0.10")
+    assert "29.0 prior sd from its prior mean" in mass[6]
+    assert gravity[3:6] == ("–", "m/s²", "held")
+    assert content(one, found, None).parameters.rows[0][5] == "± 0.10"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (with_sd(0.0955, 0.0072), "0.0955 ± 0.0072"),
+        (with_sd(1.8e-5, 2.0e-5), "(1.8 ± 2.0)·10⁻⁵"),
+        (with_sd(1234.5, 250.0), "1234 ± 250"),
+        (with_sd(-0.00001, 0.1), "0.00 ± 0.10"),
+        (with_sd(3.0, 0.0), "3.00"),
+        (interval(0.5, 0.776, 0.09), "[0.500, 0.776]"),
+        (number(float("nan")), "–"),
+        (number(-0.25), "−0.250"),
+        (percent(0.0216), "2.2 %"),
+        (percent(1.4), "140 %"),
+        (pretty_unit("N s^2/m^2"), "N s²/m²"),
+        (pretty_unit("1"), "–"),
+    ],
+)
+def test_numbers_show_the_digits_their_uncertainty_allows(words, expected):
+    assert words == expected

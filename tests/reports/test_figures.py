@@ -1,0 +1,135 @@
+"""Figures: labelled with units, the same every time, and drawn only where the model gives them a meaning."""
+
+import re
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from greybox_id.engine.series import runs
+from greybox_id.engine.trace import Trace
+from greybox_id.model import Model
+from greybox_id.models.msnn_full import msnn_full
+from greybox_id.models.msnn_lat import msnn_lat
+from greybox_id.models.msnn_long import msnn_long
+from greybox_id.recording import Recording
+from greybox_id.reports.drawings import drawings, write_figures
+from greybox_id.reports.figures.impulse_responses import responses
+from greybox_id.reports.figures.spectrum import psd
+from greybox_id.reports.figures.steering import has_steering, steady_yaw_rate
+from greybox_id.reports.figures.style import svg
+from greybox_id.reports.figures.traces import traces, typical_stretch
+from greybox_id.reports.noise import noise
+
+UNIT = re.compile(r"\[.+\]")
+
+
+def test_there_is_every_figure_that_the_model_gives_a_meaning(made):
+    assert [one.name for one in made] == ["traces", "errors", "spectrum", "steering", "impulse_responses"]
+    assert not has_steering(msnn_long())
+
+
+def test_every_axis_is_labelled_with_a_unit(made):
+    for one in made:
+        for axes in one.figure.axes:
+            assert UNIT.search(axes.get_ylabel()), f"{one.name}: {axes.get_ylabel()!r}"
+            if axes.get_subplotspec() is not None and axes.get_subplotspec().is_last_row():
+                assert UNIT.search(axes.get_xlabel()), f"{one.name}: {axes.get_xlabel()!r}"
+
+
+def test_no_label_is_cut_off(made):
+    for one in made:
+        assert one.svg  # drawn, so that its layout is settled
+        tight, (width, height) = one.figure.get_tightbbox(), one.figure.get_size_inches()
+        assert min(tight.x0, tight.y0) >= -0.02
+        assert tight.x1 <= width + 0.02
+        assert tight.y1 <= height + 0.02
+
+
+def test_files_hold_outlines_for_letters_and_are_the_same_every_time(made, small_fit, train, validate, tmp_path):
+    files = write_figures(small_fit, [train], validate, tmp_path / "new")
+    assert [file.name for file in files] == [f"{one.name}.svg" for one in made]
+    for one, file in zip(made, files, strict=True):
+        assert file.read_bytes() == one.svg
+        assert b"<text" not in one.svg
+        assert b"<dc:date>" not in one.svg
+    assert sorted((tmp_path / "new").iterdir()) == sorted(files)
+
+
+def test_the_user_s_own_plotting_settings_are_left_alone(small_fit, found):
+    before = dict(mpl.rcParams)
+    assert svg(traces(small_fit, found[1]))
+    assert dict(mpl.rcParams) == before
+
+
+def test_impulse_responses_are_found_by_their_use_not_their_name():
+    assert [p.name for p in responses(msnn_lat())] == ["F"]
+    assert [p.name for p in responses(msnn_full())] == ["F", "G_1t", "G_1b", "F_y"]
+
+
+def test_the_steering_characteristic_is_what_a_long_constant_drive_ends_in(small_fit):
+    steer, v_x = np.array([-0.2, 0.0, 0.15]), 2.0
+    trace = Trace(small_fit.model)
+    rows = trace.memory + 1
+    ends = []
+    for angle in steer:
+        held = {"v_x": v_x, "steer": angle, "a_x": 0.0, "yaw_rate": 0.0}
+        drive = Recording("held", 0.05 * np.arange(rows), {n: np.full(rows, v) for n, v in held.items()})
+        ends.append(runs(trace, drive)[0].predict(small_fit.model.values)[-1, 0])
+    np.testing.assert_allclose(steady_yaw_rate(trace, steer, v_x), ends, rtol=1e-12)
+
+
+def test_inputs_that_follow_from_outputs_settle_in_the_steady_state():
+    def equations(u, p, past):
+        del p
+        return {"yaw_rate": 2.0 * u.v_x * u.steer - 0.1 * past(u.a_y, [0.5, 0.5])}
+
+    model = Model(
+        "leaning", "", ("v_x", "steer", "a_y"), ("yaw_rate",), (), equations, 0.05,
+        feedback=lambda y, u: {"a_y": y.yaw_rate * u.v_x},
+    )  # fmt: skip
+    rate = steady_yaw_rate(Trace(model), np.array([0.1]), 3.0)
+    assert rate[0] == pytest.approx(2.0 * 3.0 * 0.1 / (1 + 0.1 * 3.0))
+
+
+def test_the_spectrum_of_white_noise_holds_its_variance():
+    parts = [np.random.default_rng(k).standard_normal(n) * 0.3 for k, n in enumerate((700, 400, 40))]
+    frequency, density = psd(parts, 20.0)
+    assert np.sum(density) * frequency[1] == pytest.approx(0.09, rel=0.1)
+
+
+def test_no_stretch_is_more_typical_than_the_one_shown(found):
+    one = found[1]
+    start, stop = typical_stretch(one)
+    assert any(a <= start and stop <= b for a, b in one.recording.runs)
+    scored = one.predicted[one.main]
+    squares = ((scored.predicted - scored.measured) ** 2).mean(axis=1)
+
+    def distance(first):
+        inside = (scored.rows >= first) & (scored.rows < first + stop - start)
+        return abs(np.log(squares[inside].mean() / squares.mean()))
+
+    others = [a for low, high in one.recording.runs for a in range(low + 6, high - (stop - start) + 1, 7)]
+    assert distance(start) <= min(map(distance, others)) + 1e-12
+
+
+def test_noise_is_heard_driving_straight_where_that_lasts_and_else_at_rest(simple):
+    random = np.random.default_rng(0)
+    time = np.arange(0, 60, 0.05)
+    weave = np.where((time > 20) & (time < 40), 0.0, np.sin(time))
+    straight = simple(v_x=np.full(len(time), 2.0), yaw_rate=weave + 0.001 * random.standard_normal(len(time)))
+    heard = noise([straight])
+    assert heard.where == "straight at constant speed"
+    assert heard.sd("yaw_rate") == pytest.approx(0.001, rel=0.15)
+
+    stops = simple(v_x=2.0 * (time > 10) * (1 + 0.3 * np.sin(time)), yaw_rate=np.sin(time) * (time > 10))
+    assert noise([stops]).where == "at rest"
+    assert noise([simple(v_x=2.0 + np.sin(time), yaw_rate=np.sin(2 * time))]) is None
+
+
+def test_a_fit_without_spread_in_its_recordings_is_drawn_all_the_same(small_fit, found):
+    """A validation recording that stands still: no curvature can be measured, and no error is large."""
+    held = replace(found[0], recording=found[0].recording.with_signals(v_x=np.zeros(len(found[0].recording))))
+    for one in drawings(small_fit, [held], None):
+        assert one.svg.startswith(b"<?xml")

@@ -1,0 +1,81 @@
+"""Blocked cross-validation: what is held out, what is left, what is chosen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toys import DT, drive, joined, linear_toy, obeying_toy
+
+from greybox_id.crossvalidation import blocks, choose_strengths
+from greybox_id.engine.shooting import Problem
+from greybox_id.engine.trace import Trace
+from greybox_id.errors import GreyboxError
+from greybox_id.fitting import How, fit
+from greybox_id.parameter import Prior
+
+many = given(
+    st.lists(st.integers(12, 150), min_size=1, max_size=4), st.integers(2, 8), st.integers(1, 6), st.booleans()
+)
+
+
+def problem_of(lengths, memory, symmetric):
+    return Problem(Trace(linear_toy(memory, symmetric=symmetric)), [joined(*lengths)], noise=np.array([0.1]))
+
+
+@many
+@settings(max_examples=40, deadline=None)
+def test_every_predicted_row_is_held_out_exactly_once(lengths, folds, memory, symmetric):
+    problem = problem_of([*lengths, 12 * 6 * memory], memory, symmetric)
+    times = sum(np.concatenate(held[: problem.copies]) for _, held in blocks(problem, folds))
+    predicted = np.concatenate([np.arange(len(run)) >= run.first for run in problem.runs[: problem.copies]])
+    assert np.all(times[predicted] == 1)
+
+
+@many
+@settings(max_examples=40, deadline=None)
+def test_no_row_that_is_kept_shares_a_sample_with_one_held_out(lengths, folds, memory, symmetric):
+    problem = problem_of(lengths, memory, symmetric)
+    for kept, held in blocks(problem, folds):
+        for k in range(len(problem.runs)):
+            for row in np.flatnonzero(held[k % problem.copies]):
+                near = kept[k][max(0, row - memory) : row + memory + 1]
+                assert not np.any(near)
+
+
+@many
+@settings(max_examples=40, deadline=None)
+def test_the_mirror_image_of_a_held_out_stretch_is_left_out_too(lengths, folds, memory, symmetric):
+    problem = problem_of(lengths, memory, symmetric)
+    for kept, _ in blocks(problem, folds):
+        for k in range(problem.copies, len(problem.runs)):
+            assert np.array_equal(kept[k], kept[k - problem.copies])
+
+
+def test_noise_asks_for_a_stronger_prior_than_signal():
+    F = np.array([0.1, 0.5, 1.0])
+    prior = Prior(0.05, mean=0.0, strength="s")
+    chosen = []
+    for noise in (0.01, 5.0):
+        trace = Trace(linear_toy(3, prior))
+        recording = obeying_toy(F, 400, noise=noise)
+        chosen.append(choose_strengths(trace, [recording], np.array([noise]), np.zeros(3)).strengths["s"])
+    assert chosen[0] < chosen[1]
+
+
+def test_every_strength_tried_is_on_record_with_its_error():
+    model = linear_toy(3, Prior(1.0, strength="s"))
+    choice = choose_strengths(Trace(model), [obeying_toy(np.ones(3), noise=0.1)], np.array([0.1]), np.zeros(3))
+    assert len(choice.tried) >= 4
+    assert choice.error == dict((s["s"], e) for s, e in choice.tried)[choice.strengths["s"]]
+    assert choice.error == pytest.approx(1.0, rel=0.2)  # of the noise
+
+
+@pytest.mark.parametrize("rows", [5, 8, 12, 20, 40])
+def test_a_recording_too_short_to_hold_anything_out_is_fitted_or_refused_in_a_sentence(rows):
+    model = replace(linear_toy(4, Prior(1.0, strength="s")), sample_time=DT)
+    try:
+        assert np.isfinite(fit(model, [drive(rows)], how=How(solver="gauss-newton")).stages[0].history[-1])
+    except GreyboxError:
+        pass

@@ -1,0 +1,97 @@
+"""Errors under every protocol, against examples written out."""
+
+import numpy as np
+import pytest
+from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny, without
+
+from greybox_id.metrics import Prediction, as_dict, errors, predictions, score
+
+
+def as_prediction(residual, measured=None):
+    measured = np.linspace(-1, 1, len(residual)) if measured is None else measured
+    rows = np.arange(len(residual))
+    return Prediction(rows, (measured + residual)[:, None], measured[:, None], np.zeros(len(rows)))
+
+
+def test_published_is_the_mean_of_batches_of_100_and_drops_the_last():
+    residual = np.concatenate([np.full(100, 1.0), np.full(100, 3.0), np.full(50, 1000.0)])
+    found = errors(linear_toy(), as_prediction(residual), "published")["yaw_rate"]
+    assert found.rmse == pytest.approx((1.0 + 3.0) / 2)
+    assert found.samples == 250
+
+
+def test_honest_pools_all_samples():
+    residual = np.concatenate([np.full(100, 1.0), np.full(100, 3.0), np.full(50, 5.0)])
+    found = errors(linear_toy(), as_prediction(residual), "honest")["yaw_rate"]
+    assert found.rmse == pytest.approx(np.sqrt((100 * 1 + 100 * 9 + 50 * 25) / 250))
+
+
+def test_fvu_is_the_variance_of_the_error_over_that_of_the_measurement():
+    rng = np.random.default_rng(0)
+    measured, residual = 2 * rng.standard_normal(500), 0.5 + rng.standard_normal(500)
+    for protocol in ("honest", "published"):
+        found = errors(linear_toy(), as_prediction(residual, measured), protocol)["yaw_rate"]
+        assert found.fvu == pytest.approx(np.var(residual) / np.var(measured))
+
+
+def test_a_perfect_prediction_has_no_error():
+    found = errors(linear_toy(), as_prediction(np.zeros(150)), "honest")["yaw_rate"]
+    assert (found.rmse, found.rmse_sd, found.fvu) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_the_standard_error_of_the_rmse_is_its_scatter_over_recordings(rho):
+    rng, values, stated = np.random.default_rng(1), [], []
+    for _ in range(200):
+        residual = ar1(rng, 1000, rho)
+        found = errors(linear_toy(), as_prediction(residual), "honest")["yaw_rate"]
+        values.append(found.rmse)
+        stated.append(found.rmse_sd)
+    assert np.mean(stated) == pytest.approx(np.std(values), rel=0.2)
+
+
+def ar1(rng, samples, rho):
+    noise = rng.standard_normal(samples + 50)
+    for k in range(1, len(noise)):
+        noise[k] += rho * noise[k - 1]
+    return noise[50:]
+
+
+def test_predictions_name_their_rows_and_runs():
+    found = predictions(tiny("msnn_lat"), joined(20, 30))
+    assert found.rows.tolist() == [*range(5, 20), *range(25, 50)]
+    assert found.run.tolist() == [0] * 15 + [1] * 25
+    assert np.array_equal(found.measured[:, 0], joined(20, 30)["yaw_rate"][found.rows])
+
+
+def test_published_windows_run_across_joins_and_honest_ones_do_not():
+    recording = joined(20, 30)
+    found = predictions(tiny("msnn_lat"), recording, "published")
+    assert found.rows.tolist() == list(range(5, 50))
+    assert score(tiny("msnn_lat"), recording)["honest"]["yaw_rate"].samples == 40
+
+
+def test_only_a_model_with_a_loop_is_scored_in_closed_loop():
+    assert set(score(tiny("msnn_lat"), drive())) == {"honest", "published"}
+    assert set(score(tiny("msnn_full"), drive())) == {"honest", "published", "closed_loop"}
+
+
+def test_closed_loop_and_open_loop_differ():
+    model = scattered(tiny("msnn_full"))
+    assert not np.allclose(*(predictions(model, drive(), p).predicted for p in ("honest", "closed_loop")))
+
+
+def test_a_recording_without_a_fed_back_input_predicts_with_what_follows_from_the_outputs():
+    model = scattered(tiny("msnn_full"))
+    recording = drive()
+    implied = recording.with_signals(a_y=recording["yaw_rate"] * recording["v_x"])
+    for protocol in ("honest", "published", "closed_loop"):
+        lacking = predictions(model, without(recording, "a_y"), protocol).predicted
+        assert np.all(np.isfinite(lacking)), protocol
+        np.testing.assert_allclose(lacking, predictions(model, implied, protocol).predicted, atol=1e-12)
+
+
+def test_scores_as_plain_data_hold_numbers():
+    plain = as_dict(score(speed_toy(), drive()))
+    assert set(plain["honest"]["a_x"]) == {"rmse", "rmse_sd", "fvu", "samples"}
+    assert plain["honest"]["a_x"]["samples"] == round(drive().duration / DT) + 1 - 2
