@@ -94,11 +94,14 @@ class Parameter:
         return self.array.size
 
     def with_value(self, value: ArrayLike) -> Parameter:
-        """The same parameter at another value of the same shape."""
+        """The same parameter at another value of the same shape; what was believed of it before stays where it was."""
         new = np.asarray(value, dtype=float)
         if new.shape != self.shape:
             raise BadInput(f"Parameter {self.name} has shape {self.shape}; a value of shape {new.shape} was given.")
-        return replace(self, value=new)
+        prior = self.prior
+        if prior is not None and prior.mean is None:
+            prior = replace(prior, mean=self.array)
+        return replace(self, value=new, prior=prior)
 
 
 def pack(parameters: Iterable[Parameter]) -> Array:

@@ -36,15 +36,15 @@ def coloured(rng, rows, rho, sd=0.1):
 
 @pytest.mark.parametrize(
     ("rho", "margin"),
-    # A block of 2 s holds 40 samples: of noise whose correlation fades over 5 samples it misses a tenth of the variance.
+    # A block of 2 s holds 40 samples: of noise that fades over 5 samples it misses a tenth of the variance.
     [(0.0, 0.12), (0.8, 0.15)],
 )
 def test_standard_deviations_agree_with_monte_carlo(rho, margin):
     rng = np.random.default_rng(0)
-    rows, true = 2000, np.array([3.0, 0.5])
+    rows, true = 2400, np.array([3.0, 0.5])
     steer = np.convolve(rng.standard_normal(rows + 9), np.ones(10) / 10, "valid") + 0.1
     found, stated, trace = [], [], Trace(STATIC)
-    for _ in range(200):
+    for _ in range(150):
         yaw_rate = np.append(0.0, true[0] * steer[:-1] + true[1]) + coloured(rng, rows, rho)
         x, C = estimate(trace, [Recording("r", DT * np.arange(rows), {"steer": steer, "yaw_rate": yaw_rate})])
         found.append(x)
@@ -52,6 +52,18 @@ def test_standard_deviations_agree_with_monte_carlo(rho, margin):
     np.testing.assert_allclose(np.sqrt(np.mean(stated, axis=0)), np.std(found, axis=0), rtol=margin)
     inside = np.abs(np.array(found) - true) < 1.96 * np.sqrt(stated)
     assert np.all(np.mean(inside, axis=0) > 0.90)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="ten blocks scatter less about a fit than about the truth, and are taken as many")
+def test_intervals_cover_at_their_nominal_rate_on_a_recording_of_twenty_seconds():
+    rng, inside, trace = np.random.default_rng(1), [], Trace(STATIC)
+    for _ in range(400):
+        steer = np.convolve(rng.standard_normal(409), np.ones(10) / 10, "valid") + 0.1
+        yaw_rate = np.append(0.0, 3.0 * steer[:-1] + 0.5) + coloured(rng, 400, 0.0)
+        x, C = estimate(trace, [Recording("r", DT * np.arange(400), {"steer": steer, "yaw_rate": yaw_rate})])
+        inside.append(np.abs(x - [3.0, 0.5]) < 1.96 * np.sqrt(np.diag(C)))
+    assert np.all(np.mean(inside, axis=0) > 0.92)
 
 
 def test_correlated_noise_widens_the_intervals():

@@ -50,7 +50,7 @@ def print_json(body: Mapping[str, Any]) -> None:
 
 
 def finite(value: Any) -> Any:
-    """Plain data without NaN and infinities, which JSON does not know."""
+    """Plain data without NaN and infinities, which JSON does not know: they become null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -35,7 +35,7 @@ class PlusSettings:
     """
 
     lat: LateralSettings = field(default_factory=lambda: LateralSettings(n_delta=3))
-    long: LongitudinalSettings = field(default_factory=lambda: LongitudinalSettings(speed_window=True))
+    long: LongitudinalSettings = field(default_factory=lambda: LongitudinalSettings(eta=5, speed_window=True))
     symmetric: bool = False
     steering_rate_limit: float | None = 2.5
     timing_offset: bool = False

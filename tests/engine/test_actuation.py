@@ -102,5 +102,5 @@ def test_the_slope_by_the_latency_is_that_of_a_larger_latency(latency):
     y = np.random.default_rng(0).standard_normal((30, 1))
     p, h = np.append(np.zeros(3), latency), 1e-6
     _, by_p = sensing(y, np.zeros((30, 1, 4)), p)
-    slope = (sensing(y, None, p + [0, 0, 0, h])[0] - sensing(y, None, p)[0]) / h
+    slope = (sensing(y, None, p + h * np.eye(4)[3])[0] - sensing(y, None, p)[0]) / h
     np.testing.assert_allclose(by_p[:, :, 3], slope, atol=1e-5)

@@ -1,5 +1,7 @@
 """Membership functions and their centres."""
 
+from itertools import pairwise
+
 import casadi as cs
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from greybox_id.errors import BadInput
 from greybox_id.models.fuzzy import centres, evenly, memberships, over
 
 rising = st.lists(st.floats(-50, 50), min_size=1, max_size=6, unique=True).map(sorted).filter(
-    lambda c: all(b - a > 1e-3 for a, b in zip(c[:-1], c[1:], strict=True))
+    lambda c: all(b - a > 1e-3 for a, b in pairwise(c))
 )  # fmt: skip
 
 
