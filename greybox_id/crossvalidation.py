@@ -62,97 +62,65 @@ def choose_strengths(
     start : (parameters,) where fits start.
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
-    tried: dict[tuple[float, ...], Array] = {}
+    tried: dict[tuple[float, ...], float] = {}
 
-    def by_fold(strengths: Mapping[str, float]) -> Array:
+    def error(strengths: Mapping[str, float]) -> float:
         key = tuple(strengths[name] for name in names)
         if key not in tried:
             problem = Problem(trace, recordings, noise=noise, strengths=strengths)
-            tried[key] = cross_validated_squares(problem, problem.unknowns(start))
+            tried[key] = cross_validated_error(problem, problem.unknowns(start))
             if progress is not None:
                 named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
-                progress(f"{trace.model.name}: cross-validation, {named}: {_root(tried[key]):.4f} of the noise")
+                progress(f"{trace.model.name}: cross-validation, {named}: {tried[key]:.4f} of the noise")
         return tried[key]
 
     best = dict.fromkeys(names, 1.0)
     for name in names:
-        options = [{**best, name: factor} for factor in FACTORS]
-        best = options[_strongest_as_good([by_fold(option) for option in options])]
-    return Choice(
-        best, _root(by_fold(best)), tuple((dict(zip(names, k, strict=True)), _root(v)) for k, v in tried.items())
-    )
-
-
-def _strongest_as_good(by_fold: Sequence[Array]) -> int:
-    """The last option that is not worse than the best by more than the standard error of their difference.
-
-    The one-standard-error rule (Breiman et al., Classification and Regression Trees, Sec. 3.4.3), paired by fold.
-    """
-    best = int(np.argmin([np.mean(squares) for squares in by_fold]))
-    chosen = best
-    for later in range(best + 1, len(by_fold)):
-        worse = by_fold[later] - by_fold[best]
-        if np.mean(worse) <= np.std(worse, ddof=1) / np.sqrt(len(worse)):
-            chosen = later
-    return chosen
-
-
-def _root(squares: Array) -> float:
-    return float(np.sqrt(np.mean(squares)))
+        best = min(({**best, name: factor} for factor in FACTORS), key=error)
+    return Choice(best, error(best), tuple((dict(zip(names, k, strict=True)), v) for k, v in tried.items()))
 
 
 def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], progress: Progress | None = None) -> int:
     """Which of several structures of a model predicts held-out stretches best, open loop, priors as stated.
 
-    The errors of all outputs count alike, each relative to the signal's own spread. Returns the place in `models`.
+    Of models with parts the first part decides, the one whose structure is varied. Returns the place in `models`.
     """
     measured = join(recordings, "training data")
-    known: dict[str, float] = {}
-
-    def error(model: Model) -> float:
-        total = 0.0
-        for part in model.parts or (model,):
-            key = f"{part.name} {dict(part.settings)} {part.symmetric} {[(e, part[e].array) for e in part.effects]}"
-            if key not in known:
-                spread = np.array([max(float(np.nanstd(measured[name])), 1e-9) for name in part.outputs])
-                problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
-                known[key] = NOISE_SHARE**2 * float(np.mean(cross_validated_squares(problem, problem.start)))
-            total += known[key]
-        return float(np.sqrt(total / len(model.parts or (model,))))
-
     errors = []
     for number, model in enumerate(models, 1):
-        errors.append(error(model))
+        part = model.parts[0] if model.parts else model
+        spread = np.array([max(float(np.nanstd(measured[name])), 1e-9) for name in part.outputs])
+        problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
+        errors.append(NOISE_SHARE * cross_validated_error(problem, problem.start))
         if progress is not None:
-            progress(
-                f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread"
-            )
+            progress(f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread")
     return int(np.argmin(errors))
 
 
-def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> Array:
-    """Mean square error over held-out stretches per fold, in noise variances, each error at most `WORST`.
+def cross_validated_error(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> float:
+    """Root mean square error over held-out stretches, in noise standard deviations, each error at most `WORST`.
 
     One fit to everything gives the starting point of the folds' fits, which are therefore short; their number of
     steps is limited so that a fold forgets what its start knew of the held-out stretch.
     """
     everything = problem.keep
     whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=max_steps)
-    squares = []
+    square, count, done = 0.0, 0.0, 0
     for kept, held_out in blocks(problem, folds):
         problem.keep = kept
         solution = gauss_newton(problem, whole.x, tolerance=1e-4, max_steps=10)
-        scored = sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True))
-        squares.append(_square(problem, solution, held_out) / (scored * len(problem.noise)))
+        square += _square(problem, solution, held_out)
+        count += float(sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True)))
+        done += 1
     problem.keep = everything
-    if len(squares) < 2:
+    if done < 2:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest unbroken "
             f"run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, or choose the "
             "strength of regularisation yourself with --strength."
         )
-    return np.array(squares)
+    return float(np.sqrt(square / (count * len(problem.noise))))
 
 
 def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Array]]]:

@@ -295,8 +295,9 @@ def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]
             f"Model {model.name} gives no finite predictions of {measured.name} at its nominal parameters. "
             "Check the recording's units, or start from other values."
         )
-    squares = np.concatenate([residuals**2 for residuals, _ in problem.residuals(solution.x, solution.nodes)])
-    return np.maximum(guess * np.sqrt(squares.mean(axis=0)), 1e-9), solution.x
+    pairs = zip(problem.runs, problem.simulated(solution.x, solution.nodes), strict=True)
+    errors = np.concatenate([seen - run.measured[run.predicted] for run, seen in pairs])
+    return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x
 
 
 def _starts(problem: Problem, first: Array, how: How) -> list[Array]:

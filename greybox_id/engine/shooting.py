@@ -134,6 +134,12 @@ class Problem:
             total += 0.5 * float(np.sum(residuals**2))
         return total
 
+    def simulated(self, x: Array, nodes: Nodes) -> Iterator[Array]:
+        """Per run, what the sensors would have recorded, (rows, outputs)."""
+        for k, run in enumerate(self.runs):
+            p = x[self.layout.index[k]]
+            yield self.sensing(nodes[k][run.predicted] if nodes else run.predict(p), None, p)[0]
+
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise everything about a matched point and eliminate the nodes."""
         H, g = self._believed.copy(), np.asarray(self.R.T @ self.belief_residuals(x))

@@ -63,7 +63,7 @@ def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Structures that cross-validation on the training data chooses between, where the settings leave them open."""
     lat = settings.get("lat", {})
     counts = [lat["n_delta"]] if "n_delta" in lat else [3, 5]
-    limits = [settings["steering_rate_limit"]] if "steering_rate_limit" in settings else [None, 2.5]
+    limits = [settings["steering_rate_limit"]] if "steering_rate_limit" in settings else [None, 2.5, 3.5]
     mirrors = [settings["symmetric"]] if "symmetric" in settings else [False, True]
     return [
         {**settings, "lat": {**lat, "n_delta": count}, "steering_rate_limit": limit, "symmetric": mirror}
