@@ -17,7 +17,7 @@ from .errors import BadInput
 from .model import Model
 from .parameter import Array
 from .recording import Recording, join
-from .solvers.gauss_newton import Solution, gauss_newton
+from .solvers.gauss_newton import Solution, Status, gauss_newton
 
 FOLDS = 6
 STRETCH = 6
@@ -56,28 +56,54 @@ def choose_strengths(
 ) -> Choice:
     """Coordinate search over the strengths of a model's priors, open loop, each by blocked cross-validation.
 
+    Priors are knowledge: a strength moves from as stated only where cross-validation is surely better for it, by more
+    than the standard error of the difference over folds. Where the folds cannot tell, their noise would choose.
+
     Parameters
     ----------
     noise : (outputs,) residual standard deviations.
     start : (parameters,) where fits start.
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
-    tried: dict[tuple[float, ...], float] = {}
+    tried: dict[tuple[float, ...], Array] = {}
 
-    def error(strengths: Mapping[str, float]) -> float:
+    def by_fold(strengths: Mapping[str, float]) -> Array:
         key = tuple(strengths[name] for name in names)
         if key not in tried:
             problem = Problem(trace, recordings, noise=noise, strengths=strengths)
-            tried[key] = cross_validated_error(problem, problem.unknowns(start))
+            tried[key] = cross_validated_squares(problem, problem.unknowns(start))
             if progress is not None:
                 named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
-                progress(f"{trace.model.name}: cross-validation, {named}: {tried[key]:.4f} of the noise")
+                progress(f"{trace.model.name}: cross-validation, {named}: {root_mean(tried[key]):.4f} of the noise")
         return tried[key]
 
-    best = dict.fromkeys(names, 1.0)
-    for name in names:
-        best = min(({**best, name: factor} for factor in FACTORS), key=error)
-    return Choice(best, error(best), tuple((dict(zip(names, k, strict=True)), v) for k, v in tried.items()))
+    chosen = dict.fromkeys(names, 1.0)
+    try:
+        for name in names:
+            options = [{**chosen, name: factor} for factor in FACTORS]
+            best = min(options, key=lambda option: np.mean(by_fold(option)))
+            if _surely_better(by_fold(best), by_fold(chosen)):
+                chosen = best
+    except KeyboardInterrupt:
+        if progress is not None:
+            progress(f"{trace.model.name}: cross-validation interrupted; the best strengths so far are used")
+    errors = {key: root_mean(squares) for key, squares in tried.items()}
+    return Choice(
+        strengths=chosen,
+        error=errors.get(tuple(chosen.values()), float("nan")),
+        tried=tuple((dict(zip(names, key, strict=True)), error) for key, error in errors.items()),
+    )
+
+
+def _surely_better(new: Array, old: Array) -> bool:
+    """Whether the mean over folds falls by more than the standard error of the paired difference."""
+    gain = old - new
+    return bool(np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(len(gain)))
+
+
+def root_mean(squares: Array) -> float:
+    """One error from mean squares of folds."""
+    return float(np.sqrt(np.mean(squares)))
 
 
 def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], progress: Progress | None = None) -> int:
@@ -91,36 +117,38 @@ def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], p
         part = model.parts[0] if model.parts else model
         spread = np.array([max(float(np.nanstd(measured[name])), 1e-9) for name in part.outputs])
         problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
-        errors.append(NOISE_SHARE * cross_validated_error(problem, problem.start))
+        errors.append(NOISE_SHARE * root_mean(cross_validated_squares(problem, problem.start)))
         if progress is not None:
             progress(f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread")
     return int(np.argmin(errors))
 
 
-def cross_validated_error(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> float:
-    """Root mean square error over held-out stretches, in noise standard deviations, each error at most `WORST`.
+def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> Array:
+    """Mean square error over the stretches held out, per fold, in noise variances; each error at most `WORST`.
 
     One fit to everything gives the starting point of the folds' fits, which are therefore short; their number of
     steps is limited so that a fold forgets what its start knew of the held-out stretch.
     """
     everything = problem.keep
     whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=max_steps)
-    square, count, done = 0.0, 0.0, 0
+    squares = []
     for kept, held_out in blocks(problem, folds):
         problem.keep = kept
         solution = gauss_newton(problem, whole.x, tolerance=1e-4, max_steps=10)
-        square += _square(problem, solution, held_out)
-        count += float(sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True)))
-        done += 1
+        if Status.INTERRUPTED in (whole.status, solution.status):
+            problem.keep = everything
+            raise KeyboardInterrupt
+        scored = sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True))
+        squares.append(_square(problem, solution, held_out) / (scored * len(problem.noise)))
     problem.keep = everything
-    if done < 2:
+    if len(squares) < 2:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest unbroken "
             f"run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, or choose the "
             "strength of regularisation yourself with --strength."
         )
-    return float(np.sqrt(square / (count * len(problem.noise))))
+    return np.array(squares)
 
 
 def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Array]]]:

@@ -37,6 +37,9 @@ class Say(Protocol):
 
 
 MOST_STEPS = 150
+TOLERANCE = 1e-5
+"""Of some thousand residuals this is a hundredth of a unit of the objective, of which half a unit is one standard
+deviation of a parameter: what a further step would change cannot be seen."""
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
 CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 50, 8
@@ -232,11 +235,11 @@ def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say
         say(f"{name}: Ipopt, {problem.layout.size} parameters")
         return ipopt(problem, x)[0]
     if how.strengths != "early stopping" or validate is None:
-        solution = gauss_newton(problem, x, max_steps=MOST_STEPS, on_step=report)
+        solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=report)
         say(f"{name}: {solution.status.value} after {solution.steps} steps")
         return solution
     watch = _Watch(problem, validate, report)
-    solution = gauss_newton(problem, x, max_steps=MOST_STEPS, on_step=watch)
+    solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=watch)
     say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
     nodes = problem.simulated_nodes(watch.best)
     return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes))
@@ -289,7 +292,7 @@ def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]
     measured = join(recordings, "training data")
     guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
     problem = Problem(trace, recordings, noise=guess)
-    solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-4)
+    solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-3)
     if solution.status is Status.NOT_FINITE:
         raise BadInput(
             f"Model {model.name} gives no finite predictions of {measured.name} at its nominal parameters. "

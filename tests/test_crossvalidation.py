@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toys import DT, drive, joined, linear_toy, obeying_toy
 
-from greybox_id.crossvalidation import blocks, choose_strengths
+from greybox_id.crossvalidation import blocks, choose_strengths, choose_structure
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import GreyboxError
@@ -26,7 +26,7 @@ def problem_of(lengths, memory, symmetric):
 
 
 @many
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_every_predicted_row_is_held_out_exactly_once(lengths, folds, memory, symmetric):
     problem = problem_of([*lengths, 12 * 6 * memory], memory, symmetric)
     times = sum(np.concatenate(held[: problem.copies]) for _, held in blocks(problem, folds))
@@ -35,7 +35,7 @@ def test_every_predicted_row_is_held_out_exactly_once(lengths, folds, memory, sy
 
 
 @many
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_no_row_that_is_kept_shares_a_sample_with_one_held_out(lengths, folds, memory, symmetric):
     problem = problem_of(lengths, memory, symmetric)
     for kept, held in blocks(problem, folds):
@@ -46,7 +46,7 @@ def test_no_row_that_is_kept_shares_a_sample_with_one_held_out(lengths, folds, m
 
 
 @many
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_the_mirror_image_of_a_held_out_stretch_is_left_out_too(lengths, folds, memory, symmetric):
     problem = problem_of(lengths, memory, symmetric)
     for kept, _ in blocks(problem, folds):
@@ -78,3 +78,14 @@ def test_a_recording_too_short_to_hold_anything_out_is_fitted_or_refused_in_a_se
     model = replace(linear_toy(4, Prior(1.0, strength="s")), sample_time=DT)
     with suppress(GreyboxError):
         assert np.isfinite(fit(model, [drive(rows)], how=How(solver="gauss-newton")).stages[0].history[-1])
+
+
+def test_the_structure_that_generated_the_data_is_chosen_among_others():
+    models = [replace(linear_toy(length), name=f"toy {length}") for length in (1, 3, 40)]
+    recording = obeying_toy(np.array([1.0, -1.0, 1.0]), 300, noise=0.2)
+    assert choose_structure(models, [recording]) == 1
+
+
+def test_structures_of_the_same_name_are_told_apart():
+    recording = obeying_toy(np.array([1.0, -1.0, 1.0]), 300, noise=0.1)
+    assert choose_structure([linear_toy(1), linear_toy(3)], [recording]) == 1

@@ -55,7 +55,7 @@ def test_standard_deviations_agree_with_monte_carlo(rho, margin):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="ten blocks scatter less about a fit than about the truth, and are taken as many")
+@pytest.mark.xfail(strict=True, reason="few blocks scatter less about a fit than about the truth")
 def test_intervals_cover_at_their_nominal_rate_on_a_recording_of_twenty_seconds():
     rng, inside, trace = np.random.default_rng(1), [], Trace(STATIC)
     for _ in range(400):

@@ -81,7 +81,7 @@ def fit(
         seed=seed,
     )
     command = shlex.join(["greybox", *sys.argv[1:]])
-    with progress(quiet=as_json) as say:
+    with progress() as say:
         result = fit_best(models, recordings, validate=validate, how=how, say=say, command=command)
     path = result.save(Path(out or name) / "fit.json")
     if as_json:

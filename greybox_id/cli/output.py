@@ -23,13 +23,13 @@ def console() -> Console:
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Say]:
-    """A live line with time on a terminal, plain lines elsewhere, nothing where quiet; all on standard error."""
+def progress() -> Iterator[Say]:
+    """A live line on a terminal, plain lines elsewhere; all on standard error."""
     errors = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-    if quiet or not errors.is_terminal:
+    if not errors.is_terminal:
 
         def plain(line: str, passing: bool = False) -> None:
-            if not (quiet or passing):
+            if not passing:
                 click.echo(line, err=True)
 
         yield plain

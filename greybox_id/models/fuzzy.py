@@ -45,8 +45,6 @@ def over(values: Array, count: int, symmetric: bool = False) -> tuple[float, ...
 
 def centres(name: str, given: tuple[float, ...] | None, count: int, low: float, high: float) -> tuple[float, ...]:
     """The centres given, or evenly spaced ones; their number must be `count`."""
-    if count < 1:
-        raise BadInput(f"There must be at least one local model over {name}; {count} were asked for.")
     if given is None:
         return evenly(low, high, count)
     if len(given) != count:

@@ -21,6 +21,7 @@ from ..parameter import Parameter, Prior
 from ..recording import Recording
 from .fuzzy import centres, memberships, over
 from .impulse_response import fading, fading_prior
+from .settings import within
 
 
 TYPICAL_GAIN = 3.0
@@ -58,6 +59,9 @@ class LateralSettings:
     a_x: tuple[float, ...] | None = None
     curvature_gain: float | None = None
     sample_time: float = 0.05
+
+    def __post_init__(self) -> None:
+        within(self, n_delta=(1, 50), n_v=(1, 20), n_x=(1, 20), q=(0, 500), sample_time=(1e-4, 10.0))
 
 
 def covering_lat(settings: LateralSettings, recording: Recording, symmetric: bool = False) -> LateralSettings:

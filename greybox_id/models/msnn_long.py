@@ -19,6 +19,7 @@ from ..parameter import Array, Parameter, Prior
 from ..recording import Recording
 from .fuzzy import centres, memberships, over
 from .impulse_response import fading, fading_prior
+from .settings import within
 
 GRAVITY = 9.81  # m/s^2
 
@@ -50,6 +51,9 @@ class LongitudinalSettings:
     v_x: tuple[float, ...] | None = None
     a_y: tuple[float, ...] | None = None
     sample_time: float = 0.05
+
+    def __post_init__(self) -> None:
+        within(self, n_v=(1, 20), n_y=(1, 20), eta=(1, 200), gamma=(0, 500), sample_time=(1e-4, 10.0))
 
 
 def covering_long(

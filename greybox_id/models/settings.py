@@ -30,6 +30,14 @@ def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T
     return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
 
 
+def within(settings: object, **limits: tuple[float, float]) -> None:
+    """Raise `BadInput` where a hyperparameter lies outside what can be built."""
+    for name, (low, high) in limits.items():
+        value = getattr(settings, name)
+        if not low <= value <= high:
+            raise BadInput(f"Setting {name} must lie between {low:g} and {high:g}; {value:g} was given.")
+
+
 def _value(hint: Any, value: Any, name: str) -> Any:
     origin = get_origin(hint)
     if origin in (Union, types.UnionType):

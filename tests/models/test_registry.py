@@ -8,7 +8,7 @@ from toys import TINY, drive, tiny
 
 from greybox_id.errors import BadInput, GreyboxError
 from greybox_id.metrics import predictions
-from greybox_id.models.registry import MODELS, build, prepared
+from greybox_id.models.registry import MODELS, build, candidates, prepared
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -56,3 +56,29 @@ def test_an_effect_that_a_model_has_from_its_settings_is_not_added_twice():
     model = tiny("msnn_full_plus")
     again = build("msnn_full_plus", model.settings, {name: float(model[name].array) for name in model.effects})
     assert again.effects == model.effects
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_candidates_differ_only_in_what_the_settings_leave_open(name):
+    found = candidates(name, drive(300), TINY[name])
+    assert len(found) >= 1
+    assert len({json.dumps(dict(m.settings), sort_keys=True) for m in found}) == len(found)
+    assert len(candidates(name, drive(300), found[0].settings)) == 1
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param({"lat": 3}, marks=pytest.mark.xfail(strict=True, raises=TypeError, reason="not checked first")),
+        pytest.param({"lat": {"n_delta": "five"}}),
+        pytest.param({"symetric": True}),
+    ],
+)
+def test_candidates_of_impossible_settings_are_refused_in_a_sentence(settings):
+    with pytest.raises(BadInput):
+        candidates("msnn_full_plus", drive(300), settings)
+
+
+@pytest.mark.xfail(strict=True, raises=BadInput, reason="five centres given, but three local models are tried too")
+def test_given_centres_settle_how_many_local_models_are_tried():
+    assert candidates("msnn_full_plus", drive(300), {"lat": {"steer": [-0.4, -0.2, 0.0, 0.2, 0.4]}})
