@@ -54,7 +54,7 @@ FITS = (
 def main() -> int:
     """Run the benchmark; 2 on bad input."""
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--data", required=True, type=Path, help="folder with train.csv, valid.csv, lateral_net.json")
+    arguments.add_argument("--data", required=True, type=Path, help="folder of the recordings")
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--quick", action="store_true", help="priors as stated instead of cross-validation")
     given = arguments.parse_args()
@@ -120,7 +120,7 @@ def authors_network(saved: dict[str, Any]) -> Model:
     model = build("msnn_lat", settings)
     shape = model["kappa_1"].shape
     for q in range(1, 5):
-        kappa = [[[weights[f"k{q}_{l}_{j}_{p}"][0][0] for p in range(shape[2])] for j in range(shape[1])] for l in range(shape[0])]
+        kappa = np.array([weights[f"k{q}_{l}_{j}_{p}"][0][0] for l, j, p in np.ndindex(*shape)]).reshape(shape)
         model = model.with_parameters(model[f"kappa_{q}"].with_value(kappa))
     fir = [[weights[f"PFir10{1 + 4 * l + 2 * p}W"] for p in range(shape[2])] for l in range(shape[0])]
     return model.with_parameters(model["F"].with_value(np.array(fir)[..., 0]))

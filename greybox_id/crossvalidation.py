@@ -119,7 +119,8 @@ def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], p
         problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
         errors.append(NOISE_SHARE * root_mean(cross_validated_squares(problem, problem.start)))
         if progress is not None:
-            progress(f"structure {number} of {len(models)}: cross-validated error {errors[-1]:.4f} of the signals' spread")
+            told = f"cross-validated error {errors[-1]:.4f} of the signals' spread"
+            progress(f"structure {number} of {len(models)}: {told}")
     return int(np.argmin(errors))
 
 
@@ -144,9 +145,9 @@ def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, 
     if len(squares) < 2:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(
-            f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest unbroken "
-            f"run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, or choose the "
-            "strength of regularisation yourself with --strength."
+            f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest "
+            f"unbroken run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, "
+            "or choose the strength of regularisation yourself with --strength."
         )
     return np.array(squares)
 

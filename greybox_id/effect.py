@@ -32,6 +32,7 @@ class Effect:
     apply: Callable[[Model], Model]
 
     def __call__(self, model: Model) -> Model:
+        """Put the effect on a model and on those of its parts that it concerns."""
         if not self._concerns(model):
             raise BadModel(
                 f"Effect {self.name} acts on {' and '.join(self.touches)}, "

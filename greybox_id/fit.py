@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import os
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,100 +17,18 @@ import numpy as np
 
 from . import __version__
 from .errors import BadInput
+from .files import write_atomically
 from .model import Model
-from .parameter import Array
-from .recording import Recording
+from .parameter import Array, Parameter, Prior
+from .provenance import Certificate, DataRecord, Stage
 
 FORMAT = "greybox-fit"
 FORMAT_VERSION = 1
+HARDLY, SURPRISING = 0.7, 3.0
+"""A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
 
 Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
 """Model name, settings, effects with their magnitudes -> model."""
-
-
-@dataclass(frozen=True)
-class DataRecord:
-    """A recording that a fit saw.
-
-    Attributes
-    ----------
-    role : "train" or "validate".
-    name, path, sha256, columns : provenance of the file.
-    samples, runs : rows and unbroken runs.
-    duration : s.
-    """
-
-    role: str
-    name: str
-    path: str
-    sha256: str
-    columns: str
-    samples: int
-    runs: int
-    duration: float
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """What Ipopt said of the optimum on the same problem.
-
-    Attributes
-    ----------
-    status : Ipopt's own words.
-    confirmed : whether it found nothing better than a share of 1e-6 of the objective.
-    iterations : its iterations.
-    objective_before, objective_after : half the sum of squares.
-    gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).
-    violation : largest gap in the matching conditions, in the outputs' units.
-    cpu_seconds : s.
-    """
-
-    status: str
-    confirmed: bool
-    iterations: int
-    objective_before: float
-    objective_after: float
-    gradient: float
-    violation: float
-    cpu_seconds: float
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One step of fitting: a part alone, or the closed loop.
-
-    Attributes
-    ----------
-    model : name of what was fitted.
-    closed_loop : whether its own predictions were fed back.
-    status : how the solver ended, in words.
-    converged : whether it met its tolerance.
-    steps : accepted steps.
-    history : objective after each step.
-    starts : objective reached from each start, the chosen one first.
-    strengths : factors on the priors.
-    strengths_from : "cross-validation", "early stopping" or "given".
-    tried : strengths tried with their cross-validated error, in noise standard deviations.
-    noise : residual standard deviation of each output, in its unit.
-    cpu_seconds : s, without cross-validation.
-    cross_validation_seconds : s.
-    certificate : Ipopt's word, None where it was not asked.
-    """
-
-    model: str
-    closed_loop: bool
-    status: str
-    converged: bool
-    steps: int
-    history: tuple[float, ...]
-    starts: tuple[float, ...]
-    strengths: Mapping[str, float]
-    strengths_from: str
-    tried: tuple[tuple[Mapping[str, float], float], ...]
-    noise: Mapping[str, float]
-    cpu_seconds: float
-    cross_validation_seconds: float
-    certificate: Certificate | None = None
 
 
 @dataclass(frozen=True)
@@ -155,11 +69,10 @@ class Fit:
                 found[parameter.name] = "held"
             elif parameter.size == 1 and sd is not None:
                 value, (low, high) = float(parameter.array), parameter.bounds
-                prior = None if parameter.prior is None else float(np.max(np.asarray(parameter.prior.sd)))
                 if value <= low or value >= high:
                     found[parameter.name] = "at its bound"
-                elif prior is not None and float(sd) > 0.7 * prior:
-                    found[parameter.name] = "mostly prior: this recording hardly tells it"
+                elif parameter.prior is not None:
+                    found |= _against_prior(parameter, parameter.prior, float(sd))
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -221,7 +134,8 @@ def load(path: str | Path, build: Build) -> Fit:
     if body.get("format_version") != FORMAT_VERSION:
         raise BadInput(
             f"{file} has format version {body.get('format_version')!r}, this is greybox-id {__version__}, which reads "
-            f"version {FORMAT_VERSION}. Install the version that wrote it ({body.get('version', 'unknown')}), or fit again."
+            f"version {FORMAT_VERSION}. Install the version that wrote it ({body.get('version', 'unknown')}), "
+            "or fit again."
         )
     if body.pop("checksum", None) != _checksum(body):
         raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or fit again.")
@@ -229,40 +143,6 @@ def load(path: str | Path, build: Build) -> Fit:
         return _from_dict(body, build)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{file} is damaged: {error}. Restore it, or fit again.") from error
-
-
-def data_record(recording: Recording, role: str) -> DataRecord:
-    """Provenance of a recording."""
-    source = recording.source
-    return DataRecord(
-        role, recording.name, source.path, source.sha256, source.columns,
-        len(recording), len(recording.runs), recording.duration,
-    )  # fmt: skip
-
-
-def write_atomically(path: Path, text: str) -> Path:
-    """Write a text beside its target, then replace that. Raises `BadInput` where that is not allowed."""
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8")
-    return path
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A file beside the target to write to; it replaces the target when all went well, else it is gone."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
-        os.close(handle)
-        beside = Path(name)
-        try:
-            yield beside
-            beside.chmod(0o644)
-            beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
-    except OSError as error:
-        raise BadInput(f"{path} cannot be written: {error.strerror}. Name another place with --out.") from error
 
 
 def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
@@ -313,6 +193,15 @@ def _read_json(file: Path) -> Any:
         raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+
+
+def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, str]:
+    """What is to be said of a number that its prior moved, or that moved away from its prior."""
+    spread = float(np.max(np.asarray(prior.sd)))
+    away = 0.0 if prior.mean is None else abs(float(parameter.array) - float(np.asarray(prior.mean))) / spread
+    if away > SURPRISING:
+        return {parameter.name: f"{away:.1f} prior standard deviations from its prior: the model wants something else"}
+    return {parameter.name: "mostly prior: this recording hardly tells it"} if sd > HARDLY * spread else {}
 
 
 NOT_FINITE = "not_finite"

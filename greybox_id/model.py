@@ -31,7 +31,8 @@ Namespace = SimpleNamespace
 class Past(Protocol):
     """Inner product of a signal's last len(weights) samples with weights, oldest sample first."""
 
-    def __call__(self, signal: Symbol, weights: Sequence[Symbol]) -> Symbol: ...
+    def __call__(self, signal: Symbol, weights: Sequence[Symbol]) -> Symbol:
+        """The inner product."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ def covariance(problem: Problem, x: Array, nodes: Nodes) -> Array:
         if k < problem.copies:
             scores.append(np.zeros((len(sums), len(H))))
         scores[k % problem.copies][:, index] += sums
-    middle += sum(of_run.T @ of_run for of_run in scores)
+    blocks = np.vstack(scores)
+    middle += blocks.T @ blocks * len(blocks) / max(len(blocks) - 1, 1)
     untold = problem.free & (np.diag(H) <= 0.0)
     free = problem.free & ~untold
     unit = 1.0 / np.sqrt(np.diag(H)[free])

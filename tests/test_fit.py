@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from toys import drive, tiny
 
 from greybox_id.errors import BadInput, GreyboxError
-from greybox_id.fit import Certificate, DataRecord, Fit, Stage, load
+from greybox_id.fit import Fit, load
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 from greybox_id.models.registry import build, prepared
+from greybox_id.provenance import Certificate, DataRecord, Stage
 
 
 def made(model=None, **changed):

@@ -88,7 +88,6 @@ def test_ctrl_c_keeps_the_best_point_and_says_so():
     assert not np.array_equal(found.model["F"].array, tiny("msnn_full")["F"].array)
 
 
-@pytest.mark.xfail(strict=True, reason="Ctrl-C outside of a solver is not caught")
 def test_ctrl_c_during_cross_validation_keeps_the_best_point_and_says_so():
     def say(line, passing=False):
         if "cross-validation" in line:

@@ -15,6 +15,7 @@ from rich.text import Text
 from ..checks import Finding, Severity, check, distrusted
 from ..datasets.read import read
 from ..recording import Recording
+from .output import console
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
 MOST_ROWS = 20
@@ -41,17 +42,16 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
     if as_json:
         click.echo(json.dumps({"files": [as_dict(*result) for result in results]}, indent=2, ensure_ascii=False))
     else:
-        console = Console(highlight=False, markup=False)  # names and sentences may hold brackets
         for recording, findings in results:
-            show(recording, findings, console)
+            show(recording, findings, console())
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
 
 
-def show(recording: Recording, findings: Sequence[Finding], console: Console) -> None:
+def show(recording: Recording, findings: Sequence[Finding], out: Console) -> None:
     """Print one recording's header line and its table of findings."""
-    console.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
+    out.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
     if not findings:
-        console.print("nothing noteworthy found\n")
+        out.print("nothing noteworthy found\n")
         return
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title in ("severity", "channel", "run", "finding"):
@@ -60,11 +60,11 @@ def show(recording: Recording, findings: Sequence[Finding], console: Console) ->
         run = "all" if finding.where.run is None else str(finding.where.run)
         words = (finding.severity.value, finding.where.channel, run, finding.sentence)
         table.add_row(*words, style=COLOURS[finding.severity] if finding.severity is Severity.DISTRUST else None)
-    console.print(table)
+    out.print(table)
     verdict = "not to be trusted as it is" if distrusted(findings) else "can be used, mind the warnings"
     if not any(finding.severity is not Severity.NOTE for finding in findings):
         verdict = "can be used"
-    console.print(f"{recording.name}: {verdict}\n")
+    out.print(f"{recording.name}: {verdict}\n")
 
 
 def header(recording: Recording) -> str:

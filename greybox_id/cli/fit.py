@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ..datasets.read import read
 from ..fit import Fit
-from ..fitting import How, Solver, fit as fit_model, fit_best
+from ..fitting import How, Solver, fit_best
 from ..models.registry import MODELS, candidates
 from ..recording import join
 from .options import columns_option, json_option, settings_of
@@ -127,8 +127,8 @@ def show(result: Fit) -> None:
             c = stage.certificate
             gained = 100 * (1 - c.objective_after / c.objective_before)
             out.print(
-                f"         {'certified' if c.confirmed else 'not certified'} by Ipopt: {c.status}, {c.iterations} iterations, "
-                f"objective {gained:.2g} % lower, gradient {c.gradient:.1e}"
+                f"         {'certified' if c.confirmed else 'not certified'} by Ipopt: {c.status}, {c.iterations} "
+                f"iterations, objective {gained:.2g} % lower, gradient {c.gradient:.1e}"
             )
     strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
     out.print(f"priors   strengths {strengths or 'as stated'} ({result.mode})\n")

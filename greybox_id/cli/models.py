@@ -19,12 +19,21 @@ def models(as_json: bool) -> None:
         print_json(
             {
                 "models": {
-                    n: {"about": m.about, "inputs": m.inputs, "outputs": m.outputs, "parameters": m.size, "settings": dict(m.settings)}
-                    for n, m in built.items()
+                    name: {
+                        "about": model.about,
+                        "inputs": model.inputs,
+                        "outputs": model.outputs,
+                        "parameters": model.size,
+                        "settings": dict(model.settings),
+                    }
+                    for name, model in built.items()
                 },
-                "effects": {n: {"unit": e.parameter.unit, "about": e.parameter.about, "touches": e.touches} for n, e in EFFECTS.items()},
+                "effects": {
+                    name: {"unit": effect.parameter.unit, "about": effect.parameter.about, "touches": effect.touches}
+                    for name, effect in EFFECTS.items()
+                },
             }
-        )  # fmt: skip
+        )
         return
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title in ("model", "parameters", "inputs", "outputs", "about"):

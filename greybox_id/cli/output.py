@@ -16,10 +16,16 @@ from rich.table import Table
 from ..fitting import Say
 from ..signals import SIGNALS
 
+WIDTH = 160
+"""Columns of tables that go to a file or a pipe."""
+
 
 def console() -> Console:
     """Standard output for people; names and sentences may hold brackets, so there is no markup."""
-    return Console(highlight=False, markup=False, soft_wrap=True)
+    found = Console(highlight=False, markup=False)
+    if not found.is_terminal:
+        found.width = WIDTH
+    return found
 
 
 @contextmanager

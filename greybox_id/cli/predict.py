@@ -10,7 +10,8 @@ import pandas as pd
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import load, replacing
+from ..files import replacing
+from ..fit import load
 from ..metrics import as_dict, predictions, score
 from ..models.registry import build
 from .options import columns_option, json_option

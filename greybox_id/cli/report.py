@@ -9,8 +9,9 @@ import click
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import DataRecord, Fit, load
+from ..fit import Fit, load
 from ..models.registry import build
+from ..provenance import DataRecord
 from ..recording import Recording
 from .options import json_option
 from .output import console, print_json

@@ -22,6 +22,7 @@ class SampledFunction:
         self._mapped: dict[tuple[int, tuple[int, ...]], cs.Function] = {}
 
     def __call__(self, *arguments: Array) -> Array:
+        """Evaluate row by row: (n, outputs)."""
         samples = max((len(a) for a in arguments if a.ndim == 2), default=1)
         if self.outputs == 0:
             return np.empty((samples, 0))

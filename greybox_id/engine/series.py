@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .actuation import Actuation
 from ..errors import BadInput
-from .free_run import free_run
 from ..parameter import Array
 from ..recording import Recording
+from .actuation import Actuation
+from .free_run import free_run
 from .trace import Index, Trace
 from .windows import weighted_windows, windows
 

@@ -16,9 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .belief import belief_rows
 from ..parameter import Array
 from ..recording import Recording
+from .belief import belief_rows
 from .sensing import Sensing
 from .series import Run, runs
 from .trace import Trace

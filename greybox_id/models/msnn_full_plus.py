@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-
 from typing import Any
 
 from ..model import Model
@@ -62,7 +61,11 @@ def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
 def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Structures that cross-validation on the training data chooses between, where the settings leave them open."""
     lat = settings.get("lat", {})
-    counts = [lat["n_delta"]] if "n_delta" in lat else [3, 5]
+    if not isinstance(lat, Mapping):
+        return [dict(settings)]  # making settings of it will say what is wrong
+    steer = lat.get("steer")
+    known = len(steer) if isinstance(steer, (list, tuple)) else lat.get("n_delta")
+    counts = [3, 5] if known is None else [known]
     limits = [settings["steering_rate_limit"]] if "steering_rate_limit" in settings else [None, 2.5, 3.5]
     mirrors = [settings["symmetric"]] if "symmetric" in settings else [False, True]
     return [

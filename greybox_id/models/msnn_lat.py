@@ -11,7 +11,6 @@ sample in the window multiplies its own curvature, as in the authors' implementa
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,6 @@ from ..recording import Recording
 from .fuzzy import centres, memberships, over
 from .impulse_response import fading, fading_prior
 from .settings import within
-
 
 TYPICAL_GAIN = 3.0
 """Curvature per steering angle of a 1:10 car, 1/(m rad), where no recording tells better."""

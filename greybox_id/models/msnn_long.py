@@ -110,8 +110,8 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
         defaults={"road_slope": 0.0},
         settings=asdict(s),
         together=(
-            "m, r and the wheel inertia: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), k_a/(m D) and c_r/D act; "
-            "the scale of the torques is free against G_2, so T/(m r D) alone is told by the recording",
+            "m, r and the wheel inertia: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), k_a/(m D) and c_r/D "
+            "act; the scale of the torques is free against G_2, so T/(m r D) alone is told by the recording",
             "q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",
         ),
     )

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..fit import Fit, Stage
+from ..fit import Fit
 from ..model import Model
 from ..parameter import Parameter
+from ..provenance import Stage
 from .noise import Noise
 from .numbers import counted, interval, number, percent, pretty_unit, raised, with_sd
 from .recordings import Seen

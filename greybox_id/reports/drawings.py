@@ -9,7 +9,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ..fit import Fit, write_atomically
+from ..files import write_atomically
+from ..fit import Fit
 from ..recording import Recording
 from .figures.errors import errors
 from .figures.impulse_responses import MOST_PANELS, impulse_responses

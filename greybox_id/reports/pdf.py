@@ -10,7 +10,8 @@ from pathlib import Path
 
 import typst
 
-from ..fit import Fit, replacing
+from ..files import replacing
+from ..fit import Fit
 from ..model import Model
 from ..recording import Recording
 from .content import Content, content

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import BadInput
-from ..fit import DataRecord, Fit
+from ..fit import Fit
 from ..metrics import PROTOCOLS, Prediction, Protocol, predictions
+from ..provenance import DataRecord
 from ..recording import Recording
 
 

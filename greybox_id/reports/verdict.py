@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fit import Fit, Stage
+from ..fit import Fit
 from ..metrics import Protocol
+from ..provenance import Stage
 from ..signals import SIGNALS
 from .numbers import listed, number, percent, pretty_unit, with_sd
 from .recordings import Seen, of_role

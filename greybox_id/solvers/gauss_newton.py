@@ -18,9 +18,8 @@ from enum import Enum
 import numpy as np
 import scipy.linalg as la
 
-from ..parameter import Array
 from ..engine.shooting import Nodes, NormalEquations, Problem
-
+from ..parameter import Array
 
 PATIENCE = 4
 NEGLIGIBLE = 1e-3

@@ -69,7 +69,7 @@ def test_candidates_differ_only_in_what_the_settings_leave_open(name):
 @pytest.mark.parametrize(
     "settings",
     [
-        pytest.param({"lat": 3}, marks=pytest.mark.xfail(strict=True, raises=TypeError, reason="not checked first")),
+        pytest.param({"lat": 3}),
         pytest.param({"lat": {"n_delta": "five"}}),
         pytest.param({"symetric": True}),
     ],
@@ -79,6 +79,5 @@ def test_candidates_of_impossible_settings_are_refused_in_a_sentence(settings):
         candidates("msnn_full_plus", drive(300), settings)
 
 
-@pytest.mark.xfail(strict=True, raises=BadInput, reason="five centres given, but three local models are tried too")
 def test_given_centres_settle_how_many_local_models_are_tried():
     assert candidates("msnn_full_plus", drive(300), {"lat": {"steer": [-0.4, -0.2, 0.0, 0.2, 0.4]}})

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from greybox_id.fit import Certificate
 from greybox_id.parameter import Parameter, Prior
+from greybox_id.provenance import Certificate
 from greybox_id.reports.content import content
 from greybox_id.reports.numbers import interval, number, percent, pretty_unit, with_sd
 from greybox_id.reports.verdict import verdict, yardsticks

@@ -1,0 +1,102 @@
+"""Where a fit comes from: the recordings it saw and the steps that led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from .recording import Recording
+
+
+@dataclass(frozen=True)
+class DataRecord:
+    """A recording that a fit saw.
+
+    Attributes
+    ----------
+    role : "train" or "validate".
+    name, path, sha256, columns : provenance of the file.
+    samples, runs : rows and unbroken runs.
+    duration : s.
+    """
+
+    role: str
+    name: str
+    path: str
+    sha256: str
+    columns: str
+    samples: int
+    runs: int
+    duration: float
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What Ipopt said of the optimum on the same problem.
+
+    Attributes
+    ----------
+    status : Ipopt's own words.
+    confirmed : whether it found nothing better than a share of 1e-6 of the objective.
+    iterations : its iterations.
+    objective_before, objective_after : half the sum of squares.
+    gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).
+    violation : largest gap in the matching conditions, in the outputs' units.
+    cpu_seconds : s.
+    """
+
+    status: str
+    confirmed: bool
+    iterations: int
+    objective_before: float
+    objective_after: float
+    gradient: float
+    violation: float
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of fitting: a part alone, or the closed loop.
+
+    Attributes
+    ----------
+    model : name of what was fitted.
+    closed_loop : whether its own predictions were fed back.
+    status : how the solver ended, in words.
+    converged : whether it met its tolerance.
+    steps : accepted steps.
+    history : objective after each step.
+    starts : objective reached from each start, the chosen one first.
+    strengths : factors on the priors.
+    strengths_from : "cross-validation", "early stopping" or "given".
+    tried : strengths tried with their cross-validated error, in noise standard deviations.
+    noise : residual standard deviation of each output, in its unit.
+    cpu_seconds : s, without cross-validation.
+    cross_validation_seconds : s.
+    certificate : Ipopt's word, None where it was not asked.
+    """
+
+    model: str
+    closed_loop: bool
+    status: str
+    converged: bool
+    steps: int
+    history: tuple[float, ...]
+    starts: tuple[float, ...]
+    strengths: Mapping[str, float]
+    strengths_from: str
+    tried: tuple[tuple[Mapping[str, float], float], ...]
+    noise: Mapping[str, float]
+    cpu_seconds: float
+    cross_validation_seconds: float
+    certificate: Certificate | None = None
+
+
+def data_record(recording: Recording, role: str) -> DataRecord:
+    """Provenance of a recording."""
+    source = recording.source
+    return DataRecord(
+        role, recording.name, source.path, source.sha256, source.columns,
+        len(recording), len(recording.runs), recording.duration,
+    )  # fmt: skip
