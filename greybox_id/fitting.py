@@ -134,6 +134,7 @@ def _fit(
         raise BadInput("Early stopping needs a validation recording; name one with --validate.")
     values = dict(zip((p.name for p in model.parameters), (p.array for p in model.parameters), strict=True))
     stages: list[Stage] = []
+    sd: dict[str, Array] = {}
     interrupted = False
     for part in model.parts or (model,):
         try:
@@ -146,6 +147,8 @@ def _fit(
             interrupted = True
             break
         values |= _by_name(problem, solution)
+        if any(p.name in model.step_2_holds for p in part.parameters):
+            sd |= _standard_deviations(problem, solution)
         stages.append(stage)
         interrupted = solution.status is Status.INTERRUPTED
         if interrupted:
@@ -154,6 +157,8 @@ def _fit(
         noise = {name: sd for stage in stages for name, sd in stage.noise.items()}
         strengths = {name: factor for stage in stages for name, factor in stage.strengths.items()}
         whole = _with(model, values)
+        held = (replace(whole[name], fixed=True) for name in model.step_2_holds)
+        whole = whole.with_parameters(*held)
         spread = np.array([noise.get(name, 1.0) for name in model.outputs])
         problem = Problem(Trace(whole), recordings, closed_loop=True, noise=spread, strengths=strengths)
         if interrupted:
@@ -167,7 +172,7 @@ def _fit(
     say(f"{model.name}: uncertainty of {fitted.size} parameters")
     return Fit(
         model=fitted,
-        sd=_standard_deviations(problem, solution),
+        sd=_standard_deviations(problem, solution) | {name: sd[name] for name in model.step_2_holds if name in sd},
         per_run=_per_run(problem, solution),
         stages=tuple(stages),
         metrics={

@@ -82,6 +82,7 @@ class Model:
     defaults : input name -> value taken when a recording lacks it (a flat road).
     symmetric : the vehicle is taken to be the same in a mirror; fitting then sees every recording mirrored too.
     parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
+    step_2_holds : parameters that the closed loop does not move once their part is fitted alone.
     actuators, sensors : put there by effects.
     settings : hyperparameters from which the model was built, for the record.
     effects : names of the effects added to it.
@@ -99,6 +100,7 @@ class Model:
     defaults: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     symmetric: bool = False
     parts: tuple[Model, ...] = ()
+    step_2_holds: tuple[str, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     settings: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))

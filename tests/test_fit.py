@@ -228,7 +228,7 @@ def test_content_that_makes_no_fit_is_refused_in_a_sentence_even_with_a_right_ch
 def test_notes_tell_what_is_held_at_a_bound_or_hardly_told():
     model = tiny("msnn_long")
     model = model.with_parameters(
-        replace(model["r"], fixed=True), model["c_r"].with_value(0.0), model["m"].with_value(3.0)
+        replace(model["r"], fixed=True), model["c_r"].with_value(0.0), model["m"].with_value(3.45)
     )
     notes = made(
         model, sd={"m": np.array(0.09), "c_r": np.array(0.01), "c_l": np.array(0.1), "r": np.array(0.0)}

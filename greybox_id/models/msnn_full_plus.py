@@ -1,10 +1,16 @@
 """MS-NN-full with what recordings of a 1:10 car suggested beyond the paper; each addition can be switched off.
 
-lat.n_delta = 3        coarser in steering: cross-validation on the training data prefers 3-2-2 to 5-2-2
-steering_rate_limit    the servo's limit before the window (an effect, held at its setting)
-symmetric              left and right are the same vehicle, so every recording is seen mirrored too
+lat.n_delta            3 or 5 local models over steering
+steering_rate_limit    the servo's limit before the window (an effect, held at its setting), or none
+symmetric              left and right are the same vehicle, so every recording is seen mirrored too, or not
 long.speed_window      the window of speeds acts on the acceleration
+long.eta = 5           half the neurons, now that the speeds tell most
 timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect)
+refine_longitudinal    off: step 2 refines the lateral part on predicted accelerations and leaves the longitudinal
+                       part as its own output told it; in a common objective the yaw rate's residuals bend the
+                       acceleration that feeds them
+
+Cross-validation on the training data chooses the first three unless they are set.
 """
 
 from __future__ import annotations
@@ -30,6 +36,7 @@ class PlusSettings:
     lat, long : those of MS-NN-lat and MS-NN-long.
     symmetric : see every recording mirrored too.
     steering_rate_limit : rad/s, before the steering window; None for no limit.
+    refine_longitudinal : let step 2 move the longitudinal part too, as the paper does.
     timing_offset : estimate one latency of the inertial sensors per run.
     """
 
@@ -38,6 +45,7 @@ class PlusSettings:
     symmetric: bool = False
     steering_rate_limit: float | None = 2.5
     timing_offset: bool = False
+    refine_longitudinal: bool = False
 
 
 def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
@@ -49,6 +57,7 @@ def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
         name="msnn_full_plus",
         about="MS-NN-full with a steering rate limit, a speed window, mirroring and timing offsets",
         symmetric=s.symmetric,
+        step_2_holds=() if s.refine_longitudinal else tuple(p.name for p in model.parts[1].parameters),
         parts=tuple(replace(part, symmetric=s.symmetric) for part in model.parts),
     )
     if s.steering_rate_limit is not None:
