@@ -43,7 +43,6 @@ FITS = (
     ("msnn_lat", 100, {}),
     ("msnn_lat", 80, {}),
     ("msnn_lat", 60, {}),
-    ("msnn_lat", 60, {"symmetric": True}),
     ("msnn_long", 100, {}),
     ("msnn_full", 100, {}),
     ("msnn_full_plus", 100, {}),
