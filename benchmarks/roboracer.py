@@ -25,7 +25,7 @@ from rich.table import Table
 from greybox_id.cli.fit import summary
 from greybox_id.datasets.read import read
 from greybox_id.errors import GreyboxError
-from greybox_id.fitting import How, fit_best
+from greybox_id.fitting import How, fit
 from greybox_id.metrics import predictions, score
 from greybox_id.model import Model
 from greybox_id.models.registry import build, candidates
@@ -76,7 +76,7 @@ def measure(data: Path, how: How) -> list[dict[str, Any]]:
     for name, percent, settings in FITS:
         sys.stderr.write(f"{name}, {percent} % of train {settings or ''}\n")
         part = train.rows(0, round(len(train) * percent / 100))
-        found = fit_best(candidates(name, part, settings), [part], validate=valid, how=how)
+        found = fit(candidates(name, part, settings), [part], validate=valid, how=how)
         told = summary(found)
         rows.append(
             {

@@ -6,15 +6,13 @@ measured inputs (step 1), then everything together with its own predictions fed 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .crossvalidation import choose_strengths, choose_structure
+from .crossvalidation import choose_structure
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
@@ -22,64 +20,17 @@ from .fit import Fit
 from .metrics import as_dict, score
 from .model import Model
 from .parameter import Array, unpack
-from .provenance import Certificate, Stage, data_record
+from .provenance import Stage, data_record
 from .recording import Recording, join
-from .solvers.gauss_newton import Solution, Status, gauss_newton
-from .solvers.ipopt import SAME, ipopt
+from .solvers.gauss_newton import Solution, Status
+from .stages import How, Say, Solver, fit_alone, fit_together
 from .uncertainty import covariance
 
-Solver = Literal["auto", "gauss-newton", "ipopt"]
-
-
-class Say(Protocol):
-    """Where progress goes: one line at a time; a passing line is only worth showing until the next one."""
-
-    def __call__(self, line: str, passing: bool = False) -> None:
-        """Show a line."""
-
-
-MOST_STEPS = 150
-TOLERANCE = 1e-5
-"""Of some thousand residuals this is a hundredth of a unit of the objective, of which half a unit is one standard
-deviation of a parameter: what a further step would change cannot be seen."""
-PATIENCE = 5
-"""Early stopping ends when this many steps in a row have not improved on the validation recording."""
-CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 50, 8
-"""Ipopt's iterations where Gauss-Newton converged, and where it only carries on."""
-GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
-"""Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
-The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
-optima (MS-NN-long, share 0.15 against 0.35)."""
-WEAK = 0.3
-"""Strength of priors under early stopping: the stopping itself regularises."""
-
-
-@dataclass(frozen=True)
-class How:
-    """How to fit.
-
-    Attributes
-    ----------
-    strengths : "cross-validation", "early stopping", or a factor on every prior that has a strength.
-    solver : "auto" finds with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
-        "ipopt" solves with Ipopt from the start.
-    starts : how many starting points; all but the first are drawn about it.
-    seed : of those draws.
-    """
-
-    strengths: Literal["cross-validation", "early stopping"] | float = "cross-validation"
-    solver: Solver = "auto"
-    starts: int = 1
-    seed: int = 0
-
-    @property
-    def mode(self) -> str:
-        """How the strength of regularisation is chosen, in words."""
-        return self.strengths if isinstance(self.strengths, str) else "given"
+__all__ = ["How", "Say", "Solver", "fit"]
 
 
 def fit(
-    model: Model,
+    model: Model | Sequence[Model],
     recordings: Sequence[Recording],
     *,
     validate: Recording | None = None,
@@ -91,7 +42,8 @@ def fit(
 
     Parameters
     ----------
-    model : nominal values are the starting point.
+    model : nominal values are the starting point. Of several structures the one is fitted that blocked
+        cross-validation on the training data prefers.
     recordings : training data, in SI units.
     validate : only scored, except under early stopping, where it chooses when to stop.
     how : strengths, solver, starts, seed.
@@ -106,25 +58,11 @@ def fit(
     ------
     BadInput : the recordings lack a signal, differ in sample time or are too short.
     """
+    say = say or _silent
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
-        return _fit(model, recordings, validate, how or How(), say or _silent, command)
-
-
-def fit_best(
-    models: Sequence[Model],
-    recordings: Sequence[Recording],
-    *,
-    validate: Recording | None = None,
-    how: How | None = None,
-    say: Say | None = None,
-    command: str = "",
-) -> Fit:
-    """Fit the structure, among several, that blocked cross-validation on the training data prefers."""
-    chosen = 0
-    if len(models) > 1:
-        with threadpool_limits(1):
-            chosen = choose_structure(models, recordings, say)
-    return fit(models[chosen], recordings, validate=validate, how=how, say=say, command=command)
+        models = [model] if isinstance(model, Model) else list(model)
+        chosen = choose_structure(models, recordings, say) if len(models) > 1 else 0
+        return _fit(models[chosen], recordings, validate, how or How(), say, command)
 
 
 def _fit(
@@ -138,7 +76,7 @@ def _fit(
     interrupted = False
     for part in model.parts or (model,):
         try:
-            problem, solution, stage = _fit_alone(
+            problem, solution, stage = fit_alone(
                 _with(part, values), recordings, validate, how, say, alone=not model.parts
             )
         except KeyboardInterrupt:
@@ -165,7 +103,7 @@ def _fit(
             say(f"{model.name}: interrupted; what was fitted so far is kept")
             solution = _untouched(problem)
         else:
-            solution, stage = _fit_together(problem, strengths, validate, how, say)
+            solution, stage = fit_together(problem, strengths, validate, how, say)
             stages.append(stage)
             values |= _by_name(problem, solution)
     fitted = _with(model, values)
@@ -187,150 +125,6 @@ def _fit(
         seed=how.seed,
         command=command,
     )
-
-
-def _fit_alone(
-    part: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
-) -> tuple[Problem, Solution, Stage]:
-    """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
-    clock = time.process_time()
-    trace = Trace(part)
-    noise, near = _noise(trace, recordings)
-    checked = time.process_time()
-    tried: tuple[tuple[Mapping[str, float], float], ...] = ()
-    if how.strengths == "cross-validation":
-        choice = choose_strengths(trace, recordings, noise, part.values, say)
-        strengths, tried = choice.strengths, choice.tried
-    else:
-        factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
-        strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
-    checking = time.process_time() - checked
-    problem = Problem(trace, recordings, noise=noise, strengths=strengths)
-    first = problem.start if how.strengths == "early stopping" else near
-    solutions = [
-        _solve(problem, x, validate, how, say, f"{part.name}, start {k + 1}" if how.starts > 1 else part.name)
-        for k, x in enumerate(_starts(problem, first, how))
-    ]
-    best = min(solutions, key=lambda solution: solution.objective)
-    certificate = None
-    if alone and how.solver == "auto" and best.status is not Status.INTERRUPTED:
-        best, certificate = _certified(problem, best, say)
-    stage = Stage(
-        model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
-        steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
-        strengths=strengths, strengths_from=how.mode, tried=tried,
-        noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock - checking, cross_validation_seconds=checking, certificate=certificate,
-    )  # fmt: skip
-    return problem, best, stage
-
-
-def _fit_together(
-    problem: Problem, strengths: Mapping[str, float], validate: Recording | None, how: How, say: Say
-) -> tuple[Solution, Stage]:
-    """Step 2: everything, on the model's own predictions."""
-    clock = time.process_time()
-    model = problem.trace.model
-    solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
-    certificate = None
-    if how.solver == "auto" and solution.status is not Status.INTERRUPTED:
-        solution, certificate = _certified(problem, solution, say)
-    return solution, Stage(
-        model=model.name, closed_loop=True, status=solution.status.value,
-        converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
-        starts=(solution.objective,), strengths=strengths, strengths_from=how.mode, tried=(),
-        noise=dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=certificate,
-    )  # fmt: skip
-
-
-def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say: Say, name: str) -> Solution:
-    def report(step: int, objective: float, _: Array) -> bool:
-        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
-        return True
-
-    if how.solver == "ipopt":
-        say(f"{name}: Ipopt, {problem.layout.size} parameters")
-        return ipopt(problem, x)[0]
-    if how.strengths != "early stopping" or validate is None:
-        solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=report)
-        say(f"{name}: {solution.status.value} after {solution.steps} steps")
-        return solution
-    watch = _Watch(problem, validate, report)
-    solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=watch)
-    say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
-    nodes = problem.simulated_nodes(watch.best)
-    return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes))
-
-
-class _Watch:
-    """Keeps the point with the least error on a validation recording, and stops when none has been better lately."""
-
-    def __init__(self, problem: Problem, validate: Recording, report: Callable[[int, float, Array], bool]) -> None:
-        self._problem, self._report = problem, report
-        self._validation = Problem(
-            problem.trace, [validate], closed_loop=problem.closed_loop, noise=problem.noise, strengths={}
-        )
-        self.best, self.best_step, self._least = problem.start, 0, np.inf
-
-    def __call__(self, step: int, objective: float, x: Array) -> bool:
-        shared = self._validation.unknowns(self._problem.shared(x))
-        error = self._validation.misfit(shared, self._validation.simulated_nodes(shared))
-        if error < self._least:
-            self.best, self.best_step, self._least = x, step, error
-        return self._report(step, objective, x) and step - self.best_step < PATIENCE
-
-
-def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
-    """Ask Ipopt; keep what it found where that is better."""
-    converged = found.status is Status.CONVERGED
-    iterations = CERTIFYING_ITERATIONS if converged else CONTINUING_ITERATIONS
-    say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
-    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
-    gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
-    certificate = Certificate(
-        status=verdict.words,
-        confirmed=solution.status is Status.CONVERGED and gained < SAME,
-        iterations=verdict.iterations,
-        objective_before=found.objective,
-        objective_after=min(solution.objective, found.objective),
-        gradient=verdict.gradient,
-        violation=verdict.violation,
-        cpu_seconds=verdict.cpu_seconds,
-    )
-    if gained <= 0:
-        return found, certificate
-    status = Status.CONVERGED if solution.status is Status.CONVERGED else found.status
-    return replace(solution, status=status, steps=found.steps, history=found.history), certificate
-
-
-def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]:
-    """Residual standard deviation of each output after a short first fit, and where that fit ended."""
-    model = trace.model
-    measured = join(recordings, "training data")
-    guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
-    problem = Problem(trace, recordings, noise=guess)
-    solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-3)
-    if solution.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if solution.status is Status.NOT_FINITE:
-        raise BadInput(
-            f"Model {model.name} gives no finite predictions of {measured.name} at its nominal parameters. "
-            "Check the recording's units, or start from other values."
-        )
-    pairs = zip(problem.runs, problem.simulated(solution.x, solution.nodes), strict=True)
-    errors = np.concatenate([seen - run.measured[run.predicted] for run, seen in pairs])
-    return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x
-
-
-def _starts(problem: Problem, first: Array, how: How) -> list[Array]:
-    """The first start, and others drawn about the nominal values."""
-    random = np.random.default_rng(how.seed)
-    start = problem.start
-    size = np.where(np.isfinite(start), np.abs(start), 0.0)  # an effect's null may be infinite
-    scale = size + np.sqrt(np.mean(size**2)) * 0.1
-    others = [start + SPREAD * scale * random.standard_normal(len(start)) for _ in range(how.starts - 1)]
-    return [first, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
 
 
 def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:

@@ -37,7 +37,7 @@ class Certificate:
     Attributes
     ----------
     status : Ipopt's own words.
-    confirmed : whether it found nothing better than a share of 1e-6 of the objective.
+    confirmed : whether it found nothing better than a share of 2e-5 of the objective.
     iterations : its iterations.
     objective_before, objective_after : half the sum of squares.
     gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).

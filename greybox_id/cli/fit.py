@@ -13,7 +13,8 @@ from rich.table import Table
 
 from ..datasets.read import read
 from ..fit import Fit
-from ..fitting import How, Solver, fit_best
+from ..fitting import How, Solver
+from ..fitting import fit as fit_model
 from ..models.registry import MODELS, candidates
 from ..recording import join
 from .options import columns_option, json_option, settings_of
@@ -82,7 +83,7 @@ def fit(
     )
     command = shlex.join(["greybox", *sys.argv[1:]])
     with progress() as say:
-        result = fit_best(models, recordings, validate=validate, how=how, say=say, command=command)
+        result = fit_model(models, recordings, validate=validate, how=how, say=say, command=command)
     path = result.save(Path(out or name) / "fit.json")
     if as_json:
         print_json(summary(result) | {"written": str(path)})

@@ -19,7 +19,7 @@ from ..parameter import Array
 from .gauss_newton import Solution, Status
 from .programs import UNLIMITED, Condensed, Lifted, bounds_of
 
-SAME = 1e-6
+SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
 
 
@@ -67,7 +67,7 @@ def ipopt(
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.tol": 1e-6,
+        "ipopt.tol": 1e-4 if warm else 1e-6,
         "ipopt.linear_solver": "mumps",
         "ipopt.mu_strategy": "adaptive",
         "ipopt.fixed_variable_treatment": "make_parameter",
