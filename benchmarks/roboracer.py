@@ -59,7 +59,7 @@ def main() -> int:
     given = arguments.parse_args()
     try:
         rows = measure(given.data, How(strengths=1.0) if given.quick else How())
-    except GreyboxError as error:
+    except (GreyboxError, OSError) as error:
         sys.stderr.write(f"roboracer: {error}\n")
         return 2
     if given.json:

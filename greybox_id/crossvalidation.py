@@ -44,11 +44,13 @@ class Choice:
     strengths : name -> factor.
     error : cross-validated error at the choice, in noise standard deviations.
     tried : every combination tried with its error.
+    interrupted : whether the search was stopped before its end.
     """
 
     strengths: dict[str, float]
     error: float
     tried: tuple[tuple[dict[str, float], float], ...]
+    interrupted: bool = False
 
 
 def choose_strengths(
@@ -77,7 +79,7 @@ def choose_strengths(
                 progress(f"{trace.model.name}: cross-validation, {named}: {root_mean(tried[key]):.4f} of the noise")
         return tried[key]
 
-    chosen = dict.fromkeys(names, 1.0)
+    chosen, interrupted = dict.fromkeys(names, 1.0), False
     try:
         for name in names:
             options = [{**chosen, name: factor} for factor in FACTORS]
@@ -85,6 +87,7 @@ def choose_strengths(
             if _surely_better(by_fold(best), by_fold(chosen)):
                 chosen = best
     except KeyboardInterrupt:
+        interrupted = True
         if progress is not None:
             progress(f"{trace.model.name}: cross-validation interrupted; the best strengths so far are used")
     errors = {key: root_mean(squares) for key, squares in tried.items()}
@@ -92,6 +95,7 @@ def choose_strengths(
         strengths=chosen,
         error=errors.get(tuple(chosen.values()), float("nan")),
         tried=tuple((dict(zip(names, key, strict=True)), error) for key, error in errors.items()),
+        interrupted=interrupted,
     )
 
 
@@ -147,7 +151,7 @@ def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, 
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest "
             f"unbroken run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, "
-            "or choose the strength of regularisation yourself with --strength."
+            "or choose structure and strength of regularisation yourself (--set, --strength)."
         )
     return np.array(squares)
 

@@ -18,6 +18,13 @@ def write_atomically(path: Path, text: str) -> Path:
     return path
 
 
+def ensure_writable(folder: Path) -> None:
+    """Raise `BadInput` if nothing can be written to a folder, which is made; better before long work than after."""
+    with replacing(folder / ".greybox") as beside:
+        beside.touch()
+    (folder / ".greybox").unlink(missing_ok=True)
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A file beside the target to write to; it replaces the target when all went well, else it is gone."""

@@ -67,7 +67,7 @@ class Fit:
             sd = self.sd.get(parameter.name)
             if parameter.fixed:
                 found[parameter.name] = "held"
-            elif parameter.size == 1 and sd is not None:
+            elif parameter.shape == () and sd is not None:
                 value, (low, high) = float(parameter.array), parameter.bounds
                 if value <= low or value >= high:
                     found[parameter.name] = "at its bound"

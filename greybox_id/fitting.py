@@ -6,6 +6,7 @@ measured inputs (step 1), then everything together with its own predictions fed 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .crossvalidation import choose_structure
+from .engine.series import runs
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
@@ -61,8 +63,15 @@ def fit(
     say = say or _silent
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         models = [model] if isinstance(model, Model) else list(model)
+        if validate is not None:
+            runs(Trace(models[0]), validate)  # what is wrong with it is better said before the work than after
+        clock = time.process_time()
         chosen = choose_structure(models, recordings, say) if len(models) > 1 else 0
-        return _fit(models[chosen], recordings, validate, how or How(), say, command)
+        choosing = time.process_time() - clock
+        found = _fit(models[chosen], recordings, validate, how or How(), say, command)
+        first, *others = found.stages
+        first = replace(first, cross_validation_seconds=first.cross_validation_seconds + choosing)
+        return replace(found, stages=(first, *others))
 
 
 def _fit(
@@ -99,13 +108,9 @@ def _fit(
         whole = whole.with_parameters(*held)
         spread = np.array([noise.get(name, 1.0) for name in model.outputs])
         problem = Problem(Trace(whole), recordings, closed_loop=True, noise=spread, strengths=strengths)
-        if interrupted:
-            say(f"{model.name}: interrupted; what was fitted so far is kept")
-            solution = _untouched(problem)
-        else:
-            solution, stage = fit_together(problem, strengths, validate, how, say)
-            stages.append(stage)
-            values |= _by_name(problem, solution)
+        solution, stage = fit_together(problem, strengths, validate, how, say, interrupted)
+        stages.append(stage)
+        values |= _by_name(problem, solution)
     fitted = _with(model, values)
     say(f"{model.name}: uncertainty of {fitted.size} parameters")
     return Fit(
@@ -146,12 +151,6 @@ def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
             found[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
         start += parameter.size
     return found
-
-
-def _untouched(problem: Problem) -> Solution:
-    nodes = problem.simulated_nodes(problem.start)
-    objective = problem.objective(problem.start, nodes)
-    return Solution(problem.start, nodes, Status.INTERRUPTED, 0, objective, np.nan, (objective,))
 
 
 def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:

@@ -2,7 +2,8 @@
 
 honest : windows never cross a join; all samples pooled; open loop (fed-back inputs measured).
 published : as in the papers on model-structured networks: windows laid across joins, the mean over batches of
-    100 windows of each batch's RMSE, an incomplete last batch dropped; open loop with measured a_x and a_y.
+    100 windows of each batch's RMSE, an incomplete last batch dropped; open loop with measured a_x and a_y. A
+    recording of fewer than 100 windows is pooled.
 closed_loop : no window across a join, pooled; the model runs on its own predictions from the first window of
     each run to its end.
 """
@@ -34,8 +35,9 @@ class Error:
     Attributes
     ----------
     rmse : root mean square error, in the output's unit.
-    rmse_sd : its standard error from blocks of one second of the residual, which are correlated within.
-    fvu : fraction of variance unexplained, var(error)/var(measured).
+    rmse_sd : its standard error, from the scatter over blocks of one second (residuals are correlated within),
+        or over the batches of the published protocol.
+    fvu : fraction of variance unexplained, var(error)/var(measured), over all samples.
     samples : predictions scored.
     """
 
@@ -53,7 +55,7 @@ class Prediction:
     ----------
     rows : (samples,) rows of the recording they belong to.
     predicted, measured : (samples, outputs).
-    run : (samples,) number of the run, from 0.
+    run : (samples,) number, from 0, of the unbroken stretch that was predicted; missing values break one too.
     """
 
     rows: Array
@@ -115,11 +117,16 @@ def _error(predicted: Array, measured: Array, sample_time: float, protocol: Prot
     square = residual**2
     if protocol == "published" and len(square) >= BATCH:
         batches = square[: len(square) // BATCH * BATCH].reshape(-1, BATCH).mean(axis=1)
-        rmse, sd = float(np.mean(np.sqrt(batches))), float(np.std(np.sqrt(batches)) / np.sqrt(len(batches)))
+        rmse, sd = float(np.mean(np.sqrt(batches))), _standard_error(np.sqrt(batches))
     else:
         rmse = float(np.sqrt(np.mean(square)))
         length = max(1, min(len(square), round(1.0 / sample_time)))
         blocks = square[: len(square) // length * length].reshape(-1, length).mean(axis=1)
-        sd = float(np.std(blocks) / np.sqrt(len(blocks)) / (2 * rmse)) if rmse > 0 else 0.0
+        sd = _standard_error(blocks) / (2 * rmse) if rmse > 0 else 0.0
     variance = float(np.var(measured))
     return Error(rmse, sd, float(np.var(residual)) / variance if variance > 0 else float("nan"), len(residual))
+
+
+def _standard_error(blocks: Array) -> float:
+    """Standard error of the mean of blocks; NaN where one block cannot tell."""
+    return float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else float("nan")

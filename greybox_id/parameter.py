@@ -49,7 +49,7 @@ class Parameter:
     prior : belief before the data; None for none.
     fixed : whether fitting leaves it alone.
     scope : "model", one value for everything; "run", one value per unbroken run (a nuisance such as a
-        timing offset), predicted on new runs by its prior's mean.
+        timing offset); new runs take the mean over the training runs.
     about : meaning, for people.
     source : where the nominal value comes from.
     axes : for local models, the signal along each leading axis of the value and its centres, in the SI unit.

@@ -37,7 +37,7 @@ class Certificate:
     Attributes
     ----------
     status : Ipopt's own words.
-    confirmed : whether it found nothing better than a share of 2e-5 of the objective.
+    confirmed : whether it converged, without lowering the objective by more than `solvers.ipopt.SAME` of it.
     iterations : its iterations.
     objective_before, objective_after : half the sum of squares.
     gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).
@@ -54,6 +54,11 @@ class Certificate:
     violation: float
     cpu_seconds: float
 
+    @property
+    def gained(self) -> float:
+        """Share by which Ipopt lowered the objective."""
+        return (self.objective_before - self.objective_after) / max(self.objective_before, 1e-300)
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -69,7 +74,7 @@ class Stage:
     history : objective after each step.
     starts : objective reached from each start, the chosen one first.
     strengths : factors on the priors.
-    strengths_from : "cross-validation", "early stopping" or "given".
+    strengths_from : "cross-validation", "early stopping" or "given"; said if it was interrupted.
     tried : strengths tried with their cross-validated error, in noise standard deviations.
     noise : residual standard deviation of each output, in its unit.
     cpu_seconds : s, without cross-validation.

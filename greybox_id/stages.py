@@ -36,7 +36,7 @@ TOLERANCE = 1e-5
 deviation of a parameter: what a further step would change cannot be seen."""
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
-CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 50, 8
+CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 30, 8
 """Ipopt's iterations where Gauss-Newton converged, and where it only carries on."""
 GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
 """Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
@@ -55,7 +55,7 @@ class How:
     strengths : "cross-validation", "early stopping", or a factor on every prior that has a strength.
     solver : "auto" finds with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
         "ipopt" solves with Ipopt from the start.
-    starts : how many starting points; all but the first are drawn about it.
+    starts : how many starting points; all but the first are drawn about the nominal values.
     seed : of those draws.
     """
 
@@ -79,9 +79,10 @@ def fit_alone(
     noise, near = _noise(trace, recordings)
     checked = time.process_time()
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
+    interrupted = False
     if how.strengths == "cross-validation":
         choice = choose_strengths(trace, recordings, noise, part.values, say)
-        strengths, tried = choice.strengths, choice.tried
+        strengths, tried, interrupted = choice.strengths, choice.tried, choice.interrupted
     else:
         factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
@@ -94,12 +95,12 @@ def fit_alone(
     ]
     best = min(solutions, key=lambda solution: solution.objective)
     certificate = None
-    if alone and how.solver == "auto" and best.status is not Status.INTERRUPTED:
+    if alone and _certifiable(how, best):
         best, certificate = _certified(problem, best, say)
     stage = Stage(
         model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
         steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
-        strengths=strengths, strengths_from=how.mode, tried=tried,
+        strengths=strengths, strengths_from=how.mode + (", interrupted" if interrupted else ""), tried=tried,
         noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
         cpu_seconds=time.process_time() - clock - checking, cross_validation_seconds=checking, certificate=certificate,
     )  # fmt: skip
@@ -107,14 +108,25 @@ def fit_alone(
 
 
 def fit_together(
-    problem: Problem, strengths: Mapping[str, float], validate: Recording | None, how: How, say: Say
+    problem: Problem,
+    strengths: Mapping[str, float],
+    validate: Recording | None,
+    how: How,
+    say: Say,
+    interrupted: bool,
 ) -> tuple[Solution, Stage]:
-    """Step 2: everything, on the model's own predictions."""
+    """Step 2: everything, on the model's own predictions; nothing moves if step 1 was interrupted."""
     clock = time.process_time()
     model = problem.trace.model
-    solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
+    if interrupted:
+        say(f"{model.name}: interrupted; what was fitted so far is kept")
+        nodes = problem.simulated_nodes(problem.start)
+        objective = problem.objective(problem.start, nodes)
+        solution = Solution(problem.start, nodes, Status.INTERRUPTED, 0, objective, np.nan, (objective,))
+    else:
+        solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
     certificate = None
-    if how.solver == "auto" and solution.status is not Status.INTERRUPTED:
+    if _certifiable(how, solution):
         solution, certificate = _certified(problem, solution, say)
     return solution, Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
@@ -141,7 +153,9 @@ def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say
     solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=watch)
     say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
     nodes = problem.simulated_nodes(watch.best)
-    return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes))
+    return replace(
+        solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes), status=Status.EARLY
+    )
 
 
 class _Watch:
@@ -160,6 +174,11 @@ class _Watch:
         if error < self._least:
             self.best, self.best_step, self._least = x, step, error
         return self._report(step, objective, x) and step - self.best_step < PATIENCE
+
+
+def _certifiable(how: How, found: Solution) -> bool:
+    """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
+    return how.solver == "auto" and how.strengths != "early stopping" and found.status is not Status.INTERRUPTED
 
 
 def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, Certificate]:

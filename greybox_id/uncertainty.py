@@ -1,8 +1,8 @@
 """How well a fit tells its parameters: covariance corrected for what the residuals leave correlated.
 
-One residual does not tell its neighbour nothing: a car's unmodelled lag or bump lasts. The plain Gauss-Newton
-covariance takes residuals as independent and is several times too small then. Here the scores (gradients of one
-second's residuals) are summed in blocks first, and their scatter sets the covariance (a sandwich estimate,
+Neighbouring residuals are not independent: a car's unmodelled lag or bump lasts. The plain Gauss-Newton
+covariance takes residuals as independent and is several times too small then. Here the scores (gradients of single
+residuals) are summed over blocks of two seconds first, and their scatter sets the covariance (a sandwich estimate,
 Newey & West, Econometrica 55 (1987), with block sums in place of a kernel).
 """
 

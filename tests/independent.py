@@ -57,7 +57,7 @@ def longitudinal(window, weights, v_0, a_y_0):
     both = w["I_wf"] + w["I_wr"] if "I_wf" in w else 2 * w["I_w"]
     N = (T / w["r"] - w["k_a"] * v**2 - w["c_l"] * v - F_yf * np.sin(steer)) / w["m"]
     N += -w["c_r"] * GRAVITY * np.cos(theta) - GRAVITY * np.sin(theta)
-    return float(N / (1 + 2 * both / (w["m"] * w["r"] ** 2)))
+    return float(N / (1 + 2 * both / (w["m"] * w["r"] ** 2)) + GRAVITY * np.sin(theta))  # dv/dt -> specific force
 
 
 def weights_of(model):

@@ -54,15 +54,18 @@ def test_the_mirror_image_of_a_held_out_stretch_is_left_out_too(lengths, folds, 
             assert np.array_equal(kept[k], kept[k - problem.copies])
 
 
-def test_noise_asks_for_a_stronger_prior_than_signal():
-    F = np.array([0.1, 0.5, 1.0])
-    prior = Prior(0.05, mean=0.0, strength="s")
-    chosen = []
-    for noise in (0.01, 5.0):
-        trace = Trace(linear_toy(3, prior))
-        recording = obeying_toy(F, 400, noise=noise)
-        chosen.append(choose_strengths(trace, [recording], np.array([noise]), np.zeros(3)).strengths["s"])
-    assert chosen[0] < chosen[1]
+@pytest.mark.parametrize(
+    ("F", "sd", "rows", "noise", "factor"),
+    [
+        (np.array([0.1, 0.5, 1.0]), 0.002, 400, 0.01, 0.5),  # the prior is far from what the data say
+        (np.zeros(12), 5.0, 200, 5.0, 4.0),  # there is nothing but noise to fit
+        (np.array([0.1, 0.5, 1.0]), 1.0, 400, 0.1, 1.0),  # it makes no difference
+    ],
+)
+def test_a_strength_moves_from_as_stated_only_where_held_out_stretches_ask_for_it(F, sd, rows, noise, factor):
+    trace = Trace(linear_toy(len(F), Prior(sd, mean=0.0, strength="s")))
+    choice = choose_strengths(trace, [obeying_toy(F, rows, noise=noise)], np.array([noise]), np.zeros(len(F)))
+    assert choice.strengths["s"] == factor
 
 
 def test_every_strength_tried_is_on_record_with_its_error():

@@ -82,22 +82,25 @@ def test_ctrl_c_keeps_the_best_point_and_says_so():
             raise KeyboardInterrupt
 
     found = fit(tiny("msnn_full"), [drive()], how=QUICK, say=say)
-    assert [s.status for s in found.stages] == [Status.INTERRUPTED.value]
+    assert [s.status for s in found.stages] == [Status.INTERRUPTED.value] * 2
+    assert found.stages[1].steps == 0
     assert found.stages[0].steps == 2
     assert found.stages[0].history[-1] < found.stages[0].history[0]
     assert not np.array_equal(found.model["F"].array, tiny("msnn_full")["F"].array)
 
 
-def test_ctrl_c_during_cross_validation_keeps_the_best_point_and_says_so():
+def test_ctrl_c_during_cross_validation_ends_the_search_and_says_so():
+    pressed = []
+
     def say(line, passing=False):
-        if "cross-validation" in line:
+        if "cross-validation" in line and not pressed:
+            pressed.append(line)
             raise KeyboardInterrupt
 
-    try:
-        found = fit(tiny("msnn_lat"), [drive(400)], how=How(solver="gauss-newton"), say=say)
-    except KeyboardInterrupt:  # it would end the whole test run
-        pytest.fail("Ctrl-C came through")
-    assert found.stages[0].status == Status.INTERRUPTED.value
+    found = fit(tiny("msnn_lat"), [drive(400)], how=How(solver="gauss-newton"), say=say)
+    assert found.stages[0].strengths_from == "cross-validation, interrupted"
+    assert found.stages[0].steps > 0
+    assert len(found.stages[0].tried) == 1
 
 
 def test_early_stopping_keeps_the_step_that_is_best_on_the_validation_recording():
@@ -105,6 +108,8 @@ def test_early_stopping_keeps_the_step_that_is_best_on_the_validation_recording(
     train, validate = obeying_toy(F, 60, 1, noise=0.3), obeying_toy(F, 400, 2, noise=0.3)
     found = fit(linear_toy(2), [train], validate=validate, how=How("early stopping"))
     assert found.mode == "early stopping"
+    assert found.stages[0].status == Status.EARLY.value
+    assert found.stages[0].certificate is None  # Ipopt would carry on to where it was stopped from going
     with pytest.raises(BadInput, match="--validate"):
         fit(linear_toy(2), [train], how=How("early stopping"))
 

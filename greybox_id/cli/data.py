@@ -15,6 +15,7 @@ from rich.text import Text
 from ..checks import Finding, Severity, check, distrusted
 from ..datasets.read import read
 from ..recording import Recording
+from .options import columns_option
 from .output import console
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
@@ -29,9 +30,7 @@ def data() -> None:
 
 @data.command("check")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
-@click.option(
-    "--columns", default="canonical", metavar="MAP", help="Column map: name of a shipped one, or a .toml file."
-)
+@columns_option
 @click.option(
     "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
 )

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from rich.table import Table
 
 from ..datasets.read import read
+from ..files import ensure_writable
 from ..fit import Fit
 from ..fitting import How, Solver
 from ..fitting import fit as fit_model
 from ..models.registry import MODELS, candidates
+from ..parameter import Parameter, Prior
 from ..recording import join
 from .options import columns_option, json_option, settings_of
 from .output import console, errors_table, print_json, progress
@@ -25,7 +28,12 @@ from .output import console, errors_table, print_json, progress
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @click.option("--model", "name", required=True, metavar="NAME", help=f"One of {', '.join(MODELS)}.")
 @columns_option
-@click.option("--validate", "validation", metavar="FILE", help="A recording to score on; nothing is chosen by it.")
+@click.option(
+    "--validate",
+    "validation",
+    metavar="FILE",
+    help="A recording to score on; it chooses nothing, but for --early-stopping.",
+)
 @click.option("--out", default=None, metavar="DIR", help="Folder for fit.json; default: the model's name.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as lat.q=14.")
 @click.option("--with", "effects", multiple=True, metavar="EFFECT=VALUE", help="Add an effect, held at a magnitude.")
@@ -33,7 +41,9 @@ from .output import console, errors_table, print_json, progress
     "--early-stopping", is_flag=True, help="Stop where the validation recording is fitted best (as published)."
 )
 @click.option(
-    "--strength", type=click.FloatRange(min=0, min_open=True), help="Factor on all priors, instead of choosing it."
+    "--strength",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Factor on the priors of the weights, instead of choosing it.",
 )
 @click.option(
     "--solver",
@@ -43,7 +53,7 @@ from .output import console, errors_table, print_json, progress
     help="auto: Gauss-Newton finds, Ipopt certifies.",
 )
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @json_option
 def fit(
     files: Sequence[str],
@@ -70,6 +80,8 @@ def fit(
     """
     if early_stopping and strength is not None:
         raise click.UsageError("--early-stopping and --strength exclude each other.")
+    if early_stopping and solver == "ipopt":
+        raise click.UsageError("--early-stopping watches Gauss-Newton's steps; leave --solver ipopt away.")
     if early_stopping and validation is None:
         raise click.UsageError("--early-stopping needs --validate FILE.")
     recordings = [read(file, columns) for file in files]
@@ -82,9 +94,11 @@ def fit(
         seed=seed,
     )
     command = shlex.join(["greybox", *sys.argv[1:]])
+    target = Path(out or name) / "fit.json"
+    ensure_writable(target.parent)
     with progress() as say:
         result = fit_model(models, recordings, validate=validate, how=how, say=say, command=command)
-    path = result.save(Path(out or name) / "fit.json")
+    path = result.save(target)
     if as_json:
         print_json(summary(result) | {"written": str(path)})
     else:
@@ -102,9 +116,9 @@ def summary(result: Fit) -> dict[str, Any]:
         "metrics": body["metrics"],
         "cpu_seconds": seconds | {"cross_validation": sum(s.cross_validation_seconds for s in result.stages)},
         "parameters": {_key(part.name, False): part.size for part in result.model.parts or (result.model,)}
-        | {"full": result.model.size},
+        | ({"full": result.model.size} if result.model.parts else {}),
         "stages": body["stages"],
-        "physical": {p.name: body["parameters"][p.name] for p in result.model.parameters if p.size == 1},
+        "physical": {p.name: body["parameters"][p.name] for p in result.model.parameters if p.shape == ()},
         "notes": body["notes"],
         "together": body["together"],
         "per_run": body["per_run"],
@@ -126,14 +140,13 @@ def show(result: Fit) -> None:
         out.print(f"fit      {stage.model}{loop}: {stage.steps} steps, {stage.cpu_seconds:.2f} s; {stage.status}")
         if stage.certificate is not None:
             c = stage.certificate
-            gained = 100 * (1 - c.objective_after / c.objective_before)
             out.print(
                 f"         {'certified' if c.confirmed else 'not certified'} by Ipopt: {c.status}, {c.iterations} "
-                f"iterations, objective {gained:.2g} % lower, gradient {c.gradient:.1e}"
+                f"iterations, objective {100 * c.gained:.2g} % lower, gradient {c.gradient:.1e}"
             )
     strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
     out.print(f"priors   strengths {strengths or 'as stated'} ({result.mode})\n")
-    if any(p.size == 1 for p in result.model.parameters):
+    if any(p.shape == () for p in result.model.parameters):
         out.print(_parameters(result))
         out.print()
     for sentence in result.model.together:
@@ -147,13 +160,19 @@ def _parameters(result: Fit) -> Table:
     for title in ("parameter", "estimate", "95 % interval", "unit", "prior", "note"):
         table.add_column(title, header_style="dim")
     notes = result.notes()
-    for p in (p for p in result.model.parameters if p.size == 1):
+    for p in (p for p in result.model.parameters if p.shape == ()):
         value, sd = float(p.array), float(result.sd[p.name])
         low, high = (max(value - 1.96 * sd, p.bounds[0]), min(value + 1.96 * sd, p.bounds[1]))
         interval = "–" if p.fixed else f"[{low:.3g}, {high:.3g}]"
-        prior = "" if p.prior is None else f"± {float(p.prior.sd):.2g}"  # type: ignore[arg-type]
+        prior = "" if p.prior is None else _prior(p, p.prior)
         table.add_row(p.name, f"{value:.4g}", interval, p.unit, prior, notes.get(p.name, ""))
     return table
+
+
+def _prior(parameter: Parameter, prior: Prior) -> str:
+    """What was believed of a number: mean and standard deviation."""
+    mean = parameter.array if prior.mean is None else np.asarray(prior.mean, dtype=float)
+    return f"{float(mean):.3g} ± {float(np.asarray(prior.sd)):.2g}"
 
 
 def _key(model: str, closed_loop: bool) -> str:

@@ -24,7 +24,7 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
             raise click.UsageError(f"{pair!r} is not NAME=VALUE.")
         try:
             value = json.loads(text)
-        except (json.JSONDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:
             raise click.UsageError(f"{pair!r}: {text!r} is no number, true, false, null or [list].") from error
         *groups, last = name.split(".")
         inner = found

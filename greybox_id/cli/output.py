@@ -92,6 +92,7 @@ def errors_table(metrics: Mapping[str, Any]) -> Table:
     for role, protocols in metrics.items():
         for protocol, outputs in protocols.items():
             for name, error in outputs.items():
-                rmse = f"{error['rmse']:.4f} ± {error['rmse_sd']:.4f}"
+                sd = error["rmse_sd"]
+                rmse = f"{error['rmse']:.4f} ± " + (f"{sd:.4f}" if math.isfinite(sd) else "–")
                 table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit(name), f"{error['fvu']:.4f}")
     return table

@@ -34,7 +34,7 @@ class Linearisation:
     Attributes
     ----------
     y : (rows, outputs) predictions.
-    by_p : (rows, outputs, parameters) derivative, windows held.
+    by_p : (rows, outputs, parameters) derivative by the parameters, nodes held.
     by_nodes : (rows, outputs, memory, outputs) derivative by the nodes in the window, oldest first; None in open loop.
     """
 

@@ -25,16 +25,22 @@ class FullSettings:
     Attributes
     ----------
     lat, long : those of MS-NN-lat and MS-NN-long.
+    refine_longitudinal : let step 2 move the longitudinal part too, as the paper does. Off, step 2 refines the lateral
+        part on predicted accelerations and leaves the longitudinal part as its own output told it: in a common
+        objective the yaw rate's residuals bend the acceleration that feeds them.
     """
 
     lat: LateralSettings = field(default_factory=LateralSettings)
     long: LongitudinalSettings = field(default_factory=LongitudinalSettings)
+    refine_longitudinal: bool = False
 
 
 def covering_full(settings: FullSettings, recording: Recording, symmetric: bool = False) -> FullSettings:
     """Centres left open are set from a training recording."""
     return FullSettings(
-        covering_lat(settings.lat, recording, symmetric), covering_long(settings.long, recording, symmetric)
+        covering_lat(settings.lat, recording, symmetric),
+        covering_long(settings.long, recording, symmetric),
+        settings.refine_longitudinal,
     )
 
 
@@ -65,6 +71,7 @@ def msnn_full(settings: FullSettings | None = None) -> Model:
         sample_time=lat.sample_time,
         defaults=long.defaults,
         parts=(lat, long),
+        step_2_holds=() if s.refine_longitudinal else tuple(p.name for p in long.parameters),
         settings=asdict(s),
         together=lat.together + long.together,
     )

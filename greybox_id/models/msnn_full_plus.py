@@ -5,10 +5,7 @@ steering_rate_limit    the servo's limit before the window (an effect, held at i
 symmetric              left and right are the same vehicle, so every recording is seen mirrored too, or not
 long.speed_window      the window of speeds acts on the acceleration
 long.eta = 5           half the neurons, now that the speeds tell most
-timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect)
-refine_longitudinal    off: step 2 refines the lateral part on predicted accelerations and leaves the longitudinal
-                       part as its own output told it; in a common objective the yaw rate's residuals bend the
-                       acceleration that feeds them
+timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect); off by default
 
 Cross-validation on the training data chooses the first three unless they are set.
 """
@@ -36,7 +33,7 @@ class PlusSettings:
     lat, long : those of MS-NN-lat and MS-NN-long.
     symmetric : see every recording mirrored too.
     steering_rate_limit : rad/s, before the steering window; None for no limit.
-    refine_longitudinal : let step 2 move the longitudinal part too, as the paper does.
+    refine_longitudinal : as in MS-NN-full.
     timing_offset : estimate one latency of the inertial sensors per run.
     """
 
@@ -51,13 +48,12 @@ class PlusSettings:
 def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
     """MS-NN-full with additions."""
     s = settings or PlusSettings()
-    model = msnn_full(FullSettings(s.lat, s.long))
+    model = msnn_full(FullSettings(s.lat, s.long, s.refine_longitudinal))
     model = replace(
         model,
         name="msnn_full_plus",
         about="MS-NN-full with a steering rate limit, a speed window, mirroring and timing offsets",
         symmetric=s.symmetric,
-        step_2_holds=() if s.refine_longitudinal else tuple(p.name for p in model.parts[1].parameters),
         parts=tuple(replace(part, symmetric=s.symmetric) for part in model.parts),
     )
     if s.steering_rate_limit is not None:
@@ -87,6 +83,5 @@ def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def covering_plus(settings: PlusSettings, recording: Recording) -> PlusSettings:
     """Centres left open cover the recording's range, symmetric about straight ahead where the model is."""
-    seen = recording
-    both = covering_full(FullSettings(settings.lat, settings.long), seen, symmetric=settings.symmetric)
+    both = covering_full(FullSettings(settings.lat, settings.long), recording, symmetric=settings.symmetric)
     return replace(settings, lat=both.lat, long=both.long)

@@ -4,7 +4,8 @@ Newton's law along the vehicle, with a learned actuation model (motor current to
 small network each) and a learned lateral force of the front axle. ISO 8855 axes.
 
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
-networks", Eq. 7-15 and Fig. 3. The acceleration is that of the sample after the window.
+networks", Eq. 7-15 and Fig. 3. The acceleration is that of the sample after the window. Eq. 12 gives
+dv_x/dt; what an accelerometer reads, and what `a_x` means here, is g sin(road_slope) more. On a flat road both are one.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ class LongitudinalSettings:
     Attributes
     ----------
     n_v, n_y : local models of the lateral force over speed and lateral acceleration.
+    v_x, a_y : their centres, m/s and m/s^2; None spaces them evenly over the training recording.
     eta : neurons of each branch of the actuation model.
     gamma : past samples in a window besides the newest.
     one_inertia : a single wheel inertia for both axles, as in the authors' code (384 parameters); False keeps
@@ -38,7 +40,6 @@ class LongitudinalSettings:
     speed_window : beyond the paper: the window of speeds acts on the acceleration too. The change of speed over the
         last samples is what the acceleration of the next one mostly is; it also stands in for a motor controller
         that follows a speed command.
-    v_x, a_y : their centres, m/s and m/s^2; None spaces them evenly over the training recording.
     sample_time : s.
     """
 
@@ -69,7 +70,7 @@ def covering_long(
 
 
 def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
-    """MS-NN-long; 384 parameters with the authors' hyperparameters (Eq. 15)."""
+    """MS-NN-long; 384 parameters with the authors' hyperparameters (Eq. 15 with one wheel inertia)."""
     s = settings or LongitudinalSettings()
     v_x_0 = centres("v_x", s.v_x, s.n_v, 0.0, 4.0)
     a_y_0 = centres("a_y", s.a_y, s.n_y, -7.0, 7.0)
@@ -87,14 +88,14 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
         F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(s.n_v))
 
         theta, v = u.road_slope, u.v_x
-        I_w = 2 * p.I_w if s.one_inertia else p.I_wf + p.I_wr
+        both_axles = 2 * p.I_w if s.one_inertia else p.I_wf + p.I_wr
         N = (
             ((T_t + T_b) / p.r - p.k_a * v**2 - p.c_l * v - F_yf * cs.sin(u.steer)) / p.m
             - p.c_r * GRAVITY * cs.cos(theta)
             - GRAVITY * cs.sin(theta)
         )
-        D = 1 + 2 * I_w / (p.m * p.r**2)
-        a_x = N / D
+        D = 1 + 2 * both_axles / (p.m * p.r**2)
+        a_x = N / D + GRAVITY * cs.sin(theta)
         if s.speed_window:
             a_x += past(u.v_x, p.F_v)
         return {"a_x": a_x}
@@ -110,8 +111,9 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
         defaults={"road_slope": 0.0},
         settings=asdict(s),
         together=(
-            "m, r and the wheel inertia: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), k_a/(m D) and c_r/D "
-            "act; the scale of the torques is free against G_2, so T/(m r D) alone is told by the recording",
+            "m, r and the wheel inertia, on a flat road: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), "
+            "k_a/(m D) and c_r/D act; the scale of the torques is free against G_2, so T/(m r D) alone is told by the "
+            "recording",
             "q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",
         ),
     )

@@ -68,7 +68,11 @@ def prepared(
     """A model for a training recording: hyperparameters left open are set to cover the recording's range."""
     entry = _entry(name)
     covering = entry.covering(from_mapping(entry.settings, settings or {}), recording)
-    return build(name, asdict(covering), effects)
+    model = build(name, asdict(covering))
+    for effect in effects or {}:
+        if effect in model.effects:
+            raise BadInput(f"Model {name} has the effect {effect} by its own settings; change it there (--set).")
+    return _with_effects(model, effects or {})
 
 
 def candidates(
@@ -93,7 +97,10 @@ def _with_effects(model: Model, effects: Mapping[str, float]) -> Model:
             continue
         if name not in EFFECTS:
             raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{_near(name, EFFECTS)}")
-        model = model + EFFECTS[name].at(value)
+        effect = EFFECTS[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise BadInput(f"Effect {name} needs a number, in {effect.parameter.unit}; {value!r} was given.")
+        model = model + effect.at(value)
     return model
 
 

@@ -183,7 +183,7 @@ def _scalars(fit: Fit, nominal: Model | None) -> Table:
     head = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
     notes, rows = fit.notes(), []
     for parameter in fit.model.parameters:
-        if parameter.size != 1:
+        if parameter.shape != ():
             continue
         value, sd = float(parameter.array.ravel()[0]), float(np.ravel(fit.sd.get(parameter.name, 0.0))[0])
         sd = 0.0 if parameter.fixed else sd
@@ -197,9 +197,6 @@ def _scalars(fit: Fit, nominal: Model | None) -> Table:
                 note.append(f"{abs(value - mean) / spread:.1f} prior sd from its prior mean")
         if parameter.scope == "run" and parameter.name in fit.per_run:
             values = np.ravel(fit.per_run[parameter.name])
-            count = sum(record.runs for record in fit.data if record.role == "train")
-            if len(values) == 2 * count and np.array_equal(values[:count], values[count:]):
-                values = values[:count]  # the fit saw every run mirrored too
             runs = ", ".join(number(float(value)) for value in values)
             note.append(f"one per training run: {runs}; the estimate is what new runs get")
         low, high = (np.clip(value + side * NORMAL_95 * sd, *parameter.bounds) for side in (-1, 1))
@@ -225,7 +222,7 @@ def _arrays(fit: Fit) -> Table:
     head = ("parameter", "meaning", "entries", "rms value", "rms sd", "unit", "strength")
     rows = []
     for parameter in fit.model.parameters:
-        if parameter.size == 1:
+        if parameter.shape == ():
             continue
         sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
         strength = parameter.prior.strength.replace("_", " ") if parameter.prior is not None else ""

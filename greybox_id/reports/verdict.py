@@ -142,8 +142,9 @@ def _ipopt_words(stage: Stage) -> str:
     verdict = stage.certificate
     if verdict is None:
         return "Ipopt was not asked to confirm the optimum"
-    gained = (verdict.objective_before - verdict.objective_after) / verdict.objective_before
     if verdict.confirmed:
         return "Ipopt confirmed the optimum on the same problem"
-    better = f"finding {percent(gained)} less in the objective" if gained > 0 else "finding nothing better"
+    better = (
+        f"finding {percent(verdict.gained)} less in the objective" if verdict.gained > 0 else "finding nothing better"
+    )
     return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}”, {better}"

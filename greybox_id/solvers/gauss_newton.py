@@ -32,6 +32,7 @@ class Status(Enum):
 
     CONVERGED = "converged"
     STOPPED = "stopped by the caller before convergence"
+    EARLY = "stopped early, where the validation recording is fitted best"
     INTERRUPTED = "interrupted; the best point so far is kept"
     STEP_LIMIT = "step limit reached before convergence"
     SLOW = (
@@ -112,7 +113,7 @@ def gauss_newton(
                 break
             better = _descent(problem, point, equations, search)
             if better is None:
-                status = Status.CONVERGED if decrement <= 1e3 * tolerance else Status.STALLED
+                status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
                 break
             point, steps = better, steps + 1
             history.append(point.objective)
