@@ -144,22 +144,26 @@ class Problem:
         """Linearise everything about a matched point and eliminate the nodes."""
         H, g = self._believed.copy(), np.asarray(self.R.T @ self.belief_residuals(x))
         for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
+            free = self.free[index]
             flat = J.reshape(-1, J.shape[-1])
-            H[np.ix_(index, index)] += flat.T @ flat
-            g[index] += flat.T @ residuals.ravel()
+            flat = flat if np.all(free) else flat[:, free]
+            H[np.ix_(index[free], index[free])] += flat.T @ flat
+            g[index[free]] += flat.T @ residuals.ravel()
         return NormalEquations(H, g)
 
     def residuals(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:
         """Per run, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
 
-        The derivative is total: what a parameter does to the nodes is carried along.
+        The derivative is total: what a parameter does to the nodes is carried along. By held parameters it is zero.
         """
         for k, run in enumerate(self.runs):
             p = x[self.layout.index[k]]
             lines = run.linearise(p, nodes[k] if nodes else None)
-            by_p = lines.by_p
+            by_p, free = lines.by_p, self.free[self.layout.index[k]]
+            if not np.all(free):
+                by_p[:, :, ~free] = 0.0
             if lines.by_nodes is not None:
-                by_p = _condense(lines.by_p, lines.by_nodes)
+                by_p[:, :, free] = _condense(by_p[:, :, free], lines.by_nodes)
             flat, J = self._residuals(k, lines.y, by_p, p)
             assert J is not None
             yield flat.reshape(lines.y.shape), J.reshape(by_p.shape)
