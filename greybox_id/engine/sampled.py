@@ -30,8 +30,10 @@ class SampledFunction:
 
     def __call__(self, *arguments: Array) -> Array:
         """Evaluate row by row: (n, outputs)."""
-        samples = max((len(a) for a in arguments if a.ndim == 2), default=1)
-        result = np.empty((samples, self.outputs))
+        samples = max((len(a) for a in arguments if a.ndim == 2), default=0)
+        if samples == 0 and self.outputs:  # nothing varies from sample to sample
+            return call(self.function, *arguments).reshape(1, self.outputs)
+        result = np.empty((max(samples, 1), self.outputs))
         if self.outputs == 0:
             return result
         memory, run = self._buffer(tuple(k for k, a in enumerate(arguments) if a.ndim == 1))

@@ -74,6 +74,7 @@ class Run:
         self._fed = [model.inputs.index(name) for name in trace.fed_back]
         self.actuation = Actuation(trace)
         self._constant_stage_by_p: Array | None = None
+        self._constant_weights_by_p: Array | None = None
         self._seen: tuple[Array, Array, Array | None] | None = None
 
     def __len__(self) -> int:
@@ -168,6 +169,12 @@ class Run:
             self._constant_stage_by_p = self.trace.stage_by_p.nonzeros(u, p)
         return self._constant_stage_by_p
 
+    def _weights_by_p(self, p: Array) -> Array:
+        """Nonzeros of the derivative of the windows' weights; evaluated once where the weights are parameters."""
+        if not self.trace.weights_by_p.constant or self._constant_weights_by_p is None:
+            self._constant_weights_by_p = self.trace.weights_by_p.nonzeros(p)[0]
+        return self._constant_weights_by_p
+
     def _newest(self, u: Array) -> Array:
         return u[self.trace.memory - 1 : -1]
 
@@ -201,7 +208,7 @@ class Run:
         if not len(of_tap):
             return
         lags = trace.weights_by_p.row[of_tap] % trace.memory
-        slopes = trace.weights_by_p.nonzeros(p)[0, of_tap]
+        slopes = self._weights_by_p(p)[of_tap]
         own, place = np.unique(trace.weights_by_p.column[of_tap], return_inverse=True)
         seen = windows(z[:usable, signal], trace.memory)
         if len(own) == len(lags) and np.all(np.diff(lags[np.argsort(place)]) == 1):  # one parameter, one sample
