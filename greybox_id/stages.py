@@ -36,8 +36,9 @@ TOLERANCE = 1e-5
 deviation of a parameter: what a further step would change cannot be seen."""
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
-CERTIFYING_ITERATIONS, CONTINUING_ITERATIONS = 30, 8
-"""Ipopt's iterations where Gauss-Newton converged, and where it only carries on."""
+CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
+"""Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs half a second with 544 weights), and
+where it only carries on."""
 GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
 """Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
 The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
@@ -184,7 +185,8 @@ def _certifiable(how: How, found: Solution) -> bool:
 def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ask Ipopt; keep what it found where that is better."""
     converged = found.status is Status.CONVERGED
-    iterations = CERTIFYING_ITERATIONS if converged else CONTINUING_ITERATIONS
+    certifying = CERTIFYING_CLOSED_LOOP if problem.closed_loop else CERTIFYING_ITERATIONS
+    iterations = certifying if converged else CONTINUING_ITERATIONS
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
     solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
     gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
