@@ -37,8 +37,8 @@ deviation of a parameter: what a further step would change cannot be seen."""
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
-"""Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs half a second with 544 weights), and
-where it only carries on."""
+"""Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
+weights), and where it only carries on."""
 GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
 """Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
 The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
