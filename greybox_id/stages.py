@@ -150,31 +150,35 @@ def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say
         solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=report)
         say(f"{name}: {solution.status.value} after {solution.steps} steps")
         return solution
-    watch = _Watch(problem, validate, report)
+    watch = _Watch(problem, x, validate, report)
     solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=watch)
     say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
     nodes = problem.simulated_nodes(watch.best)
-    return replace(
-        solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes), status=Status.EARLY
-    )
+    status = solution.status if solution.status is Status.INTERRUPTED else Status.EARLY
+    return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes), status=status)
 
 
 class _Watch:
-    """Keeps the point with the least error on a validation recording, and stops when none has been better lately."""
+    """Keeps the point, the start included, that is best on a validation recording; stops when none has been lately."""
 
-    def __init__(self, problem: Problem, validate: Recording, report: Callable[[int, float, Array], bool]) -> None:
+    def __init__(
+        self, problem: Problem, start: Array, validate: Recording, report: Callable[[int, float, Array], bool]
+    ) -> None:
         self._problem, self._report = problem, report
         self._validation = Problem(
             problem.trace, [validate], closed_loop=problem.closed_loop, noise=problem.noise, strengths={}
         )
-        self.best, self.best_step, self._least = problem.start, 0, np.inf
+        self.best, self.best_step, self._least = start, 0, self._error(start)
 
     def __call__(self, step: int, objective: float, x: Array) -> bool:
-        shared = self._validation.unknowns(self._problem.shared(x))
-        error = self._validation.misfit(shared, self._validation.simulated_nodes(shared))
+        error = self._error(x)
         if error < self._least:
             self.best, self.best_step, self._least = x, step, error
         return self._report(step, objective, x) and step - self.best_step < PATIENCE
+
+    def _error(self, x: Array) -> float:
+        shared = self._validation.unknowns(self._problem.shared(x))
+        return self._validation.misfit(shared, self._validation.simulated_nodes(shared))
 
 
 def _certifiable(how: How, found: Solution) -> bool:

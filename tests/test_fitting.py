@@ -212,3 +212,11 @@ def test_a_loop_is_told_by_its_own_predictions_where_there_are_no_parts():
     recording = looping(drive(400), 0.7, 0.9, noise=0.3)
     found = fit(speed_toy(), [recording], how=QUICK)
     np.testing.assert_allclose([found.model["pole"].array, found.model["gain"].array], [0.7, 0.9], atol=0.05)
+
+
+def test_early_stopping_keeps_the_start_where_every_step_is_worse_on_the_validation_recording():
+    train, validate = obeying_toy(np.array([5.0, -5.0]), 60, 1), obeying_toy(np.zeros(2), 400, 2)
+    model = linear_toy(2)
+    start = model.with_parameters(*(p.with_value(np.zeros(p.shape)) for p in model.parameters))
+    found = fit(start, [train], validate=validate, how=How("early stopping"))
+    assert np.all(found.model.values == 0.0)
