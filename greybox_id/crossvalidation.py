@@ -14,7 +14,7 @@ import numpy as np
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
-from .model import Model
+from .memory_model import MemoryModel
 from .parameter import Array
 from .recording import Recording, join
 from .solvers.gauss_newton import Solution, Status, gauss_newton
@@ -110,7 +110,9 @@ def root_mean(squares: Array) -> float:
     return float(np.sqrt(np.mean(squares)))
 
 
-def choose_structure(models: Sequence[Model], recordings: Sequence[Recording], progress: Progress | None = None) -> int:
+def choose_structure(
+    models: Sequence[MemoryModel], recordings: Sequence[Recording], progress: Progress | None = None
+) -> int:
     """Which of several structures of a model predicts held-out stretches best, open loop, priors as stated.
 
     Of models with parts the first part decides, the one whose structure is varied. Returns the place in `models`.

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from .errors import BadModel
+from .memory_model import MemoryModel
 from .model import Model
+from .motion_model import MotionModel
 from .parameter import Parameter
+
+AnyModel = TypeVar("AnyModel", bound=Model)
 
 
 @dataclass(frozen=True)
@@ -22,35 +27,75 @@ class Effect:
     ----------
     name : the word it is called by.
     parameter : its magnitude, at its null value.
-    touches : signals it acts on; a model (or part) that has none of them is left as it is.
-    apply : model that already has the parameter -> model with the effect.
+    touches : what it acts on, signals, parameters or quantities; a model (or part) that has none of them is left
+        as it is.
+    needs : what it reads besides, all of which a model must have for the effect to make sense there.
+    apply : equations of motion that already have the parameters -> the same with the effect.
+    apply_to_memory : the same for maps with memory; None where the effect is not known for them.
+    memory_parameter : its magnitude in maps with memory, where that is known or stated differently there.
+    others : parameters it needs besides its magnitude, usually held.
+    typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
+    group : steering, drive, tyres, body, road, sensors or timing.
     """
 
     name: str
     parameter: Parameter
     touches: tuple[str, ...]
-    apply: Callable[[Model], Model]
+    apply: Callable[[MotionModel], MotionModel] | None = None
+    apply_to_memory: Callable[[MemoryModel], MemoryModel] | None = None
+    memory_parameter: Parameter | None = None
+    needs: tuple[str, ...] = ()
+    others: tuple[Parameter, ...] = ()
+    typical: float = 1.0
+    group: str = ""
 
-    def __call__(self, model: Model) -> Model:
+    def __call__(self, model: AnyModel) -> AnyModel:
         """Put the effect on a model and on those of its parts that it concerns."""
-        if not self._concerns(model):
+        if not self.concerns(model):
             raise BadModel(
-                f"Effect {self.name} acts on {' and '.join(self.touches)}, "
+                f"Effect {self.name} acts on {' and '.join(self.touches)}{self._needing()}, "
                 f"but model {model.name} has inputs {', '.join(model.inputs)} and outputs {', '.join(model.outputs)}."
             )
         if self.name in model.effects:
             raise BadModel(f"Model {model.name} already has the effect {self.name}.")
-        return self._on(replace(model, parts=tuple(self._on(part) for part in model.parts)))
+        if isinstance(model, MemoryModel):
+            model = replace(model, parts=tuple(self._on(part) for part in model.parts))
+        return self._on(model)
 
     def at(self, value: float) -> Effect:
         """The same effect at another magnitude, held there when fitting."""
-        return replace(self, parameter=replace(self.parameter.with_value(value), fixed=True))
+        return self._with(lambda parameter: replace(parameter.with_value(value), fixed=True))
 
-    def _concerns(self, model: Model) -> bool:
-        return any(signal in (*model.inputs, *model.outputs) for signal in self.touches)
+    def starting_at(self, value: float) -> Effect:
+        """The same effect with another magnitude to start a fit from."""
+        return self._with(lambda parameter: parameter.with_value(value))
 
-    def _on(self, model: Model) -> Model:
-        if not self._concerns(model):
+    def concerns(self, model: Model) -> bool:
+        """Whether the model has anything for the effect to act on."""
+        if isinstance(model, MotionModel):
+            there = not model.names.isdisjoint(self.touches) and model.names.issuperset(self.needs)
+            return self.apply is not None and there
+        return self.apply_to_memory is not None and not {*model.inputs, *model.outputs}.isdisjoint(self.touches)
+
+    def _needing(self) -> str:
+        return f" and needs {' and '.join(self.needs)}" if self.needs else ""
+
+    def _with(self, change: Callable[[Parameter], Parameter]) -> Effect:
+        in_memory = self.memory_parameter and change(self.memory_parameter)
+        return replace(self, parameter=change(self.parameter), memory_parameter=in_memory)
+
+    def _on(self, model: AnyModel) -> AnyModel:
+        if not self.concerns(model):
             return model
-        changed = self.apply(model.with_parameters(self.parameter))
-        return replace(changed, effects=(*model.effects, self.name))
+        own = tuple(parameter for parameter in self.others if parameter.name not in model)
+        in_memory = self.memory_parameter if isinstance(model, MemoryModel) else None
+        with_parameters = model.with_parameters(in_memory or self.parameter, *own)
+        changed: Model
+        if isinstance(with_parameters, MotionModel):
+            assert self.apply is not None
+            changed = self.apply(with_parameters)
+        else:
+            assert self.apply_to_memory is not None
+            assert isinstance(with_parameters, MemoryModel)
+            changed = self.apply_to_memory(with_parameters)
+        return replace(changed, effects=(*model.effects, self.name))  # type: ignore[return-value]

@@ -6,7 +6,6 @@ the caller hands in the function that builds models by name.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -16,16 +15,22 @@ from typing import Any
 import numpy as np
 
 from . import __version__
+from .combined import Combined, combined, reach
 from .errors import BadInput
 from .files import write_atomically
+from .json_data import checksum, read_json, without_nan
 from .model import Model
 from .parameter import Array, Parameter, Prior
 from .provenance import Certificate, DataRecord, Stage
 
 FORMAT = "greybox-fit"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+MOST_COVARIANCES = 200
+"""Numbers whose covariance is written into a file."""
 HARDLY, SURPRISING = 0.7, 3.0
 """A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
+UNTOLD = 0.5
+"""A positive number whose standard deviation is more than this share of it is not determined."""
 
 Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
 """Model name, settings, effects with their magnitudes -> model."""
@@ -39,12 +44,15 @@ class Fit:
     ----------
     model : the model at its estimates.
     sd : name -> standard deviation of every entry, in the parameter's unit, corrected for correlated residuals.
+    dof : name -> degrees of freedom of every entry's standard deviation; missing where there are plenty.
+    covariance : (parameters, parameters) of the model's parameter vector; None where it was not kept.
     per_run : name -> (runs, ...) estimates of run-scoped parameters on the training runs.
     stages : the steps that led here.
     metrics : "train" and "validate" -> protocol -> output -> {rmse, rmse_sd, fvu, samples}.
     data : recordings seen.
     mode : "cross-validation", "early stopping" or "given": how the strength of regularisation was chosen.
     seed : of everything random.
+    how : horizon and further choices of the problem that was solved, to state it again.
     command : what reproduces it.
     version : greybox-id's own.
     """
@@ -57,8 +65,27 @@ class Fit:
     mode: str
     seed: int
     per_run: Mapping[str, Array] = field(default_factory=dict)
+    dof: Mapping[str, Array] = field(default_factory=dict)
+    covariance: Array | None = None
+    how: Mapping[str, Any] = field(default_factory=dict)
     command: str = ""
     version: str = __version__
+
+    def interval(self, name: str) -> tuple[Array, Array]:
+        """95 % interval of every entry of a parameter, cut at its bounds; NaN where it is held."""
+        parameter = self.model[name]
+        sd = np.asarray(self.sd.get(name, np.full(parameter.shape, np.nan)))
+        if parameter.fixed:
+            sd = np.full(parameter.shape, np.nan)
+        half = reach(self.dof.get(name, np.inf)) * sd
+        low, high = parameter.bounds
+        return np.maximum(parameter.array - half, low), np.minimum(parameter.array + half, high)
+
+    def combined(self) -> list[Combined]:
+        """The model's combinations of parameters, with what is known of them together."""
+        if self.covariance is None:
+            return []
+        return [combined(each, self.model, self.covariance, self.dof) for each in self.model.combinations]
 
     def notes(self) -> dict[str, str]:
         """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
@@ -73,6 +100,10 @@ class Fit:
                     found[parameter.name] = "at its bound"
                 elif parameter.prior is not None:
                     found |= _against_prior(parameter, parameter.prior, float(sd))
+                elif not np.isfinite(sd):
+                    found[parameter.name] = "not determined by this recording"
+                elif low >= 0 and parameter.name not in self.model.effects and sd > UNTOLD * value:
+                    found[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -94,11 +125,19 @@ class Fit:
                     "unit": p.unit,
                     "value": p.array.tolist(),
                     "sd": np.asarray(self.sd.get(p.name, np.zeros(p.shape))).tolist(),
+                    **({"dof": np.asarray(self.dof[p.name]).tolist()} if p.name in self.dof else {}),
+                    "interval": [end.tolist() for end in self.interval(p.name)],
                     "fixed": p.fixed,
+                    "scope": p.scope,
+                    "bounds": list(p.bounds),
+                    "prior": _prior_as_dict(p),
                     "about": p.about,
                 }
                 for p in self.model.parameters
             },
+            "combinations": [asdict(combination) for combination in self.combined()],
+            "covariance": _covariance_as_dict(self),
+            "how": dict(self.how),
             "per_run": {name: np.asarray(values).tolist() for name, values in self.per_run.items()},
             "notes": self.notes(),
             "together": list(self.model.together),
@@ -110,8 +149,8 @@ class Fit:
     def save(self, path: str | Path) -> Path:
         """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
         body = self.as_dict()
-        body["checksum"] = _checksum(body)
-        plain = json.dumps(_without_nan(body), indent=1, allow_nan=False, sort_keys=False)
+        body["checksum"] = checksum(body)
+        plain = json.dumps(without_nan(body), indent=1, allow_nan=False, sort_keys=False)
         return write_atomically(Path(path), plain + "\n")
 
 
@@ -128,7 +167,7 @@ def load(path: str | Path, build: Build) -> Fit:
     BadInput : the file is no fit, is damaged, or was written by a newer version.
     """
     file = Path(path)
-    body = _read_json(file)
+    body = read_json(file)
     if not isinstance(body, dict) or body.get("format") != FORMAT:
         raise BadInput(f"{file} is not a fit of greybox-id; make one with greybox fit.")
     if body.get("format_version") != FORMAT_VERSION:
@@ -137,7 +176,7 @@ def load(path: str | Path, build: Build) -> Fit:
             f"version {FORMAT_VERSION}. Install the version that wrote it ({body.get('version', 'unknown')}), "
             "or fit again."
         )
-    if body.pop("checksum", None) != _checksum(body):
+    if body.pop("checksum", None) != checksum(body):
         raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or fit again.")
     try:
         return _from_dict(body, build)
@@ -155,9 +194,7 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
         shape = np.shape(stored[p.name]["sd"])
         if shape != p.shape:
             raise ValueError(f"the standard deviations of {p.name} have shape {shape}, its values {p.shape}")
-    model = model.with_parameters(
-        *(replace(p.with_value(stored[p.name]["value"]), fixed=bool(stored[p.name]["fixed"])) for p in model.parameters)
-    )
+    model = model.with_parameters(*(_restored(p, stored[p.name]) for p in model.parameters))
     stages = []
     for stage in body["stages"]:
         certificate = stage["certificate"]
@@ -180,19 +217,62 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
         data=tuple(DataRecord(**record) for record in body["data"]),
         mode=body["mode"],
         seed=body["seed"],
+        dof={name: np.asarray(record["dof"], dtype=float) for name, record in stored.items() if "dof" in record},
+        covariance=_covariance_from_dict(body["covariance"], model),
+        how=body["how"],
         per_run={name: np.asarray(values, dtype=float) for name, values in body["per_run"].items()},
         command=body["command"],
         version=body["version"],
     )
 
 
-def _read_json(file: Path) -> Any:
-    try:
-        return json.loads(file.read_text(encoding="utf-8"), object_hook=_with_nan)
-    except OSError as error:
-        raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
+    """A parameter of the registry's model as the fit had it: a vehicle file may have changed what is known of it."""
+    changes: dict[str, Any] = {"fixed": bool(record["fixed"])}
+    if parameter.shape == ():
+        prior = record["prior"]
+        changes |= {
+            "bounds": tuple(float(bound) for bound in record["bounds"]),
+            "prior": None if prior is None else Prior(**prior),
+            "scope": record["scope"],
+        }
+    return replace(parameter, value=np.asarray(record["value"], dtype=float).reshape(parameter.shape), **changes)
+
+
+def _prior_as_dict(parameter: Parameter) -> dict[str, Any] | None:
+    if parameter.prior is None or parameter.shape != ():
+        return None
+    prior = parameter.prior
+    mean = parameter.array if prior.mean is None else np.asarray(prior.mean)
+    return {"sd": float(np.asarray(prior.sd)), "mean": float(mean), "strength": prior.strength}
+
+
+def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
+    """The covariance of the numbers that moved, by name; that of networks is left out for its size."""
+    if fit.covariance is None:
+        return None
+    moved, start = [], 0
+    for parameter in fit.model.parameters:
+        if parameter.shape == () and not parameter.fixed:
+            moved.append((parameter.name, start))
+        start += parameter.size
+    if len(moved) > MOST_COVARIANCES:
+        return None
+    places = [place for _, place in moved]
+    return {"names": [name for name, _ in moved], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
+
+
+def _covariance_from_dict(record: Mapping[str, Any] | None, model: Model) -> Array | None:
+    if record is None:
+        return None
+    start, place = 0, {}
+    for parameter in model.parameters:
+        place[parameter.name] = start
+        start += parameter.size
+    matrix = np.zeros((model.size, model.size))
+    places = [place[name] for name in record["names"]]
+    matrix[np.ix_(places, places)] = np.asarray(record["matrix"], dtype=float).reshape(len(places), len(places))
+    return matrix
 
 
 def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, str]:
@@ -202,28 +282,3 @@ def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, s
     if away > SURPRISING:
         return {parameter.name: f"{away:.1f} prior standard deviations from its prior: the model wants something else"}
     return {parameter.name: "mostly prior: this recording hardly tells it"} if sd > HARDLY * spread else {}
-
-
-NOT_FINITE = "not_finite"
-"""JSON has no word for numbers that are not finite; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _without_nan(own) for name, own in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_without_nan(own) for own in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return {NOT_FINITE: str(float(value))}
-    return value
-
-
-def _with_nan(body: dict[str, Any]) -> Any:
-    if set(body) == {NOT_FINITE} and body[NOT_FINITE] in ("nan", "inf", "-inf"):
-        return float(body[NOT_FINITE])
-    return body
-
-
-def _checksum(body: Mapping[str, Any]) -> str:
-    plain = json.dumps(body, sort_keys=True, allow_nan=True, default=list)
-    return hashlib.sha256(plain.encode()).hexdigest()

@@ -9,24 +9,30 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .crossvalidation import choose_structure
+from .engine.motion.runs import motion_runs
 from .engine.series import runs
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
 from .fit import Fit
+from .how import How, Say, Solver
+from .memory_model import MemoryModel
 from .metrics import as_dict, score
 from .model import Model
+from .motion_model import MotionModel
+from .motion_stages import fit_motion
 from .parameter import Array, unpack
-from .provenance import Stage, data_record
+from .provenance import DataRecord, Stage, data_record
 from .recording import Recording, join
 from .solvers.gauss_newton import Solution, Status
-from .stages import How, Say, Solver, fit_alone, fit_together
-from .uncertainty import covariance
+from .stages import fit_alone, fit_together
+from .uncertainty import covariance, uncertainty
 
 __all__ = ["How", "Say", "Solver", "fit"]
 
@@ -63,19 +69,22 @@ def fit(
     say = say or _silent
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         models = [model] if isinstance(model, Model) else list(model)
+        if isinstance(models[0], MotionModel):
+            return _fit_motion(models[0], recordings, validate, how or How(), say, command)
+        structures = [one for one in models if isinstance(one, MemoryModel)]
         if validate is not None:
-            runs(Trace(models[0]), validate)  # what is wrong with it is better said before the work than after
+            runs(Trace(structures[0]), validate)  # what is wrong with it is better said before the work than after
         clock = time.process_time()
-        chosen = choose_structure(models, recordings, say) if len(models) > 1 else 0
+        chosen = choose_structure(structures, recordings, say) if len(structures) > 1 else 0
         choosing = time.process_time() - clock
-        found = _fit(models[chosen], recordings, validate, how or How(), say, command)
+        found = _fit_memory(structures[chosen], recordings, validate, how or How(), say, command)
         first, *others = found.stages
         first = replace(first, cross_validation_seconds=first.cross_validation_seconds + choosing)
         return replace(found, stages=(first, *others))
 
 
-def _fit(
-    model: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
+def _fit_memory(
+    model: MemoryModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
 ) -> Fit:
     if how.strengths == "early stopping" and validate is None:
         raise BadInput("Early stopping needs a validation recording; name one with --validate.")
@@ -118,17 +127,74 @@ def _fit(
         sd=_standard_deviations(problem, solution) | {name: sd[name] for name in model.step_2_holds if name in sd},
         per_run=_per_run(problem, solution),
         stages=tuple(stages),
-        metrics={
-            "train": as_dict(score(fitted, join(recordings, "training data"))),
-            **({"validate": as_dict(score(fitted, validate))} if validate is not None else {}),
-        },
-        data=(
-            *(data_record(recording, "train") for recording in recordings),
-            *((data_record(validate, "validate"),) if validate is not None else ()),
-        ),
+        metrics=_metrics(fitted, recordings, validate),
+        data=_records(recordings, validate),
         mode=how.mode,
         seed=how.seed,
         command=command,
+    )
+
+
+def _fit_motion(
+    model: MotionModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
+) -> Fit:
+    if validate is not None:
+        motion_runs(model, validate)  # what is wrong with it is better said before the work than after
+    problem, solution, stage = fit_motion(model, recordings, how, say)
+    fitted = model.with_values(problem.shared(solution.x))
+    say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+    told = uncertainty(problem, solution.x, solution.nodes)
+    mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
+    for index in problem.parameters.index:
+        mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
+    with np.errstate(invalid="ignore"):
+        spread = np.where(
+            mean.any(axis=1), np.sqrt(np.maximum(np.diag(told.covariance)[problem.parameters.index[0]], 0.0)), 0.0
+        )
+    covariance = mean @ np.where(np.isfinite(told.covariance), told.covariance, 0.0) @ mean.T
+    shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
+    sd = np.where(shared, spread, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    dof = told.dof[problem.parameters.index[0]]
+    per_run = problem.per_run(solution.x)
+    return Fit(
+        model=fitted,
+        sd=_named(fitted, sd),
+        dof=_named(fitted, dof),
+        covariance=covariance,
+        per_run={name: values for name, values in _named_rows(fitted, per_run).items() if fitted[name].scope == "run"},
+        stages=(stage,),
+        metrics=_metrics(fitted, recordings, validate),
+        data=_records(recordings, validate),
+        mode="given",
+        seed=how.seed,
+        how={"horizon": how.horizon, "start_from": how.start_from, "robust": how.robust},
+        command=command,
+    )
+
+
+def _named(model: Model, vector: Array) -> dict[str, Array]:
+    return {name: rows[0] for name, rows in _named_rows(model, vector[None]).items()}
+
+
+def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
+    found, start = {}, 0
+    for parameter in model.parameters:
+        found[parameter.name] = rows[:, start : start + parameter.size].reshape(len(rows), *parameter.shape)
+        start += parameter.size
+    return found
+
+
+def _metrics(model: Model, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, Any]:
+    return {
+        "train": as_dict(score(model, join(recordings, "training data"))),
+        **({"validate": as_dict(score(model, validate))} if validate is not None else {}),
+    }
+
+
+def _records(recordings: Sequence[Recording], validate: Recording | None) -> tuple[DataRecord, ...]:
+    return (
+        *(data_record(recording, "train") for recording in recordings),
+        *((data_record(validate, "validate"),) if validate is not None else ()),
     )
 
 
@@ -158,7 +224,7 @@ def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:
     return {parameter.name: parameter.array for parameter in parameters}
 
 
-def _with(model: Model, values: Mapping[str, Array]) -> Model:
+def _with(model: MemoryModel, values: Mapping[str, Array]) -> MemoryModel:
     return model.with_parameters(*(p.with_value(values[p.name]) for p in model.parameters))
 
 

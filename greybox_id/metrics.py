@@ -6,20 +6,27 @@ published : as in the papers on model-structured networks: windows laid across j
     recording of fewer than 100 windows is pooled.
 closed_loop : no window across a join, pooled; the model runs on its own predictions from the first window of
     each run to its end.
+
+Motion models are scored over horizons instead: so many seconds ahead from the readings of every row, and in free
+run from the first row of each run to its end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from .engine.motion.prediction import Predictions, Predictor
+from .engine.motion.simulator import Simulator
 from .engine.sensing import Sensing
 from .engine.series import Run, runs
 from .engine.trace import Trace
+from .memory_model import MemoryModel
 from .model import Model
+from .motion_model import MotionModel
 from .parameter import Array
 from .recording import Recording
 
@@ -64,7 +71,7 @@ class Prediction:
     run: Array
 
 
-def predictions(model: Model, recording: Recording, protocol: Protocol = "honest") -> Prediction:
+def predictions(model: MemoryModel, recording: Recording, protocol: Protocol = "honest") -> Prediction:
     """Predict a recording one sample ahead (open loop) or freely (closed loop)."""
     trace = Trace(model)
     found = runs(trace, recording, across_joins=protocol == "published")
@@ -79,13 +86,58 @@ def predictions(model: Model, recording: Recording, protocol: Protocol = "honest
     )
 
 
-def score(model: Model, recording: Recording) -> dict[Protocol, dict[str, Error]]:
+HORIZONS = (0.1, 0.5, 1.0, 2.0)
+"""Seconds ahead at which motion models are scored."""
+FREE_RUN = "free run"
+
+
+def ahead(horizon: float) -> str:
+    """Name of the protocol that predicts so many seconds ahead."""
+    return f"{horizon:g} s ahead"
+
+
+def score(model: Model, recording: Recording) -> dict[str, dict[str, Error]]:
+    """Errors of every output under every protocol that the model has."""
+    if isinstance(model, MotionModel):
+        return score_motion(Simulator(model), recording, model.values)
+    assert isinstance(model, MemoryModel)
+    return {str(name): errors for name, errors in _score_memory(model, recording).items()}
+
+
+def score_motion(
+    simulator: Simulator, recording: Recording, p: Array, horizons: Sequence[float] = HORIZONS
+) -> dict[str, dict[str, Error]]:
+    """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are left out."""
+    predictor = Predictor(simulator, recording, p)
+    found = {ahead(horizon): predictor.ahead(horizon) for horizon in horizons}
+    found[FREE_RUN] = predictor.free_run()
+    scores: dict[str, dict[str, Error]] = {}
+    for name, prediction in found.items():
+        own = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time)
+        if own:
+            scores[name] = own
+    return scores
+
+
+def prediction_errors(
+    outputs: Sequence[str], prediction: Prediction | Predictions, sample_time: float
+) -> dict[str, Error]:
+    """Errors of every output that was read."""
+    found = {}
+    for k, output in enumerate(outputs):
+        read = np.isfinite(prediction.measured[:, k]) & ~np.isnan(prediction.predicted[:, k])
+        if np.any(read):
+            found[output] = _error(prediction.predicted[read, k], prediction.measured[read, k], sample_time, "honest")
+    return found
+
+
+def _score_memory(model: MemoryModel, recording: Recording) -> dict[Protocol, dict[str, Error]]:
     """Errors of every output under every protocol that the model has."""
     protocols = PROTOCOLS if model.feedback is not None else PROTOCOLS[:2]
     return {protocol: errors(model, predictions(model, recording, protocol), protocol) for protocol in protocols}
 
 
-def errors(model: Model, prediction: Prediction, protocol: Protocol) -> dict[str, Error]:
+def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> dict[str, Error]:
     """Errors of every output of one set of predictions."""
     return {
         name: _error(prediction.predicted[:, k], prediction.measured[:, k], model.sample_time, protocol)
@@ -93,7 +145,7 @@ def errors(model: Model, prediction: Prediction, protocol: Protocol) -> dict[str
     }
 
 
-def as_dict(scores: Mapping[Protocol, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, float]]]:
+def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, float]]]:
     """Scores as plain data for JSON."""
     return {
         protocol: {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,8 @@ class Recording:
     runs : row ranges [start, stop) without a join inside; they cover all rows, in order.
     source : provenance.
     extra_units : units of signals that are not in `SIGNALS` (a file's own further channels).
+    hold : what commands do between rows: "zero", they keep their value until the next row; "linear", they run
+        straight to the next one.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Recording:
     runs: tuple[tuple[int, int], ...] = ()
     source: Source = Source()
     extra_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    hold: Literal["zero", "linear"] = "zero"
 
     def __post_init__(self) -> None:
         time = _frozen(self.time)
@@ -146,6 +150,7 @@ def join(recordings: Iterable[Recording], name: str) -> Recording:
         runs=tuple((a + int(o), b + int(o)) for part, o in zip(parts, offsets, strict=False) for a, b in part.runs),
         source=parts[0].source if len(parts) == 1 else Source(),
         extra_units={n: u for part in parts for n, u in part.extra_units.items() if n in common},
+        hold=parts[0].hold,
     )
 
 

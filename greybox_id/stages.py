@@ -4,31 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from dataclasses import replace
 
 import numpy as np
 
+from .certificate import certified
 from .crossvalidation import choose_strengths
 from .engine.shooting import Problem
 from .engine.trace import Trace
 from .errors import BadInput
-from .model import Model
+from .how import How, Say
+from .memory_model import MemoryModel
 from .parameter import Array
-from .provenance import Certificate, Stage
+from .provenance import Stage
 from .recording import Recording, join
 from .solvers.gauss_newton import Solution, Status, gauss_newton
-from .solvers.ipopt import SAME, ipopt
-
-Solver = Literal["auto", "gauss-newton", "ipopt"]
-
-
-class Say(Protocol):
-    """Where progress goes: one line at a time; a passing line is only worth showing until the next one."""
-
-    def __call__(self, line: str, passing: bool = False) -> None:
-        """Show a line."""
-
+from .solvers.ipopt import ipopt
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5
@@ -36,9 +27,6 @@ TOLERANCE = 1e-5
 deviation of a parameter: what a further step would change cannot be seen."""
 PATIENCE = 5
 """Early stopping ends when this many steps in a row have not improved on the validation recording."""
-CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
-"""Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
-weights), and where it only carries on."""
 GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
 """Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
 The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
@@ -47,32 +35,8 @@ WEAK = 0.3
 """Strength of priors under early stopping: the stopping itself regularises."""
 
 
-@dataclass(frozen=True)
-class How:
-    """How to fit.
-
-    Attributes
-    ----------
-    strengths : "cross-validation", "early stopping", or a factor on every prior that has a strength.
-    solver : "auto" finds with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
-        "ipopt" solves with Ipopt from the start.
-    starts : how many starting points; all but the first are drawn about the nominal values.
-    seed : of those draws.
-    """
-
-    strengths: Literal["cross-validation", "early stopping"] | float = "cross-validation"
-    solver: Solver = "auto"
-    starts: int = 1
-    seed: int = 0
-
-    @property
-    def mode(self) -> str:
-        """How the strength of regularisation is chosen, in words."""
-        return self.strengths if isinstance(self.strengths, str) else "given"
-
-
 def fit_alone(
-    part: Model, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
+    part: MemoryModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
 ) -> tuple[Problem, Solution, Stage]:
     """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
     clock = time.process_time()
@@ -97,7 +61,7 @@ def fit_alone(
     best = min(solutions, key=lambda solution: solution.objective)
     certificate = None
     if alone and _certifiable(how, best):
-        best, certificate = _certified(problem, best, say)
+        best, certificate = certified(problem, best, say)
     stage = Stage(
         model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
         steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
@@ -128,7 +92,7 @@ def fit_together(
         solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
     certificate = None
     if _certifiable(how, solution):
-        solution, certificate = _certified(problem, solution, say)
+        solution, certificate = certified(problem, solution, say)
     return solution, Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
@@ -184,30 +148,6 @@ class _Watch:
 def _certifiable(how: How, found: Solution) -> bool:
     """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
     return how.solver == "auto" and how.strengths != "early stopping" and found.status is not Status.INTERRUPTED
-
-
-def _certified(problem: Problem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
-    """Ask Ipopt; keep what it found where that is better."""
-    converged = found.status is Status.CONVERGED
-    certifying = CERTIFYING_CLOSED_LOOP if problem.closed_loop else CERTIFYING_ITERATIONS
-    iterations = certifying if converged else CONTINUING_ITERATIONS
-    say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
-    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
-    gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
-    certificate = Certificate(
-        status=verdict.words,
-        confirmed=solution.status is Status.CONVERGED and gained < SAME,
-        iterations=verdict.iterations,
-        objective_before=found.objective,
-        objective_after=min(solution.objective, found.objective),
-        gradient=verdict.gradient,
-        violation=verdict.violation,
-        cpu_seconds=verdict.cpu_seconds,
-    )
-    if gained <= 0:
-        return found, certificate
-    status = Status.CONVERGED if solution.status is Status.CONVERGED else found.status
-    return replace(solution, status=status, steps=found.steps, history=found.history), certificate
 
 
 def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]:

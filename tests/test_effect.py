@@ -7,7 +7,7 @@ from toys import drive, linear_toy, speed_toy
 from greybox_id.effect import Effect
 from greybox_id.errors import BadInput, BadModel
 from greybox_id.metrics import predictions
-from greybox_id.model import Actuator
+from greybox_id.memory_model import SampledActuator
 from greybox_id.parameter import Parameter
 
 
@@ -15,7 +15,7 @@ def offset(name="steer_offset"):
     """A command that is off by a constant."""
     return Effect(
         name, Parameter(name, "rad", 0.0, (-1.0, 1.0)), ("steer",),
-        lambda m: m.with_actuator(Actuator("steer", lambda s, command, p, dt: (s, command + getattr(p, name)))),
+        lambda m: m.with_actuator(SampledActuator("steer", lambda s, command, p, dt: (s, command + getattr(p, name)))),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import pytest
 from toys import linear_toy, speed_toy, tiny
 
 from greybox_id.errors import BadModel
-from greybox_id.model import Actuator, Sensor
+from greybox_id.memory_model import SampledActuator, SampledSensor
 from greybox_id.parameter import Parameter
 
 
@@ -42,10 +42,10 @@ def test_named_parameters_are_replaced_in_place_and_new_ones_appended():
 
 
 def test_an_actuator_stands_before_an_input_and_a_sensor_behind_an_output():
-    actuator = Actuator("steer", lambda state, command, p, dt: (state, command))
+    actuator = SampledActuator("steer", lambda state, command, p, dt: (state, command))
     with pytest.raises(BadModel, match="no input steer"):
         speed_toy().with_actuator(actuator)
-    sensor = Sensor("yaw_rate", lambda p, dt: [1.0])
+    sensor = SampledSensor("yaw_rate", lambda p, dt: [1.0])
     with pytest.raises(BadModel, match="no output yaw_rate"):
         speed_toy().with_sensor(sensor)
     with pytest.raises(BadModel, match="already has a sensor"):

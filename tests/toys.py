@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from greybox_id.model import Model
+from greybox_id.memory_model import MemoryModel
 from greybox_id.models.registry import build
 from greybox_id.parameter import Parameter, Prior
 from greybox_id.recording import Recording, join
@@ -71,7 +71,7 @@ def scattered(model, seed=0, share=0.3):
 def linear_toy(length=3, prior=None, symmetric=False, **entries):
     """Yaw rate as a finite impulse response to steer: linear in its parameters."""
     given = Parameter("F", "1/s", np.zeros(length), prior=prior)
-    return Model(
+    return MemoryModel(
         name="toy", about="a finite impulse response", inputs=("steer",), outputs=("yaw_rate",), parameters=(given,),
         equations=lambda u, p, past: {"yaw_rate": past(u.steer, p.F)}, sample_time=DT, symmetric=symmetric, **entries,
     )  # fmt: skip
@@ -79,7 +79,7 @@ def linear_toy(length=3, prior=None, symmetric=False, **entries):
 
 def speed_toy(**entries):
     """A loop of one state: the predicted acceleration is fed back, dragged along and pushed by the current."""
-    return Model(
+    return MemoryModel(
         name="loop", about="one state", inputs=("motor_current", "a_x"), outputs=("a_x",),
         parameters=(Parameter("pole", "1", 0.6, (0.0, 0.95)), Parameter("gain", "m/(s^2 A)", 0.5, prior=Prior(1.0))),
         equations=lambda u, p, past: {"a_x": p.pole * past(u.a_x, [0.2, 0.8]) + p.gain * u.motor_current},

@@ -12,9 +12,12 @@ from ..errors import GreyboxError
 
 COMMANDS = {
     "fit": ("fit", "Fit a model to recordings."),
+    "simulate": ("predict", "Simulate a fit or a model freely on a recording's inputs."),
     "predict": ("predict", "Predict a recording with a fit."),
-    "validate": ("predict", "Score a fit on recordings."),
-    "models": ("models", "List the models and effects there are."),
+    "validate": ("validate", "Score a fit on recordings."),
+    "profile": ("profile", "Follow the likelihood along parameters of a fit."),
+    "models": ("models", "List the models there are, or say what one is made of."),
+    "effects": ("models", "List the effects that models may lack, or say what one is."),
     "report": ("report", "Write figures and a PDF report of a fit."),
     "data": ("data", "Look at recordings before anything is fitted to them."),
 }

@@ -1,51 +1,199 @@
-"""`greybox models`: what can be fitted, and what can be added to it."""
+"""`greybox models` and `greybox effects`: what can be fitted, and what can be added to it."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import click
 from rich.table import Table
 
-from ..models.registry import EFFECTS, MODELS, build
-from .options import json_option
-from .output import console, print_json
+from ..choices import wanted_vehicle
+from ..effect import Effect
+from ..errors import BadInput
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.registry import MODELS, build
+from ..motion_model import MotionModel
+from ..parameter import Parameter
+from ..quantity import near_or_all
+from ..reports.numbers import pretty_unit
+from .options import json_option, settings_of
+from .output import console, print_json, unit
 
 
 @click.command(name="models")
+@click.argument("name", required=False, metavar="[NAME]")
+@click.option("--vehicle", metavar="VEHICLE", help="Show a model with a vehicle's numbers.")
+@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
 @json_option
-def models(as_json: bool) -> None:
-    """List the models and effects there are, with inputs, outputs and number of parameters."""
-    built = {name: build(name) for name in MODELS}
+def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_json: bool) -> None:
+    """List the models there are; with NAME, what that one is made of and which effects can be added to it.
+
+    \b
+    greybox models single_track --set tyre=brush --vehicle full_size_car
+    """
+    if name is not None:
+        model = build(name, settings_of(settings), vehicle=wanted_vehicle(vehicle))
+        if as_json:
+            print_json(_described(model))
+        else:
+            _show_model(model)
+        return
+    built = {known: build(known) for known in MODELS}
     if as_json:
         print_json(
             {
-                "models": {
-                    name: {
-                        "about": model.about,
-                        "inputs": model.inputs,
-                        "outputs": model.outputs,
-                        "parameters": model.size,
-                        "settings": dict(model.settings),
-                    }
-                    for name, model in built.items()
-                },
-                "effects": {
-                    name: {"unit": effect.parameter.unit, "about": effect.parameter.about, "touches": effect.touches}
-                    for name, effect in EFFECTS.items()
-                },
+                "models": {known: _in_short(model) for known, model in built.items()},
+                "effects": {known: _effect(effect) for known, effect in EFFECTS.items()},
             }
         )
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("model", "parameters", "inputs", "outputs", "about"):
-        table.add_column(title, header_style="dim")
-    for name, model in built.items():
-        table.add_row(name, str(model.size), " ".join(model.inputs), " ".join(model.outputs), model.about)
+    table = _table("model", "parameters", "inputs", "outputs", "about")
+    for known, model in built.items():
+        table.add_row(known, str(model.size), " ".join(model.inputs), " ".join(model.outputs), model.about)
+    console().print(table)
+    console().print("\nparameters, bounds and effects of one: greybox models NAME; all effects: greybox effects")
+
+
+@click.command(name="effects")
+@click.argument("name", required=False, metavar="[NAME]")
+@json_option
+def effects(name: str | None, as_json: bool) -> None:
+    """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to."""
+    if name is not None and name not in EFFECTS:
+        raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)}")
+    if name is not None:
+        found = _effect(EFFECTS[name]) | {"models": _applies_to(EFFECTS[name])}
+        if as_json:
+            print_json({"name": name} | found)
+        else:
+            _show_effect(EFFECTS[name], found["models"])
+        return
+    if as_json:
+        print_json({"effects": {known: _effect(e) | {"models": _applies_to(e)} for known, e in EFFECTS.items()}})
+        return
+    table = _table("effect", "null", "unit", "group", "magnitude")
+    for known, effect in EFFECTS.items():
+        own = effect.parameter
+        table.add_row(known, plain(float(own.array)), pretty_unit(own.unit), effect.group, own.about)
+    console().print(table)
+    console().print("\nwhere one applies, its bounds and typical size: greybox effects NAME")
+
+
+def _show_model(model: Model) -> None:
     out = console()
-    out.print(table)
+    out.print(f"{model.name}: {model.about}\n")
+    rows = [("inputs", ", ".join(_input(model, name) for name in model.inputs))]
+    rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(unit(name))}]" for name in model.outputs)))
+    if isinstance(model, MotionModel):
+        rows.append(("states", ", ".join(f"{s.name} [{pretty_unit(s.unit)}]" for s in model.states)))
+    if model.settings:
+        rows.append(("settings", ", ".join(f"{key}={value}" for key, value in model.settings.items())))
+    rows.append(("effects", ", ".join(name for name, effect in EFFECTS.items() if effect.concerns(model)) or "none"))
+    head = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+    for title, told in rows:
+        head.add_row(title, told)
+    out.print(head)
     out.print()
-    effects = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("effect", "unit", "about"):
-        effects.add_column(title, header_style="dim")
-    for name, effect in EFFECTS.items():
-        effects.add_row(name, effect.parameter.unit, effect.parameter.about)
-    out.print(effects)
+    table = _table("parameter", "value", "unit", "bounds", "prior", "", "about")
+    for p in model.parameters:
+        value = plain(float(p.array)) if p.shape == () else " × ".join(map(str, p.shape))
+        bounds = f"[{plain(p.bounds[0])}, {plain(p.bounds[1])}]"
+        table.add_row(p.name, value, pretty_unit(p.unit), bounds, _prior(p), "held" if p.fixed else "free", p.about)
+    out.print(table)
+
+
+def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:
+    own = effect.parameter
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
+    table.add_row("magnitude", own.about)
+    table.add_row("unit", pretty_unit(own.unit))
+    table.add_row("null", f"{plain(float(own.array))}, at which nothing changes")
+    table.add_row("bounds", f"{plain(own.bounds[0])} to {plain(own.bounds[1])}")
+    table.add_row("typical", f"{plain(effect.typical)} {pretty_unit(own.unit)}, from which a fit starts")
+    table.add_row("group", effect.group)
+    for other in effect.others:
+        table.add_row("besides", f"{other.name} = {plain(float(other.array))} {pretty_unit(other.unit)}: {other.about}")
+    table.add_row("models", ", ".join(applies_to) or "none")
+    console().print(f"{effect.name}\n")
+    console().print(table)
+
+
+def _in_short(model: Model) -> dict[str, Any]:
+    return {
+        "about": model.about,
+        "inputs": model.inputs,
+        "outputs": model.outputs,
+        "parameters": model.size,
+        "settings": dict(model.settings),
+    }
+
+
+def _described(model: Model) -> dict[str, Any]:
+    states = [{"name": s.name, "unit": s.unit} for s in model.states] if isinstance(model, MotionModel) else []
+    return {
+        "name": model.name,
+        **_in_short(model),
+        "inputs": {name: {"unit": unit(name), "any_of": list(_aliases(model, name))} for name in model.inputs},
+        "outputs": {name: {"unit": unit(name)} for name in model.outputs},
+        "states": states,
+        "parameters": {
+            p.name: {
+                "unit": p.unit,
+                "value": p.array.tolist(),
+                "bounds": list(p.bounds),
+                "prior_sd": None if p.prior is None or p.shape != () else float(p.prior.sd),  # type: ignore[arg-type]
+                "free": not p.fixed,
+                "about": p.about,
+            }
+            for p in model.parameters
+        },
+        "effects": [name for name, effect in EFFECTS.items() if effect.concerns(model)],
+    }
+
+
+def _effect(effect: Effect) -> dict[str, Any]:
+    own = effect.parameter
+    return {
+        "unit": own.unit,
+        "null": float(own.array) if abs(float(own.array)) < float("inf") else str(float(own.array)),
+        "about": own.about,
+        "bounds": list(own.bounds),
+        "typical": effect.typical,
+        "group": effect.group,
+        "touches": effect.touches,
+        "needs": effect.needs,
+    }
+
+
+def _applies_to(effect: Effect) -> list[str]:
+    return [name for name in MODELS if effect.concerns(build(name))]
+
+
+def _aliases(model: Model, name: str) -> tuple[str, ...]:
+    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+
+
+def _input(model: Model, name: str) -> str:
+    known = [f"{own} [{pretty_unit(unit(own))}]" for own in _aliases(model, name)]
+    told = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
+    return f"{told} (otherwise {model.defaults[name]:g})" if name in model.defaults else told
+
+
+def _prior(parameter: Parameter) -> str:
+    if parameter.prior is None:
+        return ""
+    return f"± {plain(float(parameter.prior.sd))}" if parameter.shape == () else "yes"  # type: ignore[arg-type]
+
+
+def plain(value: float) -> str:
+    """A stated number, as it was stated."""
+    return f"{value:.6g}".replace("inf", "∞").replace("-", "−")
+
+
+def _table(*titles: str) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title in titles:
+        table.add_column(title, header_style="dim")
+    return table

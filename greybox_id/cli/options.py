@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,9 +15,12 @@ columns_option = click.option(
 )  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 
+WORD = re.compile(r"[A-Za-z_][\w-]*")
+"""A setting that is a name, such as that of a tyre."""
+
 
 def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
-    """NAME=VALUE pairs as nested plain data: `lat.q=14` becomes {"lat": {"q": 14}}; values are read as JSON."""
+    """NAME=VALUE pairs as nested plain data: `lat.q=14` becomes {"lat": {"q": 14}}; values are JSON or single words."""
     found: dict[str, Any] = {}
     for pair in pairs:
         name, equals, text = pair.partition("=")
@@ -25,7 +29,9 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
         try:
             value = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise click.UsageError(f"{pair!r}: {text!r} is no number, true, false, null or [list].") from error
+            if not WORD.fullmatch(text):
+                raise click.UsageError(f"{pair!r}: {text!r} is no number, word, true, false or [list].") from error
+            value = text
         *groups, last = name.split(".")
         inner = found
         for group in groups:

@@ -65,23 +65,28 @@ def report(
 
 
 def recordings_of(
-    fit: Fit, fit_file: Path, train: Sequence[str] = (), validate: str | None = None, columns: str | None = None
+    fit: Fit,
+    fit_file: Path,
+    train: Sequence[str] = (),
+    validate: str | None = None,
+    columns: str | None = None,
+    option: str = "--{role}",
 ) -> list[Recording]:
     """The recordings of a fit, from where it found them or from where they have moved."""
     moved = {"train": list(train), "validate": [validate] if validate else []}
     for role, files in moved.items():
         count = sum(record.role == role for record in fit.data)
         if files and len(files) != count:
-            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but --{role} names {len(files)}.")
+            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but {option.format(role=role)} names {len(files)}.")
     found = []
     for record in fit.data:
         files = moved.get(record.role, [])
-        file = Path(files.pop(0)) if files else _where(record, fit_file)
+        file = Path(files.pop(0)) if files else _where(record, fit_file, option.format(role=record.role))
         found.append(read(file, columns or record.columns or "canonical"))
     return found
 
 
-def _where(record: DataRecord, fit_file: Path) -> Path:
+def _where(record: DataRecord, fit_file: Path, option: str) -> Path:
     """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder."""
     if not record.path:
         raise BadInput(
@@ -93,5 +98,5 @@ def _where(record: DataRecord, fit_file: Path) -> Path:
             return place
     raise BadInput(
         f"{record.path}, which {fit_file} was fitted with, is no longer there. Name the file's new place with "
-        f"--{record.role}."
+        f"{option}."
     )

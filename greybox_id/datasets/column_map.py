@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import BadInput
 from ..recording import Array
@@ -80,7 +80,7 @@ class ColumnMap:
     extra: Mapping[str, Column] = field(default_factory=dict)
     about: str = ""
     source: str = ""
-    hold: str = "zero"
+    hold: Literal["zero", "linear"] = "zero"
     run_column: str = ""
     run_column_optional: bool = False
     separator: str = ","
@@ -163,7 +163,6 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     if not signals and not extra:
         raise BadInput(f"{where}: no [signals.*] table names a column; add one, for example [signals.yaw_rate].")
     chosen = {
-        "hold": _choice(table, "hold", HOLDS, where),
         "separator": _choice(table, "separator", SEPARATORS, where),
         "decimal": _choice(table, "decimal", (".", ","), where),
     }
@@ -178,6 +177,7 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
         extra={n: _column(_table(extra, n, where), n, None, f"{where}: [extra.{n}]") for n in extra},
         run_column=_text(runs, "column", where, "[runs] ", ""),
         run_column_optional=_truth(runs, "optional", f"{where}: [runs]"),
+        hold="linear" if _choice(table, "hold", HOLDS, where) == "linear" else "zero",
         **chosen,
     )
 

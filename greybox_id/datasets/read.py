@@ -61,6 +61,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
         runs=_runs(time, table, mapping),
         source=Source(path=str(path), sha256=hashlib.sha256(data).hexdigest(), columns=mapping.name),
         extra_units={channel.signal: channel.si_unit for channel in extra},
+        hold=mapping.hold,
     )
 
 

@@ -10,46 +10,18 @@ Open loop, the fed-back inputs are measurements and there are no nodes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from ..parameter import Array
 from ..recording import Recording
-from .belief import belief_rows
+from .layout import NormalEquations, beliefs, lay_out, limits
 from .sensing import Sensing
 from .series import Run, runs
 from .trace import Trace
 
 Nodes = list[Array]
 """Per run, (n, outputs) predictions; measured before the first one."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where a run's model parameters stand among the unknowns.
-
-    Run-scoped ones have a place per run; a run and its mirror image share it.
-    """
-
-    index: tuple[NDArray[np.intp], ...]
-    size: int
-
-
-@dataclass(frozen=True)
-class NormalEquations:
-    """A quadratic model of the objective about a point, nodes eliminated.
-
-    Attributes
-    ----------
-    H : (unknowns, unknowns) Gauss-Newton Hessian, priors included.
-    g : (unknowns,) gradient of the objective.
-    """
-
-    H: Array
-    g: Array
 
 
 class Problem:
@@ -88,10 +60,15 @@ class Problem:
         self._counted = self.noise * np.sqrt(len(self.runs) / self.copies)
         self.keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
         self.sensing = Sensing(trace)
-        self.layout = _layout(trace, len(self.runs), self.copies)
-        self.bounds, self.free = _limits(trace, self.layout)
-        self.R, self.r = _beliefs(trace, self.layout, self.copies, strengths)
+        self.layout = lay_out(trace.model, len(self.runs), self.copies)
+        self.bounds, self.free = limits(trace.model, self.layout)
+        self.R, self.r = beliefs(trace.model, self.layout, self.copies, strengths)
         self._believed = (self.R.T @ self.R).toarray()
+
+    @property
+    def sample_time(self) -> float:
+        """Time between rows, s."""
+        return self.trace.model.sample_time
 
     @property
     def start(self) -> Array:
@@ -199,48 +176,3 @@ def _condense(by_p: Array, by_nodes: Array) -> Array:
         np.matmul(propagate[k], flat[(k + oldest) * outputs : here], out=flat[here : here + outputs])
         total[memory + k] += by_p[k]
     return total[memory:]
-
-
-def _layout(trace: Trace, count: int, copies: int) -> Layout:
-    size, columns = 0, []
-    for parameter in trace.model.parameters:
-        if parameter.scope == "run":
-            own = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
-            block = np.tile(own, (count // copies, 1))
-        else:
-            block = np.broadcast_to(size + np.arange(parameter.size), (count, parameter.size))
-        size = int(block.max(initial=size - 1)) + 1
-        columns.append(block)
-    joined = np.hstack(columns) if columns else np.empty((count, 0))
-    return Layout(tuple(row.astype(np.intp) for row in joined), size)
-
-
-def _limits(trace: Trace, layout: Layout) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
-    low, high = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
-    free = np.ones(layout.size, dtype=bool)
-    start = 0
-    for parameter in trace.model.parameters:
-        for index in layout.index:
-            own = index[start : start + parameter.size]
-            low[own], high[own], free[own] = *parameter.bounds, not parameter.fixed
-        start += parameter.size
-    return (low, high), free
-
-
-def _beliefs(
-    trace: Trace, layout: Layout, copies: int, strengths: Mapping[str, float] | None
-) -> tuple[sp.csr_matrix, Array]:
-    """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
-    blocks, offsets, start = [], [], 0
-    for parameter in trace.model.parameters:
-        R, r = belief_rows([parameter], strengths)
-        own = slice(start, start + parameter.size)
-        start += parameter.size
-        placements = layout.index[: copies if parameter.scope == "run" else 1]
-        for index in placements:
-            place = sp.csr_matrix(
-                (np.ones(parameter.size), (np.arange(parameter.size), index[own])), shape=(parameter.size, layout.size)
-            )
-            blocks.append(R @ place)
-            offsets.append(r)
-    return sp.vstack(blocks, format="csr"), np.concatenate(offsets)

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadModel
-from ..model import Model, Namespace, Symbol
+from ..memory_model import MemoryModel
+from ..model import Namespace, Symbol
 from .sampled import SampledFunction
 
 Index = NDArray[np.intp]
@@ -55,7 +56,7 @@ class Trace:
     tap_signal : (taps,) which stage signal each window looks at.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: MemoryModel) -> None:
         self.model = model
         self.u = cs.SX.sym("u", len(model.inputs))
         self.p = cs.SX.sym("p", model.size)
@@ -206,7 +207,7 @@ class _Windows:
         return self.symbols[-1]
 
 
-def namespace(model: Model, vector: Symbol) -> Namespace:
+def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
     """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
     named, start = {}, 0
     for parameter in model.parameters:

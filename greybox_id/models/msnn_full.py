@@ -12,7 +12,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 
 from ..errors import BadInput
-from ..model import Model, Namespace, Past, Symbol
+from ..memory_model import MemoryModel, Past
+from ..model import Namespace, Symbol
 from ..recording import Recording
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
@@ -44,7 +45,7 @@ def covering_full(settings: FullSettings, recording: Recording, symmetric: bool 
     )
 
 
-def msnn_full(settings: FullSettings | None = None) -> Model:
+def msnn_full(settings: FullSettings | None = None) -> MemoryModel:
     """MS-NN-full; 544 parameters with the authors' hyperparameters."""
     s = settings or FullSettings()
     lat, long = msnn_lat(s.lat), msnn_long(s.long)
@@ -60,7 +61,7 @@ def msnn_full(settings: FullSettings | None = None) -> Model:
     def feedback(y: Namespace, u: Namespace) -> dict[str, Symbol]:
         return {"a_x": y.a_x, "a_y": y.yaw_rate * u.v_x}
 
-    return Model(
+    return MemoryModel(
         name="msnn_full",
         about="model-structured network of the coupled dynamics, closed loop: yaw rate and acceleration",
         inputs=tuple(dict.fromkeys(lat.inputs + long.inputs)),

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from ..model import Model
+from ..memory_model import MemoryModel
 from ..recording import Recording
 from .effects import sensor_latency_imu, steering_rate_limit
 from .msnn_full import FullSettings, covering_full, msnn_full
@@ -45,7 +45,7 @@ class PlusSettings:
     refine_longitudinal: bool = False
 
 
-def msnn_full_plus(settings: PlusSettings | None = None) -> Model:
+def msnn_full_plus(settings: PlusSettings | None = None) -> MemoryModel:
     """MS-NN-full with additions."""
     s = settings or PlusSettings()
     model = msnn_full(FullSettings(s.lat, s.long, s.refine_longitudinal))

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Model, Namespace, Past, Symbol
+from ..memory_model import MemoryModel, Past
+from ..model import Namespace, Symbol
 from ..parameter import Parameter, Prior
 from ..recording import Recording
 from .fuzzy import centres, memberships, over
@@ -79,7 +80,7 @@ def covering_lat(settings: LateralSettings, recording: Recording, symmetric: boo
     )
 
 
-def msnn_lat(settings: LateralSettings | None = None) -> Model:
+def msnn_lat(settings: LateralSettings | None = None) -> MemoryModel:
     """MS-NN-lat; 160 weights with the paper's hyperparameters (Eq. 6)."""
     s = settings or LateralSettings()
     c = Centres(
@@ -110,7 +111,7 @@ def msnn_lat(settings: LateralSettings | None = None) -> Model:
             )
         }
 
-    return Model(
+    return MemoryModel(
         name="msnn_lat",
         about="model-structured network of the lateral dynamics: yaw rate",
         inputs=("v_x", "steer", "a_x"),

@@ -15,7 +15,8 @@ from dataclasses import asdict, dataclass, replace
 import casadi as cs
 import numpy as np
 
-from ..model import Model, Namespace, Past, Symbol
+from ..memory_model import MemoryModel, Past
+from ..model import Namespace, Symbol
 from ..parameter import Array, Parameter, Prior
 from ..recording import Recording
 from .fuzzy import centres, memberships, over
@@ -69,7 +70,7 @@ def covering_long(
     )
 
 
-def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
+def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
     """MS-NN-long; 384 parameters with the authors' hyperparameters (Eq. 15 with one wheel inertia)."""
     s = settings or LongitudinalSettings()
     v_x_0 = centres("v_x", s.v_x, s.n_v, 0.0, 4.0)
@@ -100,7 +101,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> Model:
             a_x += past(u.v_x, p.F_v)
         return {"a_x": a_x}
 
-    return Model(
+    return MemoryModel(
         name="msnn_long",
         about="model-structured network of the longitudinal dynamics: acceleration",
         inputs=("v_x", "motor_current", "steer", "a_y", "road_slope"),

@@ -11,16 +11,37 @@ from ..effect import Effect
 from ..errors import BadInput
 from ..model import Model
 from ..recording import Recording
-from . import effects as _effects
+from ..vehicle import Stated, Vehicle
+from .effects import EFFECTS
+from .kinematic import KinematicSettings, kinematic
+from .lateral import lateral
+from .longitudinal import longitudinal
 from .msnn_full import FullSettings, covering_full, msnn_full
 from .msnn_full_plus import PlusSettings, alternatives_plus, covering_plus, msnn_full_plus
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .settings import from_mapping
+from .settings import NoSettings, from_mapping
+from .single_track import single_track
+from .tyres import TYRES
+from .tyres.settings import TyreSettings
+from .vehicles import stated_effect, with_vehicle
+
+__all__ = [
+    *("EFFECTS", "MODELS", "Entry", "Magnitudes"),
+    *("build", "candidates", "model_of", "prepared", "vehicle_parameters"),
+]
+
+Magnitudes = Mapping[str, float | Stated | None]
+"""Effect name -> its magnitude, held; None leaves it free, starting at its typical value; what is stated of it."""
 
 
 def _only(settings: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     return (settings,)
+
+
+def _as_they_are(settings: Any, recording: Recording) -> Any:
+    del recording
+    return settings
 
 
 @dataclass(frozen=True)
@@ -37,33 +58,44 @@ class Entry:
 
     settings: type[Any]
     make: Callable[[Any], Model]
-    covering: Callable[[Any, Recording], Any]
+    covering: Callable[[Any, Recording], Any] = _as_they_are
     alternatives: Callable[[Mapping[str, Any]], Sequence[Mapping[str, Any]]] = _only
 
 
 MODELS: dict[str, Entry] = {
+    "single_track": Entry(TyreSettings, lambda settings: single_track(settings.model)),
+    "lateral": Entry(TyreSettings, lambda settings: lateral(settings.model)),
+    "longitudinal": Entry(NoSettings, lambda settings: longitudinal()),
+    "kinematic": Entry(KinematicSettings, kinematic),
     "msnn_lat": Entry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": Entry(LongitudinalSettings, msnn_long, covering_long),
     "msnn_full": Entry(FullSettings, msnn_full, covering_full),
     "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus, alternatives_plus),
 }
 
-EFFECTS: dict[str, Effect] = {
-    effect.name: effect for effect in (_effects.steering_rate_limit, _effects.sensor_latency_imu)
-}
 
+def build(
+    name: str,
+    settings: Mapping[str, Any] | None = None,
+    effects: Magnitudes | None = None,
+    vehicle: Vehicle | None = None,
+) -> Model:
+    """A model from its name and its settings as plain data, with a vehicle's numbers and with effects added to it.
 
-def build(name: str, settings: Mapping[str, Any] | None = None, effects: Mapping[str, float] | None = None) -> Model:
-    """A model from its name, its settings as plain data, and the magnitudes of effects added to it."""
+    Raises
+    ------
+    BadInput : there is no such model, setting or effect, or a number cannot be used.
+    """
     entry = _entry(name)
-    return _with_effects(entry.make(from_mapping(entry.settings, settings or {})), effects or {})
+    return _completed(entry.make(from_mapping(entry.settings, settings or {})), effects, vehicle)
 
 
 def prepared(
     name: str,
     recording: Recording,
     settings: Mapping[str, Any] | None = None,
-    effects: Mapping[str, float] | None = None,
+    effects: Magnitudes | None = None,
+    vehicle: Vehicle | None = None,
 ) -> Model:
     """A model for a training recording: hyperparameters left open are set to cover the recording's range."""
     entry = _entry(name)
@@ -72,17 +104,35 @@ def prepared(
     for effect in effects or {}:
         if effect in model.effects:
             raise BadInput(f"Model {name} has the effect {effect} by its own settings; change it there (--set).")
-    return _with_effects(model, effects or {})
+    return _completed(model, effects, vehicle)
 
 
 def candidates(
     name: str,
     recording: Recording,
     settings: Mapping[str, Any] | None = None,
-    effects: Mapping[str, float] | None = None,
+    effects: Magnitudes | None = None,
+    vehicle: Vehicle | None = None,
 ) -> list[Model]:
     """The models of that name that differ in what the settings leave open; one where they leave nothing open."""
-    return [prepared(name, recording, chosen, effects) for chosen in _entry(name).alternatives(settings or {})]
+    open_to = _entry(name).alternatives(settings or {})
+    return [prepared(name, recording, chosen, effects, vehicle) for chosen in open_to]
+
+
+def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
+    """The model that a vehicle's file says describes it best, effects included; `otherwise` where that is open."""
+    chosen = vehicle.model
+    if chosen is None:
+        return build(otherwise, vehicle=vehicle)
+    return build(chosen.name, chosen.settings, chosen.effects, vehicle)
+
+
+def vehicle_parameters() -> tuple[str, ...]:
+    """Parameters that equations of motion know, on any tyre: what a vehicle may state."""
+    tyres = [{"tyre": tyre} for tyre in TYRES]
+    known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
+    known += [build(name) for name in ("longitudinal", "kinematic")]
+    return tuple(dict.fromkeys(parameter.name for model in known for parameter in model.parameters))
 
 
 def _entry(name: str) -> Entry:
@@ -91,17 +141,26 @@ def _entry(name: str) -> Entry:
     return MODELS[name]
 
 
-def _with_effects(model: Model, effects: Mapping[str, float]) -> Model:
-    for name, value in effects.items():
-        if name in model.effects:
-            continue
-        if name not in EFFECTS:
-            raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{_near(name, EFFECTS)}")
-        effect = EFFECTS[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise BadInput(f"Effect {name} needs a number, in {effect.parameter.unit}; {value!r} was given.")
-        model = model + effect.at(value)
+def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None) -> Model:
+    if vehicle is not None:
+        model = with_vehicle(model, vehicle)
+    for name, magnitude in (effects or {}).items():
+        if name not in model.effects:
+            model = model + _effect(name, magnitude)
     return model
+
+
+def _effect(name: str, magnitude: float | Stated | None) -> Effect:
+    if name not in EFFECTS:
+        raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{_near(name, EFFECTS)}")
+    effect = EFFECTS[name]
+    if magnitude is None:
+        return effect.starting_at(effect.typical)
+    if isinstance(magnitude, Stated):
+        return stated_effect(effect, magnitude)
+    if isinstance(magnitude, bool) or not isinstance(magnitude, (int, float)):
+        raise BadInput(f"Effect {name} needs a number, in {effect.parameter.unit}; {magnitude!r} was given.")
+    return effect.at(magnitude)
 
 
 def _near(name: str, known: Mapping[str, object]) -> str:

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ..errors import BadInput
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class NoSettings:
+    """Hyperparameters of models that have none."""
 
 
 def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T:
@@ -22,11 +27,12 @@ def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T
     """
     hints = get_type_hints(kind)
     known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    there_are = f"there are {', '.join(where + name for name in known)}" if known else "there are none"
     for name in values:
         if name not in known:
             near = get_close_matches(name, known, 1)
             hint = f" Did you mean {where}{near[0]}?" if near else ""
-            raise BadInput(f"There is no setting {where}{name}; there are {', '.join(where + k for k in known)}.{hint}")
+            raise BadInput(f"There is no setting {where}{name}; {there_are}.{hint}")
     return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
 
 
@@ -59,4 +65,6 @@ def _value(hint: Any, value: Any, name: str) -> Any:
         return value
     if hint is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
+    if hint is str and isinstance(value, str):
+        return value
     raise BadInput(f"Setting {name} is a {getattr(hint, '__name__', hint)}, but {value!r} was given.")

@@ -14,17 +14,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 import numpy as np
 import scipy.linalg as la
+from scipy.linalg import lapack
+from numpy.typing import NDArray
 
-from ..engine.shooting import Nodes, NormalEquations, Problem
+from ..engine.layout import NormalEquations
+from ..engine.least_squares import LeastSquares, Matched
 from ..parameter import Array
 
+LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
+"""Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are damped,
+and where a search gives up."""
+PROBE, MOST_BEND = 0.1, 0.5
+"""Share of a step after which its bend is looked at; largest share of a step that a correction may be."""
 PATIENCE = 4
 NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
 objective in PATIENCE steps has stopped learning anything that its residuals could show."""
+
+Mask = NDArray[np.bool_]
+Search = Literal["shorten", "damp"]
 
 
 class Status(Enum):
@@ -49,7 +61,7 @@ class Solution:
     Attributes
     ----------
     x : (unknowns,) parameters.
-    nodes : per run, matched predictions (closed loop).
+    nodes : the problem's simulation there.
     status : how it ended.
     steps : accepted steps.
     objective : half the sum of squared residuals, priors included.
@@ -58,7 +70,7 @@ class Solution:
     """
 
     x: Array
-    nodes: Nodes
+    nodes: Matched
     status: Status
     steps: int
     objective: float
@@ -71,11 +83,13 @@ OnStep = Callable[[int, float, Array], bool]
 
 
 def gauss_newton(
-    problem: Problem,
+    problem: LeastSquares,
     x: Array,
     *,
     max_steps: int = 100,
     tolerance: float = 1e-8,
+    negligible: float = NEGLIGIBLE,
+    search: Search = "shorten",
     on_step: OnStep | None = None,
 ) -> Solution:
     """Minimise a lifted least-squares problem.
@@ -86,6 +100,9 @@ def gauss_newton(
     x : (unknowns,) starting parameters.
     max_steps : accepted steps at most.
     tolerance : stop when a full Gauss-Newton step promises a decrease of less than this share of the objective.
+    negligible : stop when PATIENCE steps together gain less than this share of the objective; 0 never does.
+    search : what is done to a step that fails: "shorten" it first, which suits hundreds of weights, or "damp" it
+        (Levenberg-Marquardt), which suits a few physical parameters in a bent valley of condition 1e9.
     on_step : progress, and a way to stop.
 
     Returns
@@ -94,7 +111,7 @@ def gauss_newton(
     """
     point = _Point(np.clip(x, *problem.bounds), [], np.inf)
     history: list[float] = []
-    status, steps, decrement, search = Status.STEP_LIMIT, 0, np.inf, _Search()
+    status, steps, decrement, memory = Status.STEP_LIMIT, 0, np.inf, _Search(search)
     try:
         point = _at(problem, point.x)
         if not np.isfinite(point.objective):
@@ -106,12 +123,12 @@ def gauss_newton(
             if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
-            if len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < NEGLIGIBLE * history[-1]:
+            if len(history) > PATIENCE and history[-1 - PATIENCE] - history[-1] < negligible * history[-1]:
                 status = Status.SLOW
                 break
             if steps == max_steps:
                 break
-            better = _descent(problem, point, equations, search)
+            better = _descent(problem, point, equations, memory)
             if better is None:
                 status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
                 break
@@ -128,63 +145,166 @@ def gauss_newton(
 @dataclass(frozen=True)
 class _Point:
     x: Array
-    nodes: Nodes
+    nodes: Matched
     objective: float
 
 
-def _at(problem: Problem, x: Array) -> _Point:
+def _at(problem: LeastSquares, x: Array) -> _Point:
     nodes = problem.simulated_nodes(x)
     return _Point(x, nodes, problem.objective(x, nodes))
 
 
-@dataclass
 class _Search:
     """What the search for a step learned from the last one: the share of a step taken, and the damping."""
 
-    share: float = 1.0
-    damping: float = 1e-5
+    def __init__(self, kind: Search) -> None:
+        self.kind = kind
+        self.share = 1.0
+        self.damping = LEAST_DAMPING if kind == "shorten" else FIRST_DAMPING
 
 
-def _descent(problem: Problem, point: _Point, equations: NormalEquations, search: _Search) -> _Point | None:
-    """The next point: a step shortened until the objective falls as promised, damped if no share of it helps."""
-    while search.damping < 1e8:
-        step = _step(problem, point.x, equations, search.damping)
+def _descent(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+    """The next point, None where nothing lowers the objective."""
+    return (_shortened if memory.kind == "shorten" else _damped)(problem, point, equations, memory)
+
+
+def _shortened(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+    """A step shortened until the objective falls as promised, damped if no share of it helps."""
+    while memory.damping < MOST_DAMPING:
+        step = _step(problem, point.x, equations, memory.damping)
         promised = -float(equations.g @ step)
-        share = min(1.0, 2.5 * search.share)
+        share = min(1.0, 2.5 * memory.share)
         while share > 1e-3:
             trial = _at(problem, np.clip(point.x + share * step, *problem.bounds))
             if trial.objective < point.objective - 1e-2 * share * promised:
-                search.share, search.damping = share, max(search.damping / 10.0, 1e-5)
+                memory.share, memory.damping = share, max(memory.damping / 10.0, LEAST_DAMPING)
                 return trial
             share *= 0.4
-        search.share, search.damping = 1.0, search.damping * 100.0
+        memory.share, memory.damping = 1.0, memory.damping * 100.0
     return None
 
 
-def _step(problem: Problem, x: Array, equations: NormalEquations, damping: float) -> Array:
-    """The damped Gauss-Newton step within bounds.
+def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+    """A step damped until the objective falls by a fair part of what the quadratic model promises.
 
-    Unknowns that would leave their bounds are put on them and the others solved for again: clipping alone would
-    leave the others where they were best only together with what was clipped.
+    Positive unknowns step in their logarithms: factors such as B C D, which is all that a recording tells of a tyre at
+    small slip, are then straight lines, and the valley along them is no longer bent.
     """
-    low, high = problem.bounds
-    step = np.zeros_like(x)
-    movable = problem.free & ~((x <= low) & (equations.g > 0)) & ~((x >= high) & (equations.g < 0))
+    by = np.where(_positive(problem), point.x, 1.0)
+    curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
+    while memory.damping < MOST_DAMPING:
+        step = _step(problem, point.x, curved, memory.damping, logarithmic=True)
+        promised = max(_decrease(curved, step), 1e-300)
+        trial = _at(problem, _moved(problem, point.x, step))
+        gain = (point.objective - trial.objective) / promised
+        if gain < 0.75:  # the valley bends: follow it
+            bend = _bend(problem, point, curved, step, equations, memory.damping)
+            if np.any(bend):
+                bent = _at(problem, _moved(problem, point.x, step + bend))
+                trial = bent if bent.objective < trial.objective else trial
+                gain = (point.objective - trial.objective) / promised
+        if gain > 1e-3:
+            if gain > 0.75:
+                memory.damping *= 0.1
+            elif gain < 0.25:
+                memory.damping *= 4.0
+            return trial
+        memory.damping *= 10.0
+    return None
+
+
+def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:
+    """Where a step leads that is taken in logarithms of the positive unknowns."""
+    with np.errstate(over="ignore"):
+        return np.clip(np.where(_positive(problem), x * np.exp(step), x + step), *problem.bounds)
+
+
+def _bend(
+    problem: LeastSquares, point: _Point, curved: NormalEquations, step: Array, equations: NormalEquations, damping: float
+) -> Array:
+    """The second-order correction of a step, half the geodesic acceleration; none where it would outweigh the step.
+
+    The residuals' curvature along the step is taken from one simulation a little way along it. Source: Transtrum &
+    Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885 (2012).
+    """
+    if equations.pulled is None:
+        return np.zeros_like(step)
+    ahead = _moved(problem, point.x, PROBE * step)
+    by = np.where(_positive(problem), point.x, 1.0)
+    with np.errstate(all="ignore"):
+        pull = by * equations.pulled(ahead, problem.simulated_nodes(ahead))
+        curvature = 2 / PROBE * ((pull - curved.g) / PROBE - curved.H @ step)
+    moving = problem.free & (step != 0)
+    if not np.all(np.isfinite(curvature[moving])) or not np.any(moving):
+        return np.zeros_like(step)
+    scale = np.diag(curved.H)[moving]
+    unit = 1.0 / np.sqrt(np.where(scale > 0, scale, 1.0))
+    inner = curved.H[np.ix_(moving, moving)] * np.outer(unit, unit)
+    inner[np.diag_indices_from(inner)] += damping + 1e-12
+    bend = np.zeros_like(step)
+    bend[moving] = -0.5 * unit * _solved(inner, unit * curvature[moving])
+    size = np.linalg.norm(bend[moving] / unit) / max(np.linalg.norm(step[moving] / unit), 1e-300)
+    return bend if size <= MOST_BEND else np.zeros_like(step)
+
+
+def _positive(problem: LeastSquares) -> Mask:
+    """Unknowns that cannot be zero or change sign."""
+    return np.asarray(problem.free & (problem.bounds[0] > 0))
+
+
+def _step(
+    problem: LeastSquares, x: Array, equations: NormalEquations, damping: float, logarithmic: bool = False
+) -> Array:
+    """The damped Gauss-Newton step within bounds: the exact minimiser of the quadratic model in the box.
+
+    A primal active-set method (Nocedal & Wright, Numerical Optimization, 2nd ed., Sec. 16.5): from no step at all, walk
+    to the minimiser over the unknowns that are free to move, stop at the first bound in the way and hold it; let go of
+    a bound that pulls inward. It descends at every turn, which clipping a step would not.
+    """
     scale = np.diag(equations.H).copy()
     scale[scale <= 0] = 1.0
     H = equations.H + np.diag((damping + 1e-12) * scale)
     unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
-    while np.any(movable):
-        fixed = ~movable
-        force = equations.g[movable] + H[np.ix_(movable, fixed)] @ step[fixed]
-        by = unit[movable]
-        step[movable] = by * la.solve(H[np.ix_(movable, movable)] * np.outer(by, by), -by * force, assume_a="pos")
-        outside = movable & ((x + step < low) | (x + step > high))
-        if not np.any(outside):
+    low, high = problem.bounds[0] - x, problem.bounds[1] - x
+    if logarithmic:
+        positive = _positive(problem)
+        low[positive] = np.log(problem.bounds[0][positive] / x[positive])
+        high[positive] = np.log(problem.bounds[1][positive] / x[positive])
+    step = np.zeros_like(x)
+    at_low, at_high = (low >= 0) & (equations.g > 0), (high <= 0) & (equations.g < 0)
+    for _ in range(3 * len(x) + 10):
+        movable = problem.free & ~at_low & ~at_high
+        slope = equations.g + H @ step
+        move = np.zeros_like(x)
+        if np.any(movable):
+            by = unit[movable]
+            inner = H[np.ix_(movable, movable)] * np.outer(by, by)
+            move[movable] = by * _solved(inner, -by * slope[movable])
+        room = np.where(move < 0, low - step, high - step)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(move != 0, room / move, np.inf)
+        nearest = float(np.min(share[movable], initial=1.0))
+        if nearest < 1.0:
+            blocking = movable & (share <= nearest)
+            step = step + max(nearest, 0.0) * move
+            step[blocking] = np.where(move < 0, low, high)[blocking]
+            at_low |= blocking & (move < 0)
+            at_high |= blocking & (move > 0)
+            continue
+        step = step + move
+        pull = (equations.g + H @ step) * unit
+        inward = np.where(at_low, -pull, np.where(at_high, pull, 0.0))
+        released = int(np.argmax(inward))
+        if inward[released] <= 1e-12 * max(float(np.max(np.abs(equations.g * unit))), 1e-300):
             break
-        step[outside] = np.clip(x + step, low, high)[outside] - x[outside]
-        movable &= ~outside
+        at_low[released] = at_high[released] = False
     return step
+
+
+def _solved(H: Array, b: Array) -> Array:
+    """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular."""
+    _, found, failed = lapack.dposv(H, b)
+    return np.asarray(la.lstsq(H, b)[0] if failed else found)
 
 
 def _decrease(equations: NormalEquations, step: Array) -> float:

@@ -14,9 +14,12 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from ..engine.least_squares import LeastSquares
+from ..engine.motion.shooting import MotionProblem
 from ..engine.shooting import Problem
 from ..parameter import Array
 from .gauss_newton import Solution, Status
+from .motion_program import MotionProgram
 from .programs import UNLIMITED, Condensed, Lifted, bounds_of
 
 SAME = 2e-5
@@ -44,7 +47,7 @@ class Verdict:
 
 
 def ipopt(
-    problem: Problem, x: Array, *, max_iterations: int = 200, warm: bool = False, lifted: bool = True
+    problem: Problem | MotionProblem, x: Array, *, max_iterations: int = 200, warm: bool = False, lifted: bool = True
 ) -> tuple[Solution, Verdict]:
     """Minimise a lifted least-squares problem with Ipopt.
 
@@ -61,7 +64,7 @@ def ipopt(
     Solution and Ipopt's verdict.
     """
     clock = time.process_time()
-    program = Lifted(problem) if problem.closed_loop and lifted else Condensed(problem)
+    program = _program(problem, x, lifted)
     options: dict[str, Any] = {
         "print_time": False,
         "ipopt.print_level": 0,
@@ -90,8 +93,9 @@ def ipopt(
     stats = solver.stats()
     unknowns = np.clip(np.asarray(found["x"].full()).ravel()[: len(x)], *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
-    matched = problem.simulated_nodes(unknowns)
-    objective = problem.objective(unknowns, matched)
+    same: LeastSquares = problem
+    matched = same.simulated_nodes(unknowns)
+    objective = same.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
     status = {
         "Solve_Succeeded": Status.CONVERGED,
@@ -109,3 +113,9 @@ def ipopt(
         violation=float(trajectory.get("inf_pr", [np.nan])[-1]),
         cpu_seconds=time.process_time() - clock,
     )
+
+
+def _program(problem: Problem | MotionProblem, x: Array, lifted: bool) -> Condensed | Lifted | MotionProgram:
+    if isinstance(problem, MotionProblem):
+        return MotionProgram(problem, x)
+    return Lifted(problem) if problem.closed_loop and lifted else Condensed(problem)

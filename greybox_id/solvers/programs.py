@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..engine.free_run import free_run_expression
+from ..engine.least_squares import LeastSquares
 from ..engine.series import Run
 from ..engine.shooting import Problem
 from ..parameter import Array
@@ -183,7 +184,7 @@ class _ConstraintJacobian(cs.Callback):  # type: ignore[misc]
         return lines.by_p, lines.by_nodes
 
 
-def bounds_of(problem: Problem, x: Array, size: int) -> tuple[Array, Array]:
+def bounds_of(problem: LeastSquares, x: Array, size: int) -> tuple[Array, Array]:
     """Bounds of all variables; parameters that are held, or that mean no limit at all, are pinned where they stand."""
     low, high = np.full(size, -np.inf), np.full(size, np.inf)
     low[: len(x)], high[: len(x)] = problem.bounds

@@ -14,7 +14,7 @@ from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadModel
 from greybox_id.metrics import predictions
-from greybox_id.model import Actuator
+from greybox_id.memory_model import SampledActuator
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 
 
@@ -47,15 +47,15 @@ def test_a_rate_limit_acts_on_a_whole_network_as_if_the_recording_had_been_limit
 
 
 def test_the_first_actuator_added_is_nearest_the_command():
-    plus = Actuator("steer", lambda state, command, p, dt: (state, command + 1))
-    times = Actuator("steer", lambda state, command, p, dt: (state, command * 2))
+    plus = SampledActuator("steer", lambda state, command, p, dt: (state, command + 1))
+    times = SampledActuator("steer", lambda state, command, p, dt: (state, command * 2))
     model = linear_toy(1).with_values(np.ones(1)).with_actuator(plus).with_actuator(times)
     recording = drive(10)
     np.testing.assert_allclose(predictions(model, recording).predicted[:, 0], 2 * (recording["steer"][:-1] + 1))
 
 
 def test_an_actuator_before_a_fed_back_input_is_refused():
-    model = speed_toy().with_actuator(Actuator("a_x", lambda state, command, p, dt: (state, command)))
+    model = speed_toy().with_actuator(SampledActuator("a_x", lambda state, command, p, dt: (state, command)))
     with pytest.raises(BadModel, match="feeds a_x back"):
         runs(Trace(model), drive())
 

@@ -9,7 +9,7 @@ import pytest
 
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
-from greybox_id.model import Model
+from greybox_id.memory_model import MemoryModel
 from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import msnn_lat
 from greybox_id.models.msnn_long import msnn_long
@@ -85,7 +85,7 @@ def test_inputs_that_follow_from_outputs_settle_in_the_steady_state():
         del p
         return {"yaw_rate": 2.0 * u.v_x * u.steer - 0.1 * past(u.a_y, [0.5, 0.5])}
 
-    model = Model(
+    model = MemoryModel(
         "leaning", "", ("v_x", "steer", "a_y"), ("yaw_rate",), (), equations, 0.05,
         feedback=lambda y, u: {"a_y": y.yaw_rate * u.v_x},
     )  # fmt: skip

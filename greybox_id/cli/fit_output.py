@@ -1,0 +1,282 @@
+"""How a fit is printed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ..fit import Fit
+from ..left_open import left_open
+from ..memory_model import MemoryModel
+from ..metrics import FREE_RUN
+from ..models.effects import EFFECTS
+from ..motion_model import MotionModel
+from ..parameter import Parameter, Prior
+from ..provenance import DataRecord, Stage
+from ..reports.numbers import counted, interval, number, pretty_unit, quantity, with_sd
+from .output import console, errors_table, unit
+
+SAME = 0.01
+"""Starts whose objectives differ by less than this share of the best ended alike."""
+MOST_OPEN = 4
+"""Sentences printed on what the recording leaves open."""
+
+
+def show(result: Fit, vehicle: str = "") -> None:
+    """Print a fit for people.
+
+    Parameters
+    ----------
+    result : the fit.
+    vehicle : name of the vehicle it started from.
+    """
+    out = console()
+    motion = isinstance(result.model, MotionModel)
+    for record in result.data:
+        out.print(f"{'data' if record.role == 'train' else 'held out':9}{_recorded(record)}")
+    if vehicle:
+        out.print(f"vehicle  {vehicle}")
+    for stage in result.stages:
+        _show_stage(out, result, stage, motion)
+    if not motion:
+        strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
+        out.print(f"priors   strengths {strengths or 'as stated'} ({result.mode})")
+    if any(p.shape == () for p in result.model.parameters):
+        out.print()
+        _show_parameters(out, result)
+    out.print()
+    for sentence in result.model.together:
+        out.print(f"together {sentence}")
+    if motion:
+        out.print(motion_errors_table(result.metrics, result.stages[-1].noise, _held_out(result.data)))
+    else:
+        out.print()
+        out.print(errors_table(result.metrics))
+
+
+def summary(result: Fit) -> dict[str, Any]:
+    """The fit as one JSON object: metrics, CPU time, sizes, how it was chosen."""
+    seconds = {_key(stage.model, stage.closed_loop): stage.cpu_seconds for stage in result.stages}
+    body = result.as_dict()
+    common = {
+        "model": body["model"],
+        "mode": result.mode,
+        "metrics": body["metrics"],
+        "cpu_seconds": seconds | {"cross_validation": sum(s.cross_validation_seconds for s in result.stages)},
+        "stages": body["stages"],
+        "notes": body["notes"],
+        "together": body["together"],
+        "per_run": body["per_run"],
+        "data": body["data"],
+        "seed": result.seed,
+        "version": result.version,
+    }
+    if isinstance(result.model, MotionModel):
+        covariance = body["covariance"]
+        return common | {
+            "parameters": body["parameters"],
+            "free": [p.name for p in result.model.parameters if not p.fixed],
+            "combinations": body["combinations"],
+            "covariance": covariance,
+            "correlation": None if covariance is None else _correlation(covariance),
+            "open": open_sentences(result),
+            "how": body["how"],
+            "noise": dict(result.stages[-1].noise),
+        }
+    parts = result.model.parts if isinstance(result.model, MemoryModel) else ()
+    return common | {
+        "parameters": {_key(part.name, False): part.size for part in parts or (result.model,)}
+        | ({"full": result.model.size} if parts else {}),
+        "physical": {p.name: body["parameters"][p.name] for p in result.model.parameters if p.shape == ()},
+    }
+
+
+def motion_errors_table(
+    metrics: Mapping[str, Any],
+    noise: Mapping[str, float] | None = None,
+    names: Mapping[str, str] | None = None,
+    beside: Mapping[str, Any] | None = None,
+) -> Table:
+    """Errors by horizon: a row for each output of each recording, each error with its standard error.
+
+    Parameters
+    ----------
+    metrics : role or recording -> protocol -> output -> error.
+    noise : output -> standard deviation of the residuals, for a last column.
+    names : what to call a role.
+    beside : errors of holding the last reading, laid out as `metrics`; shown below each row.
+    """
+    protocols = list(dict.fromkeys(p for of_role in metrics.values() for p in of_role))
+    protocols.sort(key=lambda name: name == FREE_RUN)
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("RMSE", header_style="dim")
+    for name in protocols:
+        table.add_column(name.removesuffix(" ahead"), header_style="dim", justify="right")
+    if noise:
+        table.add_column("residual sd", header_style="dim", justify="right")
+    for role, of_role in metrics.items():
+        table.add_row((names or {}).get(role, role), style="dim")
+        for output in dict.fromkeys(o for errors in of_role.values() for o in errors):
+            cells = [_error(of_role.get(p, {}).get(output)) for p in protocols]
+            last = [number(noise[output], 2) if output in noise else ""] if noise else []
+            table.add_row(f"{output} [{pretty_unit(unit(output))}]", *cells, *last)
+            held = (beside or {}).get(role, {})
+            if held:
+                cells = [_error(held.get(p, {}).get(output)) for p in protocols]
+                table.add_row("  last reading held", *cells, style="dim")
+    return table
+
+
+def _show_stage(out: Console, result: Fit, stage: Stage, motion: bool) -> None:
+    if motion:
+        free = sum(p.size for p in result.model.parameters if not p.fixed)
+        horizon = result.how.get("horizon")
+        what = f"{counted(free, 'free parameter')}, {'whole runs' if horizon is None else f'{horizon:g} s ahead'}"
+    else:
+        what = "closed loop" if stage.closed_loop else ""
+    name = ", ".join(filter(None, (stage.model, what)))
+    out.print(f"fit      {name}: {counted(stage.steps, 'step')}, {stage.cpu_seconds:.2f} s; {stage.status}")
+    if stage.certificate is not None:
+        c = stage.certificate
+        ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
+        better = f"objective {100 * c.gained:.2g} % lower" if c.gained > 0 else "objective no lower"
+        confirmed = "certified" if c.confirmed else "not certified"
+        out.print(f"{confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}")
+    if motion and len(stage.starts) > 1:
+        out.print(f"starts   {_starts(stage.starts)}")
+
+
+def _show_parameters(out: Console, result: Fit) -> None:
+    parameters = [p for p in result.model.parameters if p.shape == ()]
+    free = [p for p in parameters if not p.fixed]
+    if free:
+        out.print(_parameters(result, free))
+    lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
+    lines.add_column(min_width=8)
+    held = [p for p in parameters if p.fixed]
+    known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
+    nothing = [p.name for p in held if not float(p.array)]
+    if known:
+        lines.add_row("held", ", ".join(known))
+    if nothing:
+        lines.add_row("at zero", ", ".join(nothing))
+    for name, values in result.per_run.items():
+        if result.model[name].shape == () and len(values) > 1:
+            unit_of = pretty_unit(result.model[name].unit)
+            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {unit_of}")
+    if lines.row_count:
+        out.print()
+        out.print(lines)
+    told = [c for c in result.combined() if math.isfinite(c.sd) and c.sd > 0]
+    if told:
+        table = plain_table("determined together", "estimate", "95 % interval", "unit", "")
+        for c in told:
+            table.add_row(c.name, with_sd(c.value, c.sd), interval(c.low, c.high, c.sd), pretty_unit(c.unit), c.about)
+        out.print()
+        out.print(table)
+    sentences = open_sentences(result)
+    if sentences:
+        out.print()
+    for sentence in sentences[:MOST_OPEN]:
+        out.print(f"open     {sentence}")
+    if len(sentences) > MOST_OPEN:
+        out.print(f"         and {len(sentences) - MOST_OPEN} more, told by --json")
+
+
+def open_sentences(result: Fit) -> list[str]:
+    """Parameters that the recording tells only together, in sentences."""
+    found = left_open(result)
+    return [] if found is None else [each.about() for group in (found.pairs, found.directions) for each in group]
+
+
+def _parameters(result: Fit, parameters: Sequence[Parameter]) -> Table:
+    table = plain_table("parameter", "estimate", "95 % interval", "unit", "prior", "note")
+    notes = _absent(result) | result.notes()
+    for p in parameters:
+        value, sd = float(p.array), float(result.sd[p.name])
+        low, high = (float(end) for end in result.interval(p.name))
+        prior = "" if p.prior is None else _prior(p, p.prior)
+        note = notes.get(p.name, "")
+        table.add_row(p.name, estimate(value, sd), interval(low, high, sd), pretty_unit(p.unit), prior, note)
+    return table
+
+
+def _absent(result: Fit) -> dict[str, str]:
+    """Effects whose interval holds the value at which they change nothing."""
+    found = {}
+    for name in result.model.effects:
+        low, high = result.interval(name)
+        if name in EFFECTS and low <= EFFECTS[name].parameter.array <= high:
+            found[name] = f"may be absent: the interval holds {float(EFFECTS[name].parameter.array):g}"
+    return found
+
+
+def estimate(value: float, sd: float) -> str:
+    """An estimate to as many digits as its standard deviation leaves it."""
+    if not (math.isfinite(sd) and sd > 0.0):
+        return number(value, 4)
+    shown = with_sd(value, sd)
+    power = shown[shown.index(")") + 1 :] if shown.startswith("(") else ""
+    return shown.partition(" ± ")[0].removeprefix("(") + power
+
+
+def _prior(parameter: Parameter, prior: Prior) -> str:
+    """What was believed of a number: mean and standard deviation."""
+    mean = parameter.array if prior.mean is None else np.asarray(prior.mean, dtype=float)
+    return with_sd(float(mean), float(np.asarray(prior.sd)))
+
+
+def _recorded(record: DataRecord) -> str:
+    """A recording in one line: runs, duration, rate, samples."""
+    steps = record.samples - record.runs
+    rate = f" at {steps / record.duration:.4g} Hz" if record.duration > 0 else ""
+    runs = f"{counted(record.runs, 'run')}, {record.duration:.1f} s{rate}"
+    return f"{record.name}: {runs}, {counted(record.samples, 'sample')}"
+
+
+def _held_out(data: Sequence[DataRecord]) -> dict[str, str]:
+    """What the rows of an error table are headed with."""
+    names = {role: [record.name for record in data if record.role == role] for role in ("train", "validate")}
+    trained = ", ".join(names["train"]) if len(names["train"]) < 4 else counted(len(names["train"]), "recording")
+    return {"train": f"train ({trained})", "validate": f"held out ({', '.join(names['validate'])})"}
+
+
+def _starts(objectives: Sequence[float]) -> str:
+    """How far apart fits from several starting points ended."""
+    best, worst = min(objectives), max(objectives)
+    alike = sum(objective <= best * (1 + SAME) for objective in objectives)
+    if alike == len(objectives):
+        return f"all {alike} starts ended at the same objective, {number(best, 4)}"
+    spread = f"the others between it and {number(worst, 4)}" if len(objectives) - alike > 1 else number(worst, 4)
+    return f"{alike} of {len(objectives)} starts ended at the best objective, {number(best, 4)}; {spread}"
+
+
+def _error(error: Mapping[str, float] | None) -> str:
+    if error is None:
+        return "–"
+    return with_sd(error["rmse"], error["rmse_sd"])
+
+
+def _correlation(covariance: Mapping[str, Any]) -> dict[str, Any]:
+    """Correlations of the numbers whose covariance is given."""
+    matrix = np.asarray(covariance["matrix"], dtype=float).reshape(len(covariance["names"]), -1)
+    sd = np.sqrt(np.diag(matrix))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return {"names": covariance["names"], "matrix": (matrix / np.outer(sd, sd)).tolist()}
+
+
+def plain_table(*titles: str) -> Table:
+    """A table without lines."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title in titles:
+        table.add_column(title, header_style="dim")
+    return table
+
+
+def _key(model: str, closed_loop: bool) -> str:
+    return "full" if closed_loop else model.removeprefix("msnn_")

@@ -1,0 +1,65 @@
+"""Combinations of parameters as a fit tells them, and how far a 95 % interval reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+from scipy import stats
+
+from .model import Combination, Model
+from .parameter import Array
+
+CONFIDENCE, Z = 0.975, 1.959963984540054
+"""Upper quantile of a two-sided 95 % interval, and its distance in standard deviations when these are known."""
+
+
+@dataclass(frozen=True)
+class Combined:
+    """A combination of parameters as a fit tells it: value, standard deviation and 95 % interval, in its unit."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    low: float
+    high: float
+    about: str
+
+
+def reach(dof: Array | float) -> Array:
+    """How many standard deviations a 95 % interval reaches to either side: Student's t."""
+    dof = np.asarray(dof, dtype=float)
+    finite = np.isfinite(dof)
+    return np.where(finite, stats.t.ppf(CONFIDENCE, np.where(finite, np.maximum(dof, 1.0), 1.0)), Z)
+
+
+def combined(combination: Combination, model: Model, covariance: Array, dof: Mapping[str, Array]) -> Combined:
+    """A combination to first order: its derivative by every parameter, and their covariance.
+
+    Parameters
+    ----------
+    combination : what is asked for.
+    model : at its estimates.
+    covariance : (parameters, parameters) of its parameter vector.
+    dof : name -> degrees of freedom of its standard deviation; the fewest count.
+    """
+    parameters = [p for p in model.parameters if p.shape == ()]
+    values = {p.name: float(p.array) for p in parameters}
+    value = float(combination.of(SimpleNamespace(**values)))
+    gradient, start, fewest = np.zeros(model.size), 0, np.inf
+    for p in model.parameters:
+        if p in parameters and not p.fixed and np.isfinite(values[p.name]):
+            step = 1e-6 * max(abs(values[p.name]), 1e-3)
+            up, down = (SimpleNamespace(**{**values, p.name: values[p.name] + sign * step}) for sign in (1, -1))
+            gradient[start] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
+            if gradient[start] and p.name in dof:
+                fewest = min(fewest, float(np.min(dof[p.name])))
+        start += p.size
+    moved = np.flatnonzero(gradient)
+    variance = float(gradient[moved] @ covariance[np.ix_(moved, moved)] @ gradient[moved])
+    sd = float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf
+    half = float(reach(fewest)) * sd
+    return Combined(combination.name, combination.unit, value, sd, value - half, value + half, combination.about)

@@ -1,0 +1,207 @@
+"""Many trajectories at once, segment by segment, with forward sensitivities.
+
+A model is integrated by a function of one segment, z_next = step(z, s, p), and read by y = output(z, s, p) at the
+start of chosen segments; s are the segment's own numbers (inputs, duration), p the parameters. Differentiated:
+
+    Z <- A Z + [0 | B]      A, B = derivatives of step by z and p
+    Y =  C Z + [0 | D]      C, D = derivatives of output by z and p
+
+with Z the derivative of the state by the initial state and by the parameters that move. It runs as generated C,
+several lanes at a time, where a compiler is found and the work pays for it, else in CasADi's virtual machine.
+The numbers are the same (1e-12 relative, unless the model cancels digits).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..parameter import Array
+from .compiler import CannotCompile, library
+from .lanes import source
+from .virtual import VirtualMachine
+
+PAYS = 100_000
+"""Lanes times segments in the virtual machine that take as long as compiling. Both grow with the model's size in much
+the same way, so that this number need not know it: half a second for a single-track model, three for a large one."""
+
+LOOKS = PAYS // 20
+"""The same for writing the C, which it takes to find its library in the cache."""
+
+LINEARISED = 5
+"""What a segment's derivatives cost, in segments."""
+
+
+class Kernel:
+    """Integrates trajectories ("lanes") and their sensitivities.
+
+    Shapes below: L lanes, S segments, R readings, q parameters that move, and the functions' own nz, ns, np, ny.
+
+    Parameters
+    ----------
+    step : SX function (z[nz], s[ns], p[np]) -> z_next[nz] of one segment.
+    output : SX function (z[nz], s[ns], p[np]) -> y[ny] of what is read at the start of a segment.
+    compiled : True: always compiled C, or `CannotCompile`. False: never. None: as the environment variable
+        GREYBOX_COMPILE says, 1 or 0; where it says nothing, as soon as the work asked for so far pays for looking
+        into the cache (`LOOKS`) and for compiling (`PAYS`), and never an error where that cannot be.
+
+    Attributes
+    ----------
+    compiled : whether the last call ran as compiled C.
+    """
+
+    def __init__(self, step: cs.Function, output: cs.Function, *, compiled: bool | None = None) -> None:
+        self.compiled = False
+        self._model = _Functions(step, output)
+        said = os.environ.get("GREYBOX_COMPILE")
+        self._wanted = compiled if compiled is not None or not said else said != "0"
+        self._work = 0
+        self._library: ctypes.CDLL | None = None
+        self._looked = self._cannot = False
+
+    def simulate(self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike) -> tuple[Array, Array]:
+        """Integrate.
+
+        Parameters
+        ----------
+        z0 : (L, nz) initial states.
+        s : (L, S, ns) numbers of each segment.
+        p : (L, np) parameters, or (np,) for all lanes.
+        reads : (S,) bool, the segments at whose start the outputs are read.
+
+        Returns
+        -------
+        z : (L, S + 1, nz) states at the segments' starts and at the end.
+        y : (L, R, ny) readings.
+        """
+        given = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        self._load(lanes * segments)
+        if self._library is None:
+            return self._model.virtual.simulate(*given)
+        z = np.empty((lanes, segments + 1, self._model.states))
+        y = np.empty((lanes, readings, self._model.outputs))
+        self._library.simulate(lanes, segments, readings, *_places(*given, z, y))
+        return z, y
+
+    def linearise(
+        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
+    ) -> tuple[Array, Array, Array, Array]:
+        """Integrate, and differentiate by the initial states and some of the parameters.
+
+        Parameters
+        ----------
+        z0, s, p, reads : as for `simulate`.
+        columns : (q,) the entries of p that move, each once.
+
+        Returns
+        -------
+        z : (L, nz) states at the end.
+        Z : (L, nz, nz + q) their derivatives, by z0 first.
+        y : (L, R, ny) readings.
+        Y : (L, R, ny, nz + q) their derivatives, by z0 first.
+        """
+        given = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        chosen = np.asarray(columns, dtype=np.intp)
+        moving = np.full(self._model.parameters, -1, dtype=np.intp)
+        moving[chosen] = np.arange(len(chosen))
+        if np.count_nonzero(moving >= 0) != len(chosen):
+            raise ValueError("A parameter moves once: columns holds one twice.")
+        self._load(LINEARISED * lanes * segments)
+        if self._library is None:
+            return self._model.virtual.linearise(*given, chosen)
+        states, outputs, moved = self._model.states, self._model.outputs, self._model.states + len(chosen)
+        z, Z = np.empty((lanes, states)), np.empty((lanes, states, moved))
+        y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, moved))
+        self._library.linearise(lanes, segments, readings, len(chosen), *_places(moving, *given, z, Z, y, Y))
+        return z, Z, y, Y
+
+    def _checked(
+        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike
+    ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """The arguments as C reads them; wrong shapes would have it read beyond their ends."""
+        numbers = np.ascontiguousarray(s, dtype=float)
+        lanes, segments, _ = numbers.shape
+        model = self._model
+        states = np.ascontiguousarray(z0, dtype=float)
+        parameters = np.ascontiguousarray(p, dtype=float)
+        if parameters.ndim == 1:
+            parameters = np.tile(parameters, (lanes, 1))
+        read = np.ascontiguousarray(reads, dtype=bool)
+        shapes = [states.shape, numbers.shape, parameters.shape, read.shape]
+        if shapes != [(lanes, model.states), (lanes, segments, model.numbers), (lanes, model.parameters), (segments,)]:
+            raise ValueError(f"Shapes {shapes} of z0, s, p and reads do not go together.")
+        return states, numbers, parameters, read
+
+    def _load(self, work: int) -> None:
+        """Find or make the library if this much more work is a reason to."""
+        self._work += work
+        pays = self._wanted is True or self._work >= PAYS
+        looks = not self._looked and self._work >= LOOKS
+        if self._library is None and self._wanted is not False and not self._cannot and (looks or pays):
+            self._looked = True
+            try:
+                found = library(self._model.source, compile_it=pays)
+                self._library = found and _declared(found)
+            except CannotCompile:
+                if self._wanted:
+                    raise
+                self._cannot = True
+        self.compiled = self._library is not None
+
+
+class _Functions:
+    """A model's functions of one segment, for both ways of running them.
+
+    Attributes
+    ----------
+    states, numbers, parameters, outputs : sizes of z, s, p and y.
+    """
+
+    def __init__(self, step: cs.Function, output: cs.Function) -> None:
+        self.arguments = [cs.SX.sym(letter, step.numel_in(k)) for k, letter in enumerate("zsp")]
+        self.states, self.numbers, self.parameters = (step.numel_in(k) for k in range(3))
+        self.outputs = output.numel_out(0)
+        # what is computed twice, by step and output or by one of them, would be differentiated twice
+        both = cs.cse(cs.densify(cs.vertcat(step(*self.arguments), output(*self.arguments))))
+        self.results = [both[: self.states], both[self.states :]]
+
+    @cached_property
+    def slopes(self) -> list[cs.SX]:
+        """A, B, C, D: the derivatives of z_next and y, each by z and p, sparse."""
+        z, _, p = self.arguments
+        J, n = cs.jacobian(cs.vertcat(*self.results), cs.vertcat(z, p)), self.states
+        return [J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:]]
+
+    @cached_property
+    def virtual(self) -> VirtualMachine:
+        """Run by CasADi."""
+        A, B, C, D = (cs.densify(slope) for slope in self.slopes)
+        following, y = self.results
+        parts = {"step": [following], "output": [y], "step_by": [following, A, B], "output_by": [y, C, D]}
+        return VirtualMachine(*[cs.Function(name, self.arguments, results) for name, results in parts.items()])
+
+    @cached_property
+    def source(self) -> str:
+        """To be compiled."""
+        value = cs.Function("value", self.arguments, self.results)
+        return source(value, cs.Function("slope", self.arguments, [*self.results, *self.slopes]))
+
+
+def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
+    """A library that has been told what its functions take: counts, then arrays."""
+    made.simulate.argtypes = [ctypes.c_ssize_t] * 3 + [ctypes.c_void_p] * 6
+    made.linearise.argtypes = [ctypes.c_ssize_t] * 4 + [ctypes.c_void_p] * 9
+    made.simulate.restype = made.linearise.restype = None
+    return made
+
+
+def _places(*arrays: NDArray[np.generic]) -> list[int]:
+    """Where arrays begin in memory."""
+    return [array.ctypes.data for array in arrays]

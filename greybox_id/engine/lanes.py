@@ -1,0 +1,229 @@
+"""The C around the straight-line code: vectors of lanes, and loops over lanes, segments and sensitivities.
+
+Lanes are GCC's vector type (clang has it too), as wide as the machine's registers: 8 with AVX-512, 4 with AVX2,
+else 2. Functions come from glibc's libmvec on x86-64, whose results are within 4 ulp; elsewhere each lane calls the
+mathematical library. Infinities and NaN behave as in CasADi's virtual machine: the flags promise nothing about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as cs
+
+from .emit import Result, straight_line
+
+PRELUDE = r"""
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#if defined __AVX512F__
+#define W 8
+#define MVEC(arguments, name) _ZGVeN8##arguments##_##name
+#elif defined __AVX2__
+#define W 4
+#define MVEC(arguments, name) _ZGVdN4##arguments##_##name
+#else
+#define W 2
+#define MVEC(arguments, name) _ZGVbN2##arguments##_##name
+#endif
+#if defined __x86_64__ && defined __GLIBC__
+#define LIBMVEC (__GLIBC__ * 100 + __GLIBC_MINOR__)
+#else
+#define LIBMVEC 0
+#endif
+#define NOINLINE __attribute__((noinline))
+#define LANES for (int l = 0; l < W; l++)
+
+typedef double v __attribute__((vector_size(8 * W)));
+typedef long long m __attribute__((vector_size(8 * W)));
+
+static inline v splat(double x) { v r; LANES r[l] = x; return r; }
+static inline v where(m k, v a) { return (v)(k & (m)a); }
+static inline v choose(m k, v a, v b) { return (v)((k & (m)a) | (~k & (m)b)); }
+#if defined __FP_FAST_FMA || defined __FMA__ || defined __ARM_FEATURE_FMA
+static inline v fused(v a, v b, v c) { LANES c[l] = __builtin_fma(a[l], b[l], c[l]); return c; }
+#else
+static inline v fused(v a, v b, v c) { return a * b + c; }
+#endif
+
+/* as C and CasADi have it: the other one, where one is NaN */
+static inline v v_fmin(v a, v b) { return choose(a < b, a, choose(b == b, b, a)); }
+static inline v v_fmax(v a, v b) { return choose(a > b, a, choose(b == b, b, a)); }
+static inline v v_sign(v a) { return choose(a < splat(0), splat(-1), choose(a > splat(0), splat(1), a)); }
+static inline v v_fabs(v a) { return (v)((m)a & ~(m)splat(-0.0)); }
+static inline v v_copysign(v a, v b) { return (v)(((m)a & ~(m)splat(-0.0)) | ((m)b & (m)splat(-0.0))); }
+static inline v v_sqrt(v a) { LANES a[l] = __builtin_sqrt(a[l]); return a; }
+static inline v v_floor(v a) { LANES a[l] = __builtin_floor(a[l]); return a; }
+static inline v v_ceil(v a) { LANES a[l] = __builtin_ceil(a[l]); return a; }
+
+#define LANEWISE(name) static NOINLINE v v_##name(v a) { LANES a[l] = name(a[l]); return a; }
+#define LANEWISE2(name) static NOINLINE v v_##name(v a, v b) { LANES a[l] = name(a[l], b[l]); return a; }
+#define LIBRARY(name) v MVEC(v, name)(v); static inline v v_##name(v a) { return MVEC(v, name)(a); }
+#define LIBRARY2(name) v MVEC(vv, name)(v, v); static inline v v_##name(v a, v b) { return MVEC(vv, name)(a, b); }
+#if LIBMVEC >= 222
+LIBRARY(sin) LIBRARY(cos) LIBRARY(exp) LIBRARY(log) LIBRARY2(pow)
+#else
+LANEWISE(sin) LANEWISE(cos) LANEWISE(exp) LANEWISE(log) LANEWISE2(pow)
+#endif
+#if LIBMVEC >= 235
+LIBRARY(tan) LIBRARY(asin) LIBRARY(acos) LIBRARY(atan) LIBRARY(sinh) LIBRARY(cosh) LIBRARY(tanh) LIBRARY(asinh)
+LIBRARY(acosh) LIBRARY(atanh) LIBRARY(expm1) LIBRARY(log1p) LIBRARY(erf) LIBRARY2(atan2) LIBRARY2(hypot)
+#else
+LANEWISE(tan) LANEWISE(asin) LANEWISE(acos) LANEWISE(atan) LANEWISE(sinh) LANEWISE(cosh) LANEWISE(tanh) LANEWISE(asinh)
+LANEWISE(acosh) LANEWISE(atanh) LANEWISE(expm1) LANEWISE(log1p) LANEWISE(erf) LANEWISE2(atan2) LANEWISE2(hypot)
+#endif
+LANEWISE2(fmod) LANEWISE2(remainder)
+
+/* n numbers of each lane, between rows of memory and vectors; lanes beyond the last one repeat it and are not stored */
+static inline void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, const ptrdiff_t *row)
+{
+    LANES {
+        const double *at = from + row[l] * stride;
+        for (ptrdiff_t k = 0; k < n; k++) ((double *)to)[k * W + l] = at[k];
+    }
+}
+static inline void scatter(const v *from, ptrdiff_t n, double *to, ptrdiff_t stride, const ptrdiff_t *row, int lanes)
+{
+    for (int l = 0; l < lanes; l++) {
+        double *at = to + row[l] * stride;
+        for (ptrdiff_t k = 0; k < n; k++) at[k] = ((const double *)from)[k * W + l];
+    }
+}
+static inline int rows(ptrdiff_t *row, ptrdiff_t first, ptrdiff_t lanes)
+{
+    const int real = lanes - first < W ? (int)(lanes - first) : W;
+    LANES row[l] = first + (l < real ? l : real - 1);
+    return real;
+}
+"""
+
+SIMULATE = r"""
+void simulate(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, const double *z0, const double *s,
+    const double *p, const unsigned char *reads, double *z_out, double *y_out)
+{
+    for (ptrdiff_t first = 0; first < lanes; first += W) {
+        ptrdiff_t row[W], reading = 0;
+        const int real = rows(row, first, lanes);
+        v z[NZ], next[NZ], now[NS + 1], q[NP + 1], w[VALUE_KEPT + 1], y[NY + 1];
+        gather(z, NZ, z0, NZ, row);
+        gather(q, NP, p, NP, row);
+        value_fixed(q, w);
+        for (ptrdiff_t k = 0; k < segments; k++) {
+            scatter(z, NZ, z_out + k * NZ, (segments + 1) * NZ, row, real);
+            gather(now, NS, s + k * NS, segments * NS, row);
+            value(z, now, q, w, next, y, reads[k]);
+            if (reads[k]) scatter(y, NY, y_out + reading++ * NY, readings * NY, row, real);
+            memcpy(z, next, sizeof z);
+        }
+        scatter(z, NZ, z_out + segments * NZ, (segments + 1) * NZ, row, real);
+    }
+}
+"""
+
+LINEARISE = r"""
+void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t moved, const ptrdiff_t *moving,
+    const double *z0, const double *s, const double *p, const unsigned char *reads,
+    double *z_out, double *Z_out, double *y_out, double *Y_out)
+{
+    const ptrdiff_t columns = NZ + moved;
+    for (ptrdiff_t first = 0; first < lanes; first += W) {
+        ptrdiff_t row[W], reading = 0;
+        const int real = rows(row, first, lanes);
+        v z[NZ], next[NZ], now[NS + 1], q[NP + 1], w[SLOPE_KEPT + 1], y[NY + 1];
+        v A[NA + 1], B[NB + 1], C[NC + 1], D[ND + 1], Z[NZ * (NZ + NP)], Y[NY * (NZ + NP) + 1];
+        gather(z, NZ, z0, NZ, row);
+        gather(q, NP, p, NP, row);
+        slope_fixed(q, w);
+        memset(Z, 0, sizeof Z);
+        for (ptrdiff_t i = 0; i < NZ; i++) Z[i * columns + i] = splat(1);
+        for (ptrdiff_t k = 0; k < segments; k++) {
+            gather(now, NS, s + k * NS, segments * NS, row);
+            slope(z, now, q, w, next, y, A, B, C, D, reads[k], moving);
+            if (reads[k]) {
+                C_times(C, Z, Y, columns);
+                add(D, ND, D_ROW, D_COLUMN, moving, Y, columns);
+                scatter(y, NY, y_out + reading * NY, readings * NY, row, real);
+                scatter(Y, NY * columns, Y_out + reading++ * NY * columns, readings * NY * columns, row, real);
+            }
+            A_times(A, Z, Z, columns);
+            add(B, NB, B_ROW, B_COLUMN, moving, Z, columns);
+            memcpy(z, next, sizeof z);
+        }
+        scatter(z, NZ, z_out, NZ, row, real);
+        scatter(Z, NZ * columns, Z_out, NZ * columns, row, real);
+    }
+}
+"""
+
+ADD = r"""
+static inline void add(const v *J, ptrdiff_t n, const short *row, const short *column, const ptrdiff_t *moving,
+    v *to, ptrdiff_t columns)
+{
+    for (ptrdiff_t j = 0; j < n; j++)
+        if (moving[column[j]] >= 0) to[row[j] * columns + NZ + moving[column[j]]] += J[j];
+}
+"""
+
+
+def source(value: cs.Function, slope: cs.Function) -> str:
+    """The C of a kernel.
+
+    Parameters
+    ----------
+    value : (z, s, p) -> z_next, y, dense.
+    slope : (z, s, p) -> z_next, y, dense, and A, B, C, D: the derivatives of z_next and y, each by z and p, sparse.
+
+    Raises `CannotCompile`.
+    """
+    A, B, C, D = (slope.sparsity_out(k) for k in range(2, 6))
+    sizes = {"NZ": value.nnz_in(0), "NS": value.nnz_in(1), "NP": value.nnz_in(2), "NY": value.nnz_out(1)}
+    sizes |= {"NA": A.nnz(), "NB": B.nnz(), "NC": C.nnz(), "ND": D.nnz()}
+    following, y = Result("next"), Result("y", ["reading"] * sizes["NY"])
+    derivatives = [
+        Result("A"),
+        Result("B", [f"moving[{parameter}] >= 0" for parameter in B.get_triplet()[1]]),
+        Result("C", ["reading"] * C.nnz()),
+        Result("D", ["reading"] * D.nnz()),
+    ]
+    return "\n".join(
+        [
+            PRELUDE,
+            *[f"#define {name} {size}" for name, size in sizes.items()],
+            straight_line("value", value, [following, y], ["int reading"]),
+            SIMULATE,
+            straight_line("slope", slope, [following, y, *derivatives], ["int reading", "const ptrdiff_t *moving"]),
+            _table("B_ROW", B.get_triplet()[0]),
+            _table("B_COLUMN", B.get_triplet()[1]),
+            _table("D_ROW", D.get_triplet()[0]),
+            _table("D_COLUMN", D.get_triplet()[1]),
+            _product("A_times", A),
+            _product("C_times", C),
+            ADD,
+            LINEARISE,
+        ]
+    )
+
+
+def _table(name: str, entries: Sequence[int]) -> str:
+    return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
+
+
+def _product(name: str, sparsity: cs.Sparsity) -> str:
+    """C of a sparse matrix times Z, column by column of Z so that the result may replace it."""
+    row, column = sparsity.get_triplet()
+    lines = [f"const v x{j} = Z[{j} * columns + c];" for j in sorted(set(column))]
+    for i in range(sparsity.size1()):
+        terms = [(f"J[{k}]", f"x{j}") for k, (r, j) in enumerate(zip(row, column, strict=True)) if r == i]
+        text = " * ".join(terms[0]) if terms else "splat(0)"
+        for entry, x in terms[1:]:
+            text = f"fused({entry}, {x}, {text})"
+        lines.append(f"result[{i} * columns + c] = {text};")
+    return f"""
+static void {name}(const v *J, const v *Z, v *result, ptrdiff_t columns)
+{{
+    for (ptrdiff_t c = 0; c < columns; c++) {{
+        {(chr(10) + " " * 8).join(lines)}
+    }}
+}}"""

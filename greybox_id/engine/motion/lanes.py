@@ -1,0 +1,129 @@
+"""Intervals of runs laid side by side, so that one call integrates them all.
+
+An interval is a stretch of rows predicted from one start. It may be cut into several lanes that are integrated at the same
+time once the states at the cuts are known: the parallel form of multiple shooting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...parameter import Array
+from .runs import Index
+from .schedule import Schedule
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Rows [start, stop) of a run, predicted from its first row."""
+
+    run: int
+    start: int
+    stop: int
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """Intervals, perhaps cut, as lanes of equal length.
+
+    Attributes
+    ----------
+    segments : (L, S, segment size); lanes shorter than the longest are filled up with segments of no length.
+    reads : (S,) at whose starts outputs are read.
+    interval : (L,) interval each lane belongs to.
+    first : (L,) whether a lane is its interval's first.
+    offset : (L,) segments between the interval's start and the lane's.
+    lane, rank : (N, outputs) where the reading of each row of each interval, one interval after the other, is found
+        among the outputs of all lanes; -1 where nothing was read.
+    rows : (intervals + 1,) where each interval's rows begin among the N.
+    """
+
+    segments: Array
+    reads: NDArray[np.bool_]
+    interval: Index
+    first: NDArray[np.bool_]
+    offset: Index
+    lane: Index
+    rank: Index
+    rows: Index
+
+    @cached_property
+    def flat(self) -> Index:
+        """(N * outputs,) where each reading stands among those of all lanes laid out in one row."""
+        outputs = self.lane.shape[1]
+        place = (self.lane * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
+        return np.asarray(np.where(self.lane >= 0, place, 0).ravel())
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether every reading was taken."""
+        return bool(np.all(self.lane >= 0))
+
+    def gathered(self, values: Array, nothing: float = np.nan) -> Array:
+        """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""
+        more = values.shape[3:]
+        found = values.reshape(-1, *more).take(self.flat, axis=0).reshape(*self.lane.shape, *more)
+        if not self.complete:
+            found[self.lane < 0] = nothing
+        return found
+
+
+def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int = 1) -> Lanes:
+    """Lay intervals side by side, each cut into so many lanes of about equal length.
+
+    Parameters
+    ----------
+    schedules : per run.
+    intervals : in the order of runs and rows.
+    cuts : lanes per interval; fewer where an interval is shorter.
+    """
+    offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
+    begins, ends, owners = [], [], []
+    for k, interval in enumerate(intervals):
+        plan, offset = schedules[interval.run], offsets[interval.run]
+        last = plan.row_segment[interval.stop] if interval.stop < len(plan.row_segment) else len(plan.segments)
+        rows = [interval.start]
+        if cuts > 1:
+            rows = np.unique(np.linspace(interval.start, interval.stop, cuts + 1).astype(int))[:-1].tolist()
+        starts = [int(plan.row_segment[row] + offset) for row in rows]
+        begins += starts
+        ends += [*starts[1:], int(last + offset)]
+        owners += [k] * len(starts)
+    begin, end, owner = np.array(begins), np.array(ends), np.array(owners)
+    places = begin[:, None] + np.arange(int(np.max(end - begin, initial=0)))
+    inside = places < end[:, None]
+    places = np.minimum(places, offsets[-1] - 1)
+    every = np.concatenate([plan.segments for plan in schedules])
+    read_at = np.concatenate([plan.reads for plan in schedules])
+    segments = np.where(inside[:, :, None], every[places], 0.0)
+    reads = np.any(inside & read_at[places], axis=0)
+    where = np.full(offsets[-1], -1, dtype=np.intp)
+    where[places[inside]] = np.repeat(np.arange(len(begin)), end - begin)
+    read = np.concatenate(
+        [
+            np.where(plan >= 0, plan + offsets[i.run], -1)
+            for i in intervals
+            for plan in (schedules[i.run].read_segment[i.start : i.stop],)
+        ]
+    )
+    lane = np.where(read >= 0, where[np.maximum(read, 0)], -1)
+    rank = np.where(lane >= 0, (np.cumsum(reads) - 1)[np.where(lane >= 0, read - begin[lane], 0)], -1)
+    first = np.append(True, np.diff(owner) > 0) if len(owner) else np.empty(0, dtype=bool)
+    return Lanes(
+        segments=segments,
+        reads=reads,
+        interval=owner,
+        first=first,
+        offset=begin - begin[np.flatnonzero(first)][owner],
+        lane=lane,
+        rank=rank,
+        rows=np.concatenate(([0], np.cumsum([len(interval) for interval in intervals]))),
+    )

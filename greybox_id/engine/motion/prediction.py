@@ -1,0 +1,204 @@
+"""Predictions of a motion model over fixed horizons and in free run, each from readings of a row.
+
+States that are not recorded come from an observer: the model run along the recording with every measured state set back to its
+reading row by row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...parameter import Array
+from ...recording import Recording
+from .lanes import Interval, lay
+from .runs import Index, MotionRun, motion_runs
+from .schedule import Schedule, schedule
+from .simulator import Simulator
+from .stiffness import MOST_STEPS, longest_segment
+
+MOST_STARTS = 4000
+"""Rows predicted from, at most; beyond it every second, third ... row is."""
+HUGE = 1e6
+"""Beyond this a simulation went astray; how stiff the model is there is no guide to anything."""
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Readings predicted and recorded.
+
+    Attributes
+    ----------
+    rows : (n,) rows of the recording.
+    run : (n,) number of the run, from 0.
+    predicted, measured : (n, outputs); NaN where there is none.
+    """
+
+    rows: Index
+    run: Index
+    predicted: Array
+    measured: Array
+
+
+class Predictor:
+    """A model at given parameters laid over a recording.
+
+    Parameters
+    ----------
+    simulator : the model.
+    recording : the recording.
+    p : (parameters,).
+    given : states at the starts of free runs, where they are not to be taken from readings. Recordings of inputs alone
+        will do where it is not None.
+    """
+
+    def __init__(
+        self, simulator: Simulator, recording: Recording, p: Array, given: Mapping[str, float] | None = None
+    ) -> None:
+        self.simulator, self.p, self._given = simulator, p, dict(given or {})
+        model = simulator.trace.model
+        self.runs = motion_runs(model, recording, unread=given is not None)
+        at = {name: k for k, name in enumerate(model.outputs)}
+        seen = np.any([np.any(np.isfinite(run.measured), axis=0) for run in self.runs], axis=0)
+        self._measured = tuple(name for name in simulator.trace.names if name in at and seen[at[name]])
+        self._channels = np.array([at[name] for name in self._measured], dtype=np.intp)
+        self._states = np.array([simulator.trace.names.index(name) for name in self._measured], dtype=np.intp)
+        self._read = [j for j, name in enumerate(self._measured) if name not in self._given]
+        self._observed: list[Array] | None = None
+        self._seen = bool(self._measured) and not self._given  # readings tell how stiff the model is along the way
+        known = self.runs if self._seen else [self._held(run) for run in self.runs]
+        self._lay_out(longest_segment(simulator.trace, known, p))
+
+    def free_run(self) -> Predictions:
+        """Every run from the readings of its first row to its end."""
+        intervals = []
+        for k, run in enumerate(self.runs):
+            first = run.starts(self._channels[self._read], np.array([0]))
+            intervals += [Interval(k, int(a), len(run)) for a in first]
+        rows = [(i.run, np.arange(i.start, i.stop)) for i in intervals]
+        if not intervals:
+            return self._collected(rows, np.empty((0, len(self.simulator.trace.model.outputs))))
+        found = self._run_freely(intervals)
+        if not self._seen:
+            edges = np.cumsum([len(own) for _, own in rows])[:-1]
+            longest = self._longest_along(rows, np.split(found, edges))
+            if longest < self._longest * (1 - 1e-9):  # it went where the model is stiffer
+                self._lay_out(longest)
+                found = self._run_freely(intervals)
+        return self._collected(rows, found)
+
+    def ahead(self, horizon: float) -> Predictions:
+        """Every row predicted from the readings so many seconds before."""
+        chosen: list[tuple[int, Index]] = []
+        found = []
+        stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
+        for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
+            steps = max(1, round(horizon / run.sample_time))
+            complete = np.all(np.isfinite(run.measured[:, self._channels]), axis=1)
+            complete[0] = True  # the observer has a start of its own there
+            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::stride]
+            if len(begin):
+                chosen.append((k, begin + steps))
+                found.append(self._led(self._plans[k], states[begin], begin, begin + steps))
+        empty = np.empty((0, len(self.simulator.trace.model.outputs)))
+        return self._collected(chosen, np.vstack(found) if found else empty)
+
+    def observed(self) -> list[Array]:
+        """Per run, (n, nz) states with the measured ones as read and the others as the model carries them."""
+        if self._observed is None:
+            self._observed = [self._observe(k) for k in range(len(self.runs))]
+        return self._observed
+
+    def _lay_out(self, longest: float) -> None:
+        """Segments of all runs, none longer than this, s."""
+        shifts = self.simulator.shifts(self.p)
+        self._longest = longest
+        self._plans = [schedule(self.simulator.trace, run, shifts, longest) for run in self.runs]
+
+    def _run_freely(self, intervals: Sequence[Interval]) -> Array:
+        """(rows, outputs) of all intervals, one after the other."""
+        lanes = lay(self._plans, intervals)
+        z0 = np.vstack([self._start(i.run, np.array([i.start])) for i in intervals])
+        with np.errstate(all="ignore"):
+            _, y = self.simulator.kernel.simulate(z0, lanes.segments, self.p, lanes.reads)
+        return np.where(lanes.lane >= 0, y[lanes.lane, lanes.rank, np.arange(y.shape[2])], np.nan)
+
+    def _held(self, run: MotionRun) -> MotionRun:
+        """A run as if its states stayed where they start: all that is known of them before it is simulated."""
+        outputs = self.simulator.trace.model.outputs
+        first = np.full(len(outputs), 0.0)
+        first[self._channels] = np.nan_to_num(run.measured[0, self._channels])
+        for name, value in self._given.items():
+            if name in outputs:
+                first[outputs.index(name)] = value
+        return replace(run, measured=np.tile(first, (len(run), 1)))
+
+    def _longest_along(self, rows: Sequence[tuple[int, Index]], simulated: Sequence[Array]) -> float:
+        """The longest segment, s, with what was simulated in the place of readings."""
+        along = []
+        for (k, own), y in zip(rows, simulated, strict=True):
+            if not np.all(np.abs(y[-1]) < HUGE):
+                return self.runs[k].sample_time / MOST_STEPS
+            measured = np.full(self.runs[k].measured.shape, np.nan)
+            measured[own] = y
+            along.append(replace(self.runs[k], measured=measured))
+        return longest_segment(self.simulator.trace, along, self.p)
+
+    def _observe(self, k: int) -> Array:
+        run, plan = self.runs[k], self._plans[k]
+        rows = np.arange(len(run))
+        complete = np.all(np.isfinite(run.measured[:, self._channels]), axis=1)
+        readings = np.where(np.isfinite(run.measured[:, self._channels]), run.measured[:, self._channels], 0.0)
+        corrected, _ = self.simulator.start(self._measured, readings, run.inputs, self.p)
+        z = np.empty((len(run), corrected.shape[1]))
+        z[0] = corrected[0]
+        nothing = np.zeros(int(np.max(np.diff(plan.row_segment), initial=1)), dtype=bool)
+        with np.errstate(all="ignore"):
+            for row in rows[1:]:
+                segments = plan.segments[plan.row_segment[row - 1] : plan.row_segment[row]]
+                ends, _ = self.simulator.kernel.simulate(
+                    z[row - 1 : row], segments[None], self.p, nothing[: len(segments)]
+                )
+                z[row] = ends[0, -1]
+                if complete[row]:
+                    z[row, self._states] = corrected[row, self._states]
+        return z
+
+    def _led(self, plan: Schedule, z0: Array, begin: Index, end: Index) -> Array:
+        """Readings at rows `end` from states at rows `begin`."""
+        first = plan.row_segment[begin]
+        read = np.where(plan.read_segment[end] >= first[:, None], plan.read_segment[end], -1)
+        length = int(np.max(plan.row_segment[end] - first)) + 1
+        places = np.minimum(first[:, None] + np.arange(length), len(plan.segments) - 1)
+        ends = np.maximum(plan.row_segment[end], np.max(read, axis=1))
+        segments = np.where((places <= ends[:, None])[:, :, None], plan.segments[places], 0.0)
+        rank = np.where(read >= 0, read - first[:, None], 0)
+        reads = np.zeros(length, dtype=bool)
+        reads[np.unique(rank)] = True
+        with np.errstate(all="ignore"):
+            _, y = self.simulator.kernel.simulate(z0, segments, self.p, reads)
+        among = np.cumsum(reads) - 1
+        found = y[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
+        return np.where(read >= 0, found, np.nan)
+
+    def _start(self, k: int, rows: Index) -> Array:
+        run, given = self.runs[k], tuple(self._given)
+        names = tuple(self._measured[j] for j in self._read) + given
+        values = np.tile(list(self._given.values()), (len(rows), 1))
+        readings = np.hstack([run.measured[rows][:, self._channels[self._read]], values])
+        return self.simulator.start(names, readings, run.inputs[rows], self.p, given)[0]
+
+    def _collected(self, rows: Sequence[tuple[int, Index]], predicted: Array) -> Predictions:
+        def of(run: MotionRun, own: Index) -> Index:
+            return np.asarray(run.rows.start + own)
+
+        if not rows:
+            return Predictions(np.empty(0, np.intp), np.empty(0, np.intp), predicted, predicted)
+        return Predictions(
+            rows=np.concatenate([of(self.runs[k], own) for k, own in rows]),
+            run=np.concatenate([np.full(len(own), k) for k, own in rows]),
+            predicted=predicted,
+            measured=np.vstack([self.runs[k].measured[own] for k, own in rows]),
+        )

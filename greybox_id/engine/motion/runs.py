@@ -1,0 +1,116 @@
+"""A recording's unbroken runs as a motion model sees them: inputs, readings, and where a prediction can start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import BadInput
+from ...motion_model import MotionModel
+from ...parameter import Array
+from ...recording import Recording
+
+Index = NDArray[np.intp]
+
+FEWEST_ROWS = 3
+"""Shorter runs say nothing about motion."""
+
+
+@dataclass(frozen=True)
+class MotionRun:
+    """One unbroken run.
+
+    Attributes
+    ----------
+    name : of its recording.
+    time : (n,) s.
+    inputs : (n, inputs) as recorded.
+    held : (inputs,) whether an input is held between rows; else it runs straight to the next row.
+    measured : (n, outputs) readings, NaN where there is none.
+    rows : rows of the recording that the n samples are.
+    """
+
+    name: str
+    time: Array
+    inputs: Array
+    held: NDArray[np.bool_]
+    measured: Array
+    rows: range
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def sample_time(self) -> float:
+        """Usual step, s."""
+        return float(np.median(np.diff(self.time)))
+
+    def starts(self, measured: Index, wanted: Index) -> Index:
+        """Rows near those wanted at which every measured state has a reading: the wanted one or the next that has."""
+        good = np.flatnonzero(np.all(np.isfinite(self.measured[:, measured]), axis=1))
+        if len(good) == 0:
+            return np.empty(0, dtype=np.intp)
+        places = np.searchsorted(good, wanted)
+        return np.unique(good[places[places < len(good)]])
+
+
+def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = False) -> list[MotionRun]:
+    """The runs of a recording in which every input is there.
+
+    Parameters
+    ----------
+    model : the model.
+    recording : the recording.
+    unread : whether a recording of inputs alone will do.
+
+    Raises
+    ------
+    BadInput : an input is missing, no output was recorded, or no run is long enough.
+    """
+    table = np.column_stack([_input(model, recording, name) for name in model.inputs]) if model.inputs else None
+    if table is None:
+        table = np.empty((len(recording), 0))
+    if not unread and not any(name in recording for name in model.outputs):
+        raise BadInput(
+            f"{recording.name} has none of the outputs of {model.name} ({', '.join(model.outputs)}); "
+            f"it has {', '.join(recording.signals)}. Map at least one of them in the column map (--columns)."
+        )
+    nothing = np.full(len(recording), np.nan)
+    measured = np.column_stack([recording[n] if n in recording else nothing for n in model.outputs])
+    held = np.array([name in model.commands and recording.hold == "zero" for name in model.inputs], dtype=bool)
+    found = []
+    for start, stop in recording.runs:
+        complete = np.all(np.isfinite(table[start:stop]), axis=1)
+        for a, b in _stretches(complete):
+            rows = range(start + a, start + b)
+            own = slice(rows.start, rows.stop)
+            if len(rows) >= FEWEST_ROWS:
+                found.append(MotionRun(recording.name, recording.time[own], table[own], held, measured[own], rows))
+    if not found:
+        raise BadInput(
+            f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all there."
+        )
+    return found
+
+
+def recorded_outputs(model: MotionModel, recording: Recording) -> tuple[str, ...]:
+    """Outputs of the model that the recording holds."""
+    return tuple(name for name in model.outputs if name in recording and np.any(np.isfinite(recording[name])))
+
+
+def _input(model: MotionModel, recording: Recording, name: str) -> Array:
+    for signal in model.aliases.get(name, (name,)):
+        if signal in recording:
+            return recording[signal]
+    if name in model.defaults:
+        return np.full(len(recording), model.defaults[name])
+    wanted = model.aliases.get(name, (name,))
+    recording.require(wanted[:1], f"model {model.name} (any of {', '.join(wanted)})" if len(wanted) > 1 else model.name)
+    raise AssertionError
+
+
+def _stretches(good: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], good, [False])).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

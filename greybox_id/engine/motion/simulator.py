@@ -1,0 +1,76 @@
+"""A traced motion model with what integrates it, shared by problems over different recordings and horizons."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+
+from ...motion_model import MotionModel
+from ...parameter import Array
+from ..kernel import Kernel
+from ..sampled import SampledFunction
+from .runs import Index
+from .trace import MotionTrace
+
+
+class Simulator:
+    """A traced model and its kernel.
+
+    Parameters
+    ----------
+    model : the model.
+    compiled : whether the kernel is compiled; None decides by the work.
+    """
+
+    def __init__(self, model: MotionModel, compiled: bool | None = None) -> None:
+        self.trace = MotionTrace(model)
+        self.kernel = Kernel(self.trace.step, self.trace.output, compiled=compiled)
+        self.actuators = self._actuators() if model.actuators else None
+        self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], SampledFunction] = {}
+        self._touched: dict[tuple[str, ...], Index] = {}
+
+    def shifts(self, p: Array) -> Array:
+        """Values of the delays and latencies, s."""
+        if self.trace.shift_count == 0:
+            return np.empty(0)
+        return np.asarray(self.trace.timing(p).full()).ravel()
+
+    def start(
+        self, measured: tuple[str, ...], readings: Array, inputs: Array, p: Array, given: tuple[str, ...] = ()
+    ) -> tuple[Array, Array]:
+        """States at starts, (n, nz), and their derivative by the parameters, (n, nz, parameters).
+
+        Parameters
+        ----------
+        measured : states that have a reading.
+        readings : (n, measured).
+        inputs : (n, inputs).
+        p : (parameters,) or (n, parameters).
+        given : those of the measured states whose reading is the state itself, past all sensors.
+        """
+        key = (measured, given)
+        if key not in self._starts:
+            y, u, q = (cs.SX.sym(name, size) for name, size in zip("yuq", self._sizes(measured), strict=True))
+            z = self.trace.start(measured, given)(y, u, q)
+            stacked = cs.vertcat(z, cs.vec(cs.jacobian(z, q).T))
+            self._starts[key] = SampledFunction(cs.Function("starts", [y, u, q], [cs.densify(stacked)]))
+        found = np.broadcast_to(
+            self._starts[key](readings, inputs, p), (len(readings), self.trace.size * (1 + self.trace.model.size))
+        )
+        return found[:, : self.trace.size], found[:, self.trace.size :].reshape(len(readings), self.trace.size, -1)
+
+    def start_touched(self, measured: tuple[str, ...]) -> Index:
+        """Parameters that the starting states depend on."""
+        if measured not in self._touched:
+            function = self.trace.start(measured)
+            pattern = function.jac_sparsity(0, 2) if function.numel_in(2) else cs.Sparsity(function.numel_out(0), 0)
+            self._touched[measured] = np.array(sorted(set(pattern.get_col())), dtype=np.intp)
+        return self._touched[measured]
+
+    def _actuators(self) -> Kernel:
+        """A kernel of the actuators alone, which reads their states."""
+        a, s, p = (cs.SX.sym(name, self.trace.actuation.numel_in(k)) for k, name in enumerate("asp"))
+        return Kernel(self.trace.actuation, cs.Function("standing", [a, s, p], [a]))
+
+    def _sizes(self, measured: tuple[str, ...]) -> tuple[int, int, int]:
+        return len(measured), len(self.trace.model.inputs), self.trace.model.size

@@ -1,0 +1,218 @@
+"""A motion model as CasADi functions of one segment: where it leads, what sensors read at its start.
+
+A segment is a stretch of time over which commands are straight lines and nothing is read. It holds
+`[h, u, slope]` and, where timing is a parameter, `[h_by, begin_by, guess]`: how the segment's length and beginning move
+with each shift (delay or latency), and the shifts' values for which the segments were laid out.
+
+The state of the whole is z = [states, actuators, relaxed quantities]. Actuators are advanced exactly, states by one
+step of the classical Runge-Kutta method, relaxed quantities by an exponential formula on the same stages
+(relaxation.py), so that lags much shorter than a segment, and none at all, cost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+
+import casadi as cs
+
+from ...errors import BadModel
+from ...model import Namespace, Symbol
+from ...motion_model import MotionModel
+from ..sampled import SampledFunction
+from .quantities import NamedQuantities, Relax
+from .relaxation import JUST_AFTER, Following, TimeConstants, just_after, without_lag
+
+
+class MotionTrace:
+    """A traced motion model.
+
+    Attributes
+    ----------
+    model : the model.
+    size : how many numbers z has.
+    shifts : distinct delays and latencies in play, as functions of the parameters.
+    step : (z, s, p) -> z at the segment's end.
+    actuation : (actuators, s, p) -> actuators at the segment's end; they know nothing of the vehicle.
+    output : (z, s, p) -> outputs read at the segment's start.
+    rates : (z, s, p) -> derivatives of the states just after the segment began.
+    stiffness : (z, s, p) -> the derivative of the states' rates by the states, row by row.
+    timing : (p) -> the shifts' values, s.
+    """
+
+    def __init__(self, model: MotionModel) -> None:
+        self.model = model
+        self.names = tuple(state.name for state in model.states)
+        delayed = [(signal, by) for signal, by in model.delays]
+        self.delayed = tuple(dict.fromkeys(signal for signal, _ in delayed))
+        self.late = tuple(dict.fromkeys(output for output, _ in model.latencies))
+        self.size = len(model.states) + len(model.actuators) + len(model.relaxations)
+        self.shift_count = len(self.delayed) + len(self.late)
+        self.segment_size = 1 + 2 * len(model.inputs) + 3 * self.shift_count
+        z, s, p = cs.SX.sym("z", self.size), cs.SX.sym("s", self.segment_size), cs.SX.sym("p", model.size)
+        named = parameters(model, p)
+        self.timing = cs.Function("timing", [p], [cs.vertcat(*self._shifts(named))])
+        segment = _Segment(model, s, self._shifts(named), self.delayed)
+        self.step = cs.Function("step", [z, s, p], [self._step(z, segment, named)])
+        a = cs.SX.sym("a", len(model.actuators))
+        moved, _ = self._actuated(cs.vertsplit(a) if model.actuators else [], segment, named)
+        self.actuation = cs.Function("actuation", [a, s, p], [cs.vertcat(*moved)])
+        self.output = cs.Function("output", [z, s, p], [self._output(z, segment, named)])
+        x, _, relaxed = self._split(z)
+        rates, _ = self._evaluate(x, self._seen(z, segment, named), named, just_after(*self._relaxing(relaxed)))
+        self.rates = cs.Function("rates", [z, s, p], [cs.vertcat(*rates)])
+        A = cs.jacobian(cs.vertcat(*rates), z)[:, : len(model.states)]
+        self.stiffness = SampledFunction(cs.Function("stiffness", [z, s, p], [cs.densify(cs.vec(A.T))]))
+
+    def start(self, measured: tuple[str, ...], given: tuple[str, ...] = ()) -> cs.Function:
+        """(readings of the measured states, inputs, p) -> z at the start of a run.
+
+        Readings are taken back through the sensors by one Newton step, which is exact for biases, gains and lever
+        arms; those that are `given` are the states themselves. Sensors that see derivatives of states see none here:
+        what they see depends on the states so steeply that one reading's noise would come back amplified. What is not
+        measured starts as its `State` says, actuators at their command, relaxed quantities where they would settle.
+        """
+        model = self.model
+        y, u, p = cs.SX.sym("y", len(measured)), cs.SX.sym("u", len(model.inputs)), cs.SX.sym("p", model.size)
+        named = parameters(model, p)
+        inputs = dict(zip(model.inputs, cs.vertsplit(u), strict=True))
+
+        def completed(known: list[Symbol]) -> list[Symbol]:
+            found = dict.fromkeys(self.names, cs.SX(0)) | dict(zip(measured, known, strict=True))
+            seen = SimpleNamespace(**found)
+            for state in model.states:
+                if state.name not in measured:
+                    own = state.start(seen, SimpleNamespace(**inputs), named) if callable(state.start) else state.start
+                    found[state.name] = own
+            return [found[name] for name in self.names]
+
+        guess = cs.SX.sym("guess", len(measured))
+        _, q = self._evaluate(completed(cs.vertsplit(guess)), inputs, named, without_lag)
+        at = {name: k for k, name in enumerate(model.outputs)}
+        readings = self._readings([cs.SX(0)] * len(model.states), q)
+        read = cs.vertcat(*[guess[k] if name in given else readings[at[name]] for k, name in enumerate(measured)])
+        newton = cs.Function("newton", [guess, u, p], [read, cs.jacobian(read, guess)])
+        value, J = newton(y, u, p)
+        known = y + cs.solve(J, y - value) if measured else y
+        x = completed(cs.vertsplit(known))
+        _, q = self._evaluate(x, inputs, named, without_lag)
+        actuated = [inputs[actuator.signal] for actuator in model.actuators]
+        settled = [getattr(q, relaxation.quantity) for relaxation in model.relaxations]
+        return cs.Function("start", [y, u, p], [cs.vertcat(*x, *actuated, *settled)])
+
+    def _shifts(self, p: Namespace) -> list[Symbol]:
+        delays = [sum(by(p) for own, by in self.model.delays if own == signal) for signal in self.delayed]
+        return delays + [sum(by(p) for own, by in self.model.latencies if own == output) for output in self.late]
+
+    def _split(self, z: Symbol) -> tuple[list[Symbol], list[Symbol], list[Symbol]]:
+        parts = cs.vertsplit(z)
+        a, b = len(self.model.states), len(self.model.states) + len(self.model.actuators)
+        return parts[:a], parts[a:b], parts[b:]
+
+    def _evaluate(
+        self, x: list[Symbol], u: Mapping[str, Symbol], p: Namespace, relax: Relax
+    ) -> tuple[list[Symbol], NamedQuantities]:
+        model = self.model
+        state, q, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), None, {}
+        for _ in range(model.passes):
+            q = NamedQuantities(model, state, SimpleNamespace(**u), p, relax, before=q)
+            rates = dict(model.dynamics(q.x, q.u, q.p, q))
+        assert q is not None
+        for more in model.extra_rates:
+            rates |= more(q)
+        missing = [name for name in self.names if name not in rates]
+        if missing:
+            raise BadModel(f"The dynamics of {model.name} do not give the derivative of {', '.join(missing)}.")
+        return [rates[name] for name in self.names], q
+
+    def _step(self, z: Symbol, segment: _Segment, p: Namespace) -> Symbol:
+        x, actuators, relaxed = self._split(z)
+        h = segment.h
+        moved, lines = self._actuated(actuators, segment, p)
+
+        def command(share: float) -> dict[str, Symbol]:
+            return {name: begin + share * (end - begin) for name, (begin, end) in lines.items()}
+
+        relax = Following(*self._relaxing(relaxed), h)
+        k1, _ = self._evaluate(x, command(0.0), p, relax.first)
+        k2, _ = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.middle)
+        k3, _ = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.middle)
+        k4, _ = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.last)
+        end = [v + h / 6 * (a + 2 * b + 2 * c + d) for v, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
+        _, q = self._evaluate(end, command(1.0), p, relax.end)
+        followed = [getattr(q, relaxation.quantity) for relaxation in self.model.relaxations]
+        return cs.vertcat(*end, *moved, *followed)
+
+    def _actuated(
+        self, states: list[Symbol], segment: _Segment, p: Namespace
+    ) -> tuple[list[Symbol], dict[str, tuple[Symbol, Symbol]]]:
+        """Actuators' states at the segment's end, and the commands as the vehicle sees them."""
+        lines, moved = dict(segment.lines), []
+        for state, actuator in zip(states, self.model.actuators, strict=True):
+            after, lines[actuator.signal] = actuator.segment(state, lines[actuator.signal], p, segment.h)
+            moved.append(after)
+        return moved, lines
+
+    def _relaxing(self, relaxed: list[Symbol]) -> tuple[dict[str, Symbol], TimeConstants]:
+        """Where relaxed quantities stand, and their time constants."""
+        all_of_them = self.model.relaxations
+        standing = {own.quantity: value for own, value in zip(all_of_them, relaxed, strict=True)}
+        return standing, {own.quantity: own.time_constant for own in all_of_them}
+
+    def _seen(self, z: Symbol, segment: _Segment, p: Namespace) -> dict[str, Symbol]:
+        """Inputs as the vehicle sees them just after the segment began."""
+        seen = {name: begin for name, (begin, _) in segment.lines.items()}
+        for state, actuator in zip(self._split(z)[1], self.model.actuators, strict=True):
+            seen[actuator.signal] = actuator.after(state, seen[actuator.signal], p, JUST_AFTER)
+        return seen
+
+    def _output(self, z: Symbol, segment: _Segment, p: Namespace) -> Symbol:
+        x, _, relaxed = self._split(z)
+        rates, q = self._evaluate(x, self._seen(z, segment, p), p, just_after(*self._relaxing(relaxed)))
+        return cs.vertcat(*self._readings(rates, q))
+
+    def _readings(self, rates: list[Symbol], q: NamedQuantities) -> list[Symbol]:
+        model = self.model
+        read = SimpleNamespace(**{name: getattr(q.x, name, None) for name in model.outputs})
+        for name in model.outputs:
+            if getattr(read, name) is None:
+                setattr(read, name, getattr(q, name))
+        vars(q)["rates"] = SimpleNamespace(**dict(zip(self.names, rates, strict=True)))
+        for sensor in model.sensors:
+            for name, value in sensor(read, q).items():
+                if name in model.outputs:
+                    setattr(read, name, value)
+        return [getattr(read, name) for name in model.outputs]
+
+
+class _Segment:
+    """A segment's length and commands as symbols, with what shifts in time do to them."""
+
+    def __init__(self, model: MotionModel, s: Symbol, shifts: list[Symbol], delayed: tuple[str, ...]) -> None:
+        count, inputs = len(shifts), len(model.inputs)
+        parts = cs.vertsplit(s)
+        length, values, slopes = parts[0], parts[1 : 1 + inputs], parts[1 + inputs : 1 + 2 * inputs]
+        h_by, begin_by, guess = (parts[1 + 2 * inputs + k * count : 1 + 2 * inputs + (k + 1) * count] for k in range(3))
+        moved = [shift - at for shift, at in zip(shifts, guess, strict=True)]  # zero in value, not in derivative
+        self.h = length + sum(a * b for a, b in zip(h_by, moved, strict=True))
+        begin = sum(a * b for a, b in zip(begin_by, moved, strict=True))
+        self.lines: dict[str, tuple[Symbol, Symbol]] = {}
+        for name, value, slope in zip(model.inputs, values, slopes, strict=True):
+            own = begin - moved[delayed.index(name)] if name in delayed else begin
+            first = value + slope * own
+            self.lines[name] = (first, first + slope * self.h)
+
+
+def _moved(x: list[Symbol], h: Symbol, rates: list[Symbol]) -> list[Symbol]:
+    return [value + h * rate for value, rate in zip(x, rates, strict=True)]
+
+
+def parameters(model: MotionModel, vector: Symbol) -> Namespace:
+    """The parameters by name out of their vector; arrays as flat lists."""
+    found: dict[str, Symbol] = {}
+    start = 0
+    for parameter in model.parameters:
+        own = cs.vertsplit(vector[start : start + parameter.size])
+        found[parameter.name] = own[0] if parameter.shape == () else own
+        start += parameter.size
+    return SimpleNamespace(**found)

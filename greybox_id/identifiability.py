@@ -1,0 +1,247 @@
+"""What a recording does not tell: single parameters, pairs that stand for each other, and directions left open.
+
+A covariance is looked at in relative coordinates, in which a parameter moves by shares of its own size; there, an open
+direction reads as a sentence: mass and both cornering stiffnesses can grow by a third together, and hardly any residual
+changes.
+
+Sources: Belsley, Kuh & Welsch, Regression diagnostics (1980), chapter 3, condition numbers of scaled matrices; Brun,
+Reichert & Kuensch, Practical identifiability analysis of large environmental simulation models, Water Resources
+Research 37 (2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .parameter import Array
+
+HALF = 0.5
+"""A relative standard deviation above this determines hardly more than a sign."""
+NO_NEWS = 0.7
+"""A standard deviation above this share of the prior's says that the recording added little."""
+TOGETHER = 0.95
+"""Two parameters correlated more than this are told only in combination."""
+NAMED, LEAST_NAMED = 4, 0.25
+"""So many parameters are named of an open direction, if they move at least this share of the one that moves most."""
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A parameter that the recording hardly tells.
+
+    Attributes
+    ----------
+    value, sd : estimate and standard deviation, in the parameter's unit.
+    relative_sd : as a share of the parameter's size.
+    prior_sd : standard deviation that was believed before; infinite for none.
+    """
+
+    name: str
+    value: float
+    sd: float
+    relative_sd: float
+    prior_sd: float
+
+    def about(self) -> str:
+        """Why, in a plain sentence."""
+        if not np.isfinite(self.sd):
+            return f"{self.name}: neither the recording nor a prior tells it."
+        if self.sd > NO_NEWS * self.prior_sd:
+            return f"{self.name}: mostly prior; its standard deviation is {self.sd / self.prior_sd:.0%} of the prior's."
+        return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two parameters that stand for each other."""
+
+    first: str
+    second: str
+    correlation: float
+
+    def about(self) -> str:
+        """What it means, in a plain sentence."""
+        combined = "sum" if self.correlation < 0 else "difference"
+        return (
+            f"{self.first} and {self.second} are told only together, as a weighted {combined} "
+            f"(correlation {self.correlation:+.3f})."
+        )
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Parameters that can move together and hardly any residual changes.
+
+    Attributes
+    ----------
+    names : of those that move most, the one that moves most first.
+    moves : what one standard deviation along the direction moves each of them by, as shares of their sizes.
+    relative_sd : standard deviation along the direction, over all parameters.
+    """
+
+    names: tuple[str, ...]
+    moves: tuple[float, ...]
+    relative_sd: float
+
+    def about(self) -> str:
+        """What can move, in a plain sentence."""
+        moves = [f"{name} by {move:+.0%}" for name, move in zip(self.names, self.moves, strict=True)]
+        listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
+        together = " alone" if len(moves) == 1 else " together"
+        return f"One standard deviation moves {listed}{together}, and the residuals hardly change."
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What a recording leaves open.
+
+    Attributes
+    ----------
+    undetermined : parameters that it hardly tells, the worst first.
+    pairs : that stand for each other, the strongest correlation first.
+    directions : open ones, the widest first; orthogonal in relative coordinates.
+    condition : number of the normal matrix scaled to a unit diagonal; infinite if something is not told at all.
+    """
+
+    undetermined: tuple[Undetermined, ...]
+    pairs: tuple[Pair, ...]
+    directions: tuple[Direction, ...]
+    condition: float
+
+    def about(self) -> tuple[str, ...]:
+        """Everything in plain sentences."""
+        found = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
+        told = (
+            f"The normal matrix has condition number {self.condition:.2g}."
+            if np.isfinite(self.condition)
+            else "The normal matrix is singular: no recording like this one tells all parameters."
+        )
+        return (*(found or ["Every parameter is determined."]), told)
+
+
+def identifiability(
+    names: Sequence[str],
+    x: Array,
+    covariance: Array,
+    *,
+    independent: Array | None = None,
+    prior_sd: Array | None = None,
+    size: Array | None = None,
+) -> Identifiability:
+    """Look for what a recording leaves open.
+
+    Parameters
+    ----------
+    names : of the parameters.
+    x : (parameters,) estimates.
+    covariance : (parameters, parameters) of the estimates; those held or at a bound have zero rows and are left out.
+    independent : (parameters, parameters) covariance were residuals independent, whose inverse is the normal matrix
+        (`Uncertainty.independent`); by default the covariance.
+    prior_sd : (parameters,) standard deviations believed before, infinite for none; a parameter that its prior lets
+        lie anywhere about zero (an offset) is measured against its prior alone.
+    size : (parameters,) what a relative standard deviation is relative to; by default the larger of the estimate and
+        the prior's standard deviation, if there is one.
+    """
+    variance = np.diag(covariance)
+    prior_sd = np.full(len(x), np.inf) if prior_sd is None else np.asarray(prior_sd, dtype=float)
+    if size is None:
+        size = np.maximum(np.abs(x), np.where(np.isfinite(prior_sd), prior_sd, 0.0))
+    about_zero = np.isfinite(prior_sd) & (np.abs(x) < prior_sd)
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    relative = np.divide(sd, size, out=np.where(sd > 0.0, np.inf, 0.0), where=(size > 0.0) & np.isfinite(sd))
+    open_ = np.flatnonzero(((relative > HALF) & ~about_zero) | (sd > NO_NEWS * prior_sd) | np.isinf(sd))
+    undetermined = [
+        Undetermined(names[int(k)], float(x[k]), float(sd[k]), float(relative[k]), float(prior_sd[k]))
+        for k in open_[np.argsort(-relative[open_], kind="stable")]
+    ]
+    inner = np.flatnonzero((variance > 0.0) & np.isfinite(variance))
+    C = covariance[np.ix_(inner, inner)]
+    correlation = C / np.outer(sd[inner], sd[inner])
+    normal = C if independent is None else independent[np.ix_(inner, inner)]
+    scaled = np.flatnonzero(size[inner] > 0.0)
+    unit = size[inner][scaled]
+    return Identifiability(
+        tuple(undetermined),
+        _pairs([names[int(k)] for k in inner], correlation),
+        _directions([names[int(k)] for k in inner[scaled]], C[np.ix_(scaled, scaled)] / np.outer(unit, unit)),
+        np.inf if np.any(np.isinf(variance)) else _condition(normal),
+    )
+
+
+@dataclass(frozen=True)
+class Determined:
+    """A quantity derived from parameters: estimate, standard deviation, and that as a share of the estimate."""
+
+    estimate: float
+    sd: float
+    relative_sd: float
+
+    def about(self, name: str, unit: str = "") -> str:
+        """The quantity in a plain sentence."""
+        verdict = "is determined" if self.relative_sd <= HALF else "is hardly determined"
+        return f"{name} {verdict}: {self.estimate:.4g} ± {self.sd:.2g}{f' {unit}' if unit else ''}."
+
+
+def determined(combination: Callable[[Array], float], x: Array, covariance: Array) -> Determined:
+    """How well a combination of parameters is told, to first order (delta method).
+
+    Parameters
+    ----------
+    combination : of the parameter vector; differentiated by central differences.
+    x : (parameters,) estimates.
+    covariance : (parameters, parameters); of infinite variance only if the combination does not depend on it is it
+        of no concern.
+    """
+    variance = np.diag(covariance)
+    gradient = np.zeros(len(x))
+    for k in np.flatnonzero(variance > 0.0):
+        spread = np.sqrt(variance[k]) if np.isfinite(variance[k]) else 0.0
+        step = np.cbrt(np.finfo(float).eps) * (max(abs(x[k]), spread) or 1.0)
+        above, below = x.copy(), x.copy()
+        above[k] += step
+        below[k] -= step
+        gradient[k] = (combination(above) - combination(below)) / (above[k] - below[k])
+    used = np.flatnonzero(gradient)
+    estimate = float(combination(x))
+    inside = float(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])
+    sd = np.inf if np.any(np.isinf(variance[used])) else float(np.sqrt(max(inside, 0.0)))
+    return Determined(estimate, sd, sd / abs(estimate) if estimate else (np.inf if sd else 0.0))
+
+
+def _pairs(names: Sequence[str], correlation: Array) -> tuple[Pair, ...]:
+    first, second = np.nonzero(np.triu(np.abs(correlation) > TOGETHER, 1))
+    order = np.argsort(-np.abs(correlation[first, second]), kind="stable")
+    return tuple(
+        Pair(names[i], names[j], float(correlation[i, j])) for i, j in zip(first[order], second[order], strict=True)
+    )
+
+
+def _directions(names: Sequence[str], relative: Array) -> tuple[Direction, ...]:
+    """Eigenvectors of a relative covariance along which it is wide."""
+    variances, vectors = np.linalg.eigh(relative)
+    found = []
+    for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
+        spread = float(np.sqrt(max(variance, 0.0)))
+        if spread <= HALF:
+            break
+        order = np.argsort(-np.abs(vector), kind="stable")[:NAMED]
+        order = order[np.abs(vector[order]) >= LEAST_NAMED * np.abs(vector[order[0]])]
+        moves = spread * vector[order] * np.sign(vector[order[0]])
+        found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread))
+    return tuple(found)
+
+
+def _condition(covariance: Array) -> float:
+    """Condition number of the inverse, scaled to a unit diagonal."""
+    if not len(covariance):
+        return 1.0
+    unit = 1.0 / np.sqrt(np.diag(covariance))
+    try:
+        normal = np.linalg.inv(covariance * np.outer(unit, unit))
+    except np.linalg.LinAlgError:
+        return np.inf
+    by = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return float(np.linalg.cond(normal * np.outer(by, by)))

@@ -1,0 +1,49 @@
+"""JSON that knows numbers which are not finite, and checksums of what it holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import BadInput
+
+NOT_FINITE = "not_finite"
+"""JSON has no word for numbers that are not finite; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
+
+
+def without_nan(value: Any) -> Any:
+    """Plain data in which numbers that are not finite are written out in words."""
+    if isinstance(value, Mapping):
+        return {name: without_nan(own) for name, own in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [without_nan(own) for own in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return {NOT_FINITE: str(float(value))}
+    return value
+
+
+def _with_nan(body: dict[str, Any]) -> Any:
+    if set(body) == {NOT_FINITE} and body[NOT_FINITE] in ("nan", "inf", "-inf"):
+        return float(body[NOT_FINITE])
+    return body
+
+
+def read_json(file: Path) -> Any:
+    """What a file written with `without_nan` holds."""
+    try:
+        return json.loads(file.read_text(encoding="utf-8"), object_hook=_with_nan)
+    except OSError as error:
+        raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+
+
+def checksum(body: Mapping[str, Any]) -> str:
+    """Hash of plain data, whatever the order of its keys."""
+    plain = json.dumps(body, sort_keys=True, allow_nan=True, default=list)
+    return hashlib.sha256(plain.encode()).hexdigest()

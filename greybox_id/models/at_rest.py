@@ -1,0 +1,28 @@
+"""Forms that keep vehicle models finite at and near standstill, and exact away from it."""
+
+from __future__ import annotations
+
+import casadi as cs
+
+from ..model import Symbol
+
+SLOWEST = 0.3
+"""Below this speed, m/s, slip angles are computed as if the vehicle rolled this fast."""
+ROLLING = 0.05
+"""Speed, m/s, at which resistance to rolling has reached three quarters of its size."""
+
+
+def forward_speed(v_x: Symbol) -> Symbol:
+    """Speed for slip angles, m/s: v_x itself above `SLOWEST`, never below half of it, smooth in between."""
+    ratio = cs.fmax(cs.fabs(v_x), 0.0) / SLOWEST
+    return cs.if_else(ratio >= 1, cs.fabs(v_x), SLOWEST * (0.5 + 0.5 * ratio**2))
+
+
+def steer_slip(steer: Symbol, v_x: Symbol) -> Symbol:
+    """What steering adds to a slip angle, rad: steer itself forwards, reversed in reverse, nothing at rest."""
+    return steer * v_x / forward_speed(v_x)
+
+
+def sign_of_motion(v_x: Symbol) -> Symbol:
+    """Direction of motion, -1 to 1, vanishing smoothly at rest."""
+    return cs.tanh(v_x / ROLLING)

@@ -1,0 +1,26 @@
+"""Effects that vehicle models may lack. At its null value every one of them leaves a model as it is.
+
+Where each takes hold, and so how any of them compose:
+
+    command -> steering_delay -> steering_backlash, steering_rate_limit, steering_lag, motor_lag (as they were added)
+    -> steering_ratio, steering_offset, motor_gain and changed parameters -> slip angles and their relaxation -> loads
+    -> friction -> forces -> motion -> readings (as they were added) -> latencies -> recording
+
+Alterations of one quantity act in the order in which they were added; most are products, whose order does not matter.
+Loads and accelerations depend on each other: effects on loads go through the equations a few times, each time with the
+accelerations of the time before.
+
+Some effects bring a second parameter, held at a usual value (an energy, a direction, a natural frequency).
+"""
+
+from ...effect import Effect
+from . import body, drive, road, sensors, steering, timing, tyres
+from .steering import steering_rate_limit
+from .timing import sensor_latency_imu
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect for group in (steering, drive, tyres, body, road, sensors, timing) for effect in group.ALL
+}
+"""Effects by name."""
+
+__all__ = ["EFFECTS", "sensor_latency_imu", "steering_rate_limit"]

@@ -1,0 +1,108 @@
+"""Dynamic elements between a command and the vehicle: lag, rate limit and play.
+
+Over a segment of h seconds the command is a straight line. What the vehicle sees is again a straight line: the one of
+the same mean and first moment as the element's true response, so that nothing is lost to the length of a segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as cs
+
+from ...model import Namespace, Symbol
+from ...motion_model import Actuator
+from .smooth import within_limit
+
+Line = tuple[Symbol, Symbol]
+"""Value at the beginning and at the end of a segment."""
+
+TINY_TIME = 1e-15
+"""Added to time constants, s: the limit of no lag without a division by zero."""
+SHORTEST = 1e-12
+"""Added to segments' lengths, s; segments that only fill up have none."""
+TINY = 1e-13
+"""Added where zero would be divided by zero."""
+PLAY_WIDTH = 1e-5
+"""Width over which play takes up, in the signal's unit."""
+
+
+def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) -> Actuator:
+    """First-order lag, exact for commands that are straight lines over a segment."""
+
+    def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
+        T, h = time_constant(p) + TINY_TIME, h + SHORTEST
+        begin, end = command
+        behind = (end - begin) * T / h  # how far a steady ramp is followed behind
+        off = state - begin + behind
+        a = h / T
+        decay = cs.exp(-a)
+        mean = -cs.expm1(-a) / a
+        moment = (mean - decay) / a
+        centre, slope = off * mean, 12 * off * (moment - mean / 2)  # of off * exp(-a sigma) over sigma in [0, 1]
+        line = (begin - behind + centre - slope / 2, end - behind + centre + slope / 2)
+        return end - behind + off * decay, line
+
+    def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
+        return command + (state - command) * cs.exp(-time / (time_constant(p) + TINY_TIME))
+
+    return Actuator(signal, name, segment, after)
+
+
+def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> Actuator:
+    """Rate limit: a ramp until the command is reached, then the command; no limit at infinity.
+
+    The gap between command and output closes straight from where it is; once closed, it opens again if the command is
+    too fast. Corners are rounded as `within_limit` says.
+    """
+
+    def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
+        off, moved = command[0] - state, command[1] - command[0]
+        towards = _sign(off + 1e-6 * moved)
+        gap, pace = ((x / limit(p) / (h + SHORTEST)) for x in (off * towards, moved * towards))  # in what h allows
+        closed = (gap + TINY) / cs.fmax(1 - pace, gap + TINY)  # when the gap is closed, in segments; 1 if not at all
+        unclosed = (off + moved) * (1 - within_limit(gap + pace))
+        opened = moved * (1 - closed) * (1 - within_limit(cs.fabs(pace)))
+        closing = off - unclosed
+        begin = command[0] - unclosed - closing * closed * (2 - closed) + opened * closed * (1 - closed)
+        end = command[1] - unclosed + closing * closed * (1 - closed) - opened * (1 - closed) * (1 + closed)
+        return command[1] - unclosed - opened, (begin, end)
+
+    def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
+        gap = command - state
+        return state + gap * within_limit(gap * _sign(gap) / limit(p) / time)
+
+    return Actuator(signal, name, segment, after)
+
+
+def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> Actuator:
+    """Play (backlash): the output rests until the command has crossed the gap. Rounded over `PLAY_WIDTH`."""
+
+    def taken(state: Symbol, command: Symbol, p: Namespace) -> Symbol:
+        w, ahead = half_width(p), command - state
+        return state + _beyond(ahead - w) - _beyond(-ahead - w)
+
+    def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
+        del h
+        begin = taken(state, command[0], p)
+        end = taken(begin, command[1], p)
+        wanted, done = command[1] - command[0], end - begin
+        moving = done * wanted / (wanted**2 + TINY**2)  # for this last share of the segment, at the command's rate
+        return end, (begin - done * moving * (1 - moving), begin + done * moving * (2 - moving))
+
+    def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
+        del time
+        return taken(state, command, p)
+
+    return Actuator(signal, name, segment, after)
+
+
+def _sign(x: Symbol) -> Symbol:
+    """Plus or minus one, with a derivative at zero."""
+    return x / cs.sqrt(x**2 + TINY**2)
+
+
+def _beyond(x: Symbol) -> Symbol:
+    """What of x is above zero, a parabola within `PLAY_WIDTH`; exactly zero below: what rests must not creep."""
+    near = cs.fmax(cs.fmin(x, PLAY_WIDTH), -PLAY_WIDTH)
+    return (near + PLAY_WIDTH) ** 2 / (4 * PLAY_WIDTH) + cs.fmax(x - PLAY_WIDTH, 0)

@@ -1,0 +1,65 @@
+"""When sensors read, and when that is stamped."""
+
+from __future__ import annotations
+
+from ...motion_model import MotionModel
+from .memory import LATENCY_PER_RUN, delay_imu
+from .stating import effect
+
+GROUP = "timing"
+
+LATEST = (0.0, 0.2)
+"""Bounds of a latency, s."""
+
+
+def _late_yaw_rate(model: MotionModel) -> MotionModel:
+    return model.late(lambda p: p.sensor_latency_yaw, "yaw_rate")
+
+
+def _late_speed(model: MotionModel) -> MotionModel:
+    """A speed that is an input was read late by the same sensor: the vehicle's own is ahead of it."""
+    if "v_x" in model.inputs:
+        return model.delayed("v_x", lambda p: -p.sensor_latency_vx)
+    return model.late(lambda p: p.sensor_latency_vx, "v_x")
+
+
+def _late_imu(model: MotionModel) -> MotionModel:
+    return model.late(lambda p: p.sensor_latency_imu, "yaw_rate", "a_x", "a_y")
+
+
+def _only_the_recording(model: MotionModel) -> MotionModel:
+    """What is expected of a reading stays as it is."""
+    return model
+
+
+sensor_latency_yaw = effect(
+    GROUP, "sensor_latency_yaw", "s", 0.0, LATEST, "how late the yaw rate is read",
+    touches=("yaw_rate",), apply=_late_yaw_rate, typical=0.03,
+)  # fmt: skip
+
+sensor_latency_vx = effect(
+    GROUP, "sensor_latency_vx", "s", 0.0, LATEST, "how late the speed is read",
+    touches=("v_x",), apply=_late_speed, typical=0.05,
+)  # fmt: skip
+
+sensor_latency_imu = effect(
+    GROUP, "sensor_latency_imu", "s", 0.0, LATEST, "how late yaw rate and accelerations are read",
+    touches=("yaw_rate", "a_x", "a_y"), apply=_late_imu, typical=0.03,
+    apply_to_memory=delay_imu, memory_parameter=LATENCY_PER_RUN,
+)  # fmt: skip
+
+timestamp_jitter = effect(
+    GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the instant of reading about its stamp",
+    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003,
+)  # fmt: skip
+"""Moves no expected reading: it scatters readings by their rate of change times this. What tells it is residuals whose
+variance grows with the squared rate of what is read, which the diagnosis tests."""
+
+dropped_samples = effect(
+    GROUP, "dropped_samples", "1", 0.0, (0.0, 0.9), "share of the rows at which sensors repeat their last reading",
+    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.1,
+)  # fmt: skip
+"""Belongs to the recording, not to the motion. What tells it is rows that repeat the one before exactly, which the
+diagnosis counts."""
+
+ALL = (sensor_latency_yaw, sensor_latency_vx, sensor_latency_imu, timestamp_jitter, dropped_samples)

@@ -1,0 +1,111 @@
+"""What tyres may do beyond a fixed curve of force over slip angle."""
+
+from __future__ import annotations
+
+import casadi as cs
+
+from ...model import Symbol
+from ...motion_model import MotionModel, Quantities, State
+from ...parameter import Parameter
+from ..at_rest import forward_speed
+from ..single_track import G
+from .smooth import remaining
+from .stating import alteration, effect, speed
+
+GROUP = "tyres"
+
+FRONT_SHARE = 0.55
+"""Of the lateral load transfer, as springs and stabilisers of most cars have it."""
+
+
+def _relaxed(model: MotionModel) -> MotionModel:
+    """Slip angles follow over the distance rolled."""
+    return model.relaxed(lambda q: q.p.tyre_relaxation / forward_speed(speed(q)), "alpha_f", "alpha_r")
+
+
+def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities) -> Symbol:
+    """Lateral force left beside a longitudinal one: sqrt(1 - (s F_x / peak)^2), rounded where nothing is left."""
+    return cs.sqrt(remaining((q.p.combined_slip * F_x / peak) ** 2))
+
+
+def _friction_of_loads(F_z: Symbol, static: Symbol, share: float, track: Symbol, q: Quantities) -> Symbol:
+    """Friction of an axle over that of two wheels at their static load F_z0.
+
+    D_wheel = D (1 - k (F_z - F_z0) / F_z0), summed over a left and a right wheel which differ by twice the load
+    transfer; a wheel that lifts has none (smooth, see `remaining`).
+    """
+    transfer = share * q.p.m * q.before.a_y * q.p.h_cg / track
+    apart = 1 - remaining((2 * transfer / F_z) ** 2)
+    return 1 - q.p.load_sensitivity * ((1 + apart) * F_z / static - 1)
+
+
+def _load_sensitive_f(grip: Symbol, q: Quantities) -> Symbol:
+    static = q.p.m * G * q.p.l_r / (q.p.l_f + q.p.l_r)
+    return grip * _friction_of_loads(q.F_zf, static, FRONT_SHARE, q.p.track_f, q)
+
+
+def _load_sensitive_r(grip: Symbol, q: Quantities) -> Symbol:
+    static = q.p.m * G * q.p.l_f / (q.p.l_f + q.p.l_r)
+    return grip * _friction_of_loads(q.F_zr, static, 1 - FRONT_SHARE, q.p.track_r, q)
+
+
+def _heating(q: Quantities) -> dict[str, Symbol]:
+    """Friction work of both axles, W."""
+    sliding = q.F_yf * cs.sin(q.alpha_f) + q.F_yr * cs.sin(q.alpha_r)
+    return {"friction_work": sliding * forward_speed(speed(q))}
+
+
+def _heated(grip: Symbol, q: Quantities) -> Symbol:
+    warm = -cs.expm1(-q.x.friction_work / q.p.tyre_temperature_E_0)
+    return grip * (1 - q.p.tyre_temperature * warm)
+
+
+def _temperature(model: MotionModel) -> MotionModel:
+    return model.with_states(_heating, State("friction_work", "J", 1e3)).altered(grip_f=_heated, grip_r=_heated)
+
+
+grip_scale = alteration(
+    GROUP, "grip_scale", "1", 1.0, (0.1, 3.0), "friction of both axles times this",
+    typical=0.85,
+    grip_f=lambda grip, q: grip * q.p.grip_scale,
+    grip_r=lambda grip, q: grip * q.p.grip_scale,
+)  # fmt: skip
+
+front_stiffness = alteration(
+    GROUP, "front_stiffness", "1", 1.0, (0.2, 4.0), "slope of the front tyres' force at zero slip, times this",
+    typical=0.85, stiffness_f=lambda stiffness, q: stiffness * q.p.front_stiffness,
+)  # fmt: skip
+
+rear_stiffness = alteration(
+    GROUP, "rear_stiffness", "1", 1.0, (0.2, 4.0), "slope of the rear tyres' force at zero slip, times this",
+    typical=0.85, stiffness_r=lambda stiffness, q: stiffness * q.p.rear_stiffness,
+)  # fmt: skip
+
+tyre_relaxation = effect(
+    GROUP, "tyre_relaxation", "m", 0.0, (0.0, 3.0), "relaxation length of the slip angle, both axles",
+    touches=("alpha_f", "alpha_r"), apply=_relaxed, typical=0.4,
+)  # fmt: skip
+
+combined_slip = alteration(
+    GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "how much of the friction ellipse longitudinal forces take",
+    typical=1.0, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
+    F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q),
+    F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q),
+)  # fmt: skip
+
+load_sensitivity = alteration(
+    GROUP, "load_sensitivity", "1", 0.0, (0.0, 0.6), "loss of a wheel's friction per relative growth of its load",
+    typical=0.15, passes=3, needs=("F_zf", "F_zr", "a_y"), grip_f=_load_sensitive_f, grip_r=_load_sensitive_r,
+)  # fmt: skip
+
+tyre_temperature = effect(
+    GROUP, "tyre_temperature", "1", 0.0, (-0.5, 0.8), "share of the friction that warm tyres lose",
+    touches=("grip_f", "grip_r"), needs=("F_yf", "F_yr"), apply=_temperature, typical=0.2,
+    others=(Parameter(
+        "tyre_temperature_E_0", "J", 2e4, (1.0, 1e9), fixed=True, about="friction work that warms the tyres",
+    ),),
+)  # fmt: skip
+
+ALL = (
+    grip_scale, front_stiffness, rear_stiffness, tyre_relaxation, combined_slip, load_sensitivity, tyre_temperature,
+)  # fmt: skip

@@ -1,0 +1,80 @@
+"""Longitudinal model: Newton's law along the vehicle, with wheels that turn and an actuator that lags.
+
+State v_x [m/s]; inputs drive (N, m/s^2 or A, whichever is recorded; negative brakes) and road_slope [rad], uphill
+positive. The four wheels' inertia I_w adds 4 I_w / wheel_radius^2 to the mass that is accelerated, not to the mass that
+gravity pulls. a_x is what an accelerometer reads: dv_x/dt and g sin(road_slope).
+Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural networks",
+Eq. 8-12, with c_0 = m g c_r, c_1 = c_l, c_2 = k_a, and one wheel inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as cs
+
+from ..model import Combination, Namespace, Symbol
+from ..motion_model import MotionModel, Quantities, State
+from ..parameter import Parameter
+from .at_rest import sign_of_motion
+from .effects.elements import lag
+from .single_track import BODY, DRIVE, G
+
+PARAMETERS = (
+    *(parameter for parameter in BODY if parameter.name == "m"),
+    Parameter("I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all that turns with it"),
+    Parameter("wheel_radius", "m", 0.32, (0.01, 2.0), fixed=True, about="rolling radius of the wheels"),
+    *(parameter for parameter in DRIVE if parameter.name in ("c_0", "c_1", "c_2", "force_per_unit")),
+    Parameter(
+        "brake_gain", "1", 1.0, (0.0, 10.0), fixed=True, about="braking force per unit over driving force per unit"
+    ),
+    Parameter("drive_lag", "s", 0.05, (0.0, 2.0), about="first-order time constant of drive and brakes"),
+)
+
+
+def longitudinal() -> MotionModel:
+    """Longitudinal model with one degree of freedom."""
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        moving = sign_of_motion(x.v_x)  # brakes and rolling resistance hold a vehicle at rest, they do not drive it
+
+        q.drive_force = p.force_per_unit * u.drive
+        q.F_x = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
+        q.F_drag = (p.c_0 * cs.cos(u.road_slope) + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * moving
+
+        q.inertial_mass, q.gravity_x = p.m, G * cs.sin(u.road_slope)
+        turning = 4 * p.I_w / p.wheel_radius**2
+        acceleration = (q.F_x - q.F_drag - q.inertial_mass * q.gravity_x) / (q.inertial_mass + turning)
+        q.a_x = acceleration + q.gravity_x
+        return {"v_x": q.a_x - q.gravity_x}
+
+    return MotionModel(
+        name="longitudinal",
+        about="vehicle along a straight road, one degree of freedom",
+        states=(State("v_x", "m/s", 1.0),),
+        inputs=("drive", "road_slope"),
+        commands=("drive",),
+        aliases={"drive": ("drive_force", "ax_cmd", "motor_current")},
+        defaults={"road_slope": 0.0},
+        outputs=("v_x", "a_x"),
+        parameters=PARAMETERS,
+        quantities=("drive_force", "F_x", "F_drag", "inertial_mass", "gravity_x", "a_x"),
+        dynamics=dynamics,
+        actuators=(lag("drive", "drive_lag_state", lambda p: p.drive_lag),),
+        combinations=(
+            Combination("m_eff", "kg", effective_mass, "mass and what the wheels' inertia adds to it"),
+            Combination("c_0 / m_eff", "m/s^2", lambda p: p.c_0 / effective_mass(p), "rolling resistance per mass"),
+            Combination("c_2 / m_eff", "1/m", lambda p: p.c_2 / effective_mass(p), "aerodynamic drag per mass"),
+            Combination(
+                name="force_per_unit / m_eff",
+                unit="m/s^2/unit",
+                of=lambda p: p.force_per_unit / effective_mass(p),
+                about="acceleration per unit of the drive signal",
+            ),
+        ),
+    )
+
+
+def effective_mass(p: Namespace) -> Symbol:
+    """Mass that a force along the vehicle accelerates, wheels included [kg]."""
+    return p.m + 4 * p.I_w / p.wheel_radius**2

@@ -1,0 +1,129 @@
+"""Single-track model, three degrees of freedom: v_x, v_y and yaw rate.
+
+ISO 8855 axes. States v_x, v_y [m/s], yaw_rate [rad/s]; inputs steer [rad] at the road wheels and drive (N, m/s^2 or A,
+whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2 v_x^2 the resistance to driving.
+Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 2.3 and 4.1, with nonlinear tyres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as cs
+
+from ..model import Combination, Namespace, Symbol
+from ..motion_model import MotionModel, Quantities, State
+from ..parameter import Parameter
+from .at_rest import forward_speed, sign_of_motion, steer_slip
+from .tyres import Tyre, axle
+from .tyres.pacejka import pacejka
+
+G = 9.81
+"""Gravity, m/s^2."""
+
+BODY = (
+    Parameter("m", "kg", 1450.0, (0.5, 60000.0), fixed=True, about="vehicle mass"),
+    Parameter("I_z", "kg m^2", 2270.0, (1e-3, 500000.0), about="yaw inertia"),
+    Parameter("l_f", "m", 1.30, (0.05, 8.0), fixed=True, about="front axle to centre of gravity"),
+    Parameter("l_r", "m", 1.46, (0.05, 8.0), fixed=True, about="rear axle to centre of gravity"),
+    Parameter("h_cg", "m", 0.55, (0.01, 2.5), fixed=True, about="height of the centre of gravity"),
+    Parameter("track_f", "m", 1.55, (0.05, 3.0), fixed=True, about="track width, front"),
+    Parameter("track_r", "m", 1.55, (0.05, 3.0), fixed=True, about="track width, rear"),
+)
+
+DRIVE = (
+    Parameter("c_0", "N", 200.0, (0.0, 5000.0), about="rolling resistance"),
+    Parameter("c_1", "N s/m", 0.0, (0.0, 500.0), fixed=True, about="resistance per speed"),
+    Parameter("c_2", "N s^2/m^2", 0.45, (0.0, 10.0), about="aerodynamic drag"),
+    Parameter("drive_split_front", "1", 0.0, (0.0, 1.0), fixed=True, about="front axle's share of the driving force"),
+    Parameter("brake_split_front", "1", 0.62, (0.0, 1.0), fixed=True, about="front axle's share of the braking force"),
+    Parameter("force_per_unit", "N/unit", 1450.0, (0.0, 1e5), about="force at the wheels per unit of the drive signal"),
+)
+
+STATES = (
+    State("v_x", "m/s", 1.0),
+    State("v_y", "m/s", 0.3, start=lambda x, u, p: p.l_r * x.yaw_rate),  # rear wheels that do not slip
+    State("yaw_rate", "rad/s", 0.1),
+)
+
+
+def single_track(tyre: Tyre = pacejka) -> MotionModel:
+    """Single-track model with three degrees of freedom.
+
+    Parameters
+    ----------
+    tyre : lateral force over slip angle and load.
+    """
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        L = p.l_f + p.l_r
+        v_x = forward_speed(x.v_x)
+        c, s = cs.cos(u.steer), cs.sin(u.steer)
+
+        q.alpha_f = steer_slip(u.steer, x.v_x) - cs.atan2(x.v_y + p.l_f * x.yaw_rate, v_x)
+        q.alpha_r = -cs.atan2(x.v_y - p.l_r * x.yaw_rate, v_x)
+        q.F_zf = p.m * G * p.l_r / L
+        q.F_zr = p.m * G * p.l_f / L
+        q.grip_f = q.grip_r = q.stiffness_f = q.stiffness_r = 1.0
+        q.peak_f = tyre.peak(q.F_zf, axle(p, "f"), q.grip_f)
+        q.peak_r = tyre.peak(q.F_zr, axle(p, "r"), q.grip_r)
+
+        q.drive_force = p.force_per_unit * u.drive
+        driving, braking = cs.fmax(q.drive_force, 0), cs.fmin(q.drive_force, 0)
+        q.F_xf = p.drive_split_front * driving + p.brake_split_front * braking
+        q.F_xr = (1 - p.drive_split_front) * driving + (1 - p.brake_split_front) * braking
+        q.F_yf = tyre.force(q.alpha_f, q.F_zf, axle(p, "f"), q.grip_f, q.stiffness_f)
+        q.F_yr = tyre.force(q.alpha_r, q.F_zr, axle(p, "r"), q.grip_r, q.stiffness_r)
+        q.F_drag = (p.c_0 + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * sign_of_motion(x.v_x)
+
+        q.inertial_mass, q.gravity_x, q.gravity_y = p.m, 0.0, 0.0
+        q.a_x = (q.F_xr + q.F_xf * c - q.F_yf * s - q.F_drag) / q.inertial_mass
+        q.a_y = (q.F_yr + q.F_yf * c + q.F_xf * s) / q.inertial_mass
+        q.M_z = p.l_f * (q.F_yf * c + q.F_xf * s) - p.l_r * q.F_yr
+        return {
+            "v_x": q.a_x - q.gravity_x + x.yaw_rate * x.v_y,
+            "v_y": q.a_y - q.gravity_y - x.yaw_rate * x.v_x,
+            "yaw_rate": q.M_z / p.I_z,
+        }
+
+    return MotionModel(
+        name="single_track",
+        about="single-track vehicle, three degrees of freedom",
+        states=STATES,
+        inputs=("steer", "drive"),
+        commands=("steer", "drive"),
+        aliases={"drive": ("drive_force", "ax_cmd", "motor_current")},
+        outputs=("v_x", "v_y", "yaw_rate", "a_x", "a_y"),
+        parameters=(*BODY, *DRIVE, *tyre.parameters("f"), *tyre.parameters("r")),
+        quantities=(
+            *("alpha_f", "alpha_r", "F_zf", "F_zr"),
+            *("grip_f", "grip_r", "stiffness_f", "stiffness_r", "peak_f", "peak_r"),
+            *("drive_force", "F_xf", "F_xr", "F_yf", "F_yr", "F_drag"),
+            *("inertial_mass", "gravity_x", "gravity_y", "a_x", "a_y", "M_z"),
+        ),
+        dynamics=dynamics,
+        combinations=combinations(tyre),
+        settings={"tyre": tyre.name},
+    )
+
+
+def combinations(tyre: Tyre) -> tuple[Combination, ...]:
+    """What lateral motion tells better than single parameters."""
+
+    def slope(p: Namespace, suffix: str) -> Symbol:
+        other = p.l_r if suffix == "f" else p.l_f
+        return tyre.slope(p.m * G * other / (p.l_f + p.l_r), axle(p, suffix))
+
+    def understeer(p: Namespace) -> Symbol:
+        L, C_f, C_r = p.l_f + p.l_r, slope(p, "f"), slope(p, "r")
+        return p.m / L * (p.l_r / C_f - p.l_f / C_r)
+
+    return (
+        Combination("l_f + l_r", "m", lambda p: p.l_f + p.l_r, "wheelbase"),
+        Combination("C_alpha_f", "N/rad", lambda p: slope(p, "f"), "cornering stiffness, front axle"),
+        Combination("C_alpha_r", "N/rad", lambda p: slope(p, "r"), "cornering stiffness, rear axle"),
+        Combination("C_alpha_f / m", "N/(rad kg)", lambda p: slope(p, "f") / p.m, "front stiffness per mass"),
+        Combination("C_alpha_r / m", "N/(rad kg)", lambda p: slope(p, "r") / p.m, "rear stiffness per mass"),
+        Combination("I_z / m", "m^2", lambda p: p.I_z / p.m, "yaw inertia per mass"),
+        Combination("K_us", "rad s^2/m", understeer, "understeer gradient"),
+    )

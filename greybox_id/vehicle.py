@@ -1,0 +1,76 @@
+"""A vehicle as its engineers state it: what is known of its parameters, how well, and who says so.
+
+It names parameters, effects and signals; which of them a model has is the model's affair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Stated:
+    """One number as stated, in the SI unit of what it stands for.
+
+    Attributes
+    ----------
+    value : the number; None for a tolerance about an effect's null value.
+    sd : how well it is known, one standard deviation; None where nothing is said.
+    min, max : what it can be at all; None where nothing is said.
+    source : who says so.
+    """
+
+    value: float | None = None
+    sd: float | None = None
+    min: float | None = None
+    max: float | None = None
+    source: str = ""
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but the number is stated."""
+        return self.sd is None and self.min is None and self.max is None
+
+
+@dataclass(frozen=True)
+class ChosenModel:
+    """The model a vehicle is best described by, as a diagnosis or an engineer left it.
+
+    Attributes
+    ----------
+    name : of the model.
+    settings : the model's hyperparameters as plain data, for example its tyre.
+    effects : effects that are part of it, with their magnitudes.
+    """
+
+    name: str
+    settings: Mapping[str, object] = field(default_factory=dict)
+    effects: Mapping[str, Stated] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What is stated of a vehicle.
+
+    Attributes
+    ----------
+    name : for people.
+    values : parameter name -> number.
+    effects : effect name -> tolerance: small ones known to be there at this size, with their sd.
+    noise : signal name -> standard deviation of its sensor.
+    steer_max : largest road-wheel angle, rad; None where it is not stated.
+    model : the model it is best described by; None where that is open.
+    about : for people.
+    path : the file it was read from.
+    """
+
+    name: str
+    values: Mapping[str, Stated] = field(default_factory=dict)
+    effects: Mapping[str, Stated] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    steer_max: float | None = None
+    model: ChosenModel | None = None
+    about: str = ""
+    path: Path | None = field(default=None, compare=False)

@@ -1,0 +1,144 @@
+"""The model a user wants: its name, vehicle, settings, effects, and what is said of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from .checks.agreement import agreement
+from .checks.consistency import GIVEN_WHEELBASE
+from .checks.pairs import pairs
+from .choices import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
+from .datasets.vehicle_file import shipped_vehicles
+from .errors import BadInput
+from .memory_model import MemoryModel
+from .model import Model
+from .models.registry import MODELS, build, candidates
+from .motion_model import MotionModel
+from .recording import Recording
+from .vehicle import Vehicle
+
+VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm"}
+"""Column map -> the shipped vehicle whose recordings it reads."""
+FOR_MOTION = ("--horizon", "--start-from", "--robust", "--noise")
+FOR_MEMORY = ("--early-stopping", "--strength")
+"""Options that make sense for one kind of model only."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A model as asked for.
+
+    Attributes
+    ----------
+    name : of the model; None takes the vehicle's own.
+    vehicle : whose numbers it starts from; None leaves the model its own.
+    settings : hyperparameters as plain data.
+    effects : added to it, with what is said of their magnitudes.
+    choices : what is said of its parameters.
+    """
+
+    name: str | None
+    vehicle: Vehicle | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    effects: Magnitudes = field(default_factory=dict)
+    choices: Choices = field(default_factory=Choices)
+
+    def models(self, training: Recording) -> list[Model]:
+        """The models to fit: several where the settings leave open what cross-validation is to choose."""
+        name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
+        found = candidates(name, training, settings, effects, self.vehicle)
+        return [self._chosen(model, effects) for model in found]
+
+    def model(self) -> Model:
+        """The model to simulate."""
+        name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
+        return self._chosen(build(name, settings, effects, self.vehicle), effects)
+
+    def _chosen(self, model: Model, effects: Magnitudes) -> Model:
+        free_effects_suit(model, effects)
+        return with_choices(started(model, effects), self.choices)
+
+
+def must_suit_options(model: Model, given: Sequence[str]) -> None:
+    """Raise `BadInput` for options that make no sense for this kind of model."""
+    memory = isinstance(model, MemoryModel)
+    for option in given:
+        if memory and option in FOR_MOTION:
+            raise BadInput(f"{option} is for equations of motion; {model.name} is a model with memory. Leave it away.")
+        if not memory and option in FOR_MEMORY:
+            raise BadInput(
+                f"{option} is for models with memory, whose weights have priors to be strengthened; {model.name} is "
+                "made of equations of motion. Leave it away."
+            )
+
+
+def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
+    """Raise `BadInput` where a recording lacks an input of a motion model, and name the models that it would do for."""
+    if not isinstance(model, MotionModel):
+        return
+    for recording in recordings:
+        lacking = _lacking(model, recording)
+        if not lacking:
+            continue
+        others = [build(name) for name in MODELS]
+        others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
+        would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
+        wanted = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
+        instead = f" It would do for {' and '.join(would_do)} (--model)." if would_do else ""
+        raise BadInput(
+            f"{recording.name} lacks {wanted}, which {model.name} needs; it has {', '.join(recording.signals)}. "
+            f"Map the columns that hold them in the column map (--columns).{instead}"
+        )
+
+
+def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording]) -> list[str]:
+    """Sentences on a motion model whose nominal numbers may not be those of the vehicle that was recorded."""
+    if not isinstance(model, MotionModel):
+        return []
+    found = []
+    maps = {recording.source.columns for recording in recordings}
+    shipped = [VEHICLES_OF_MAPS[name] for name in sorted(maps) if name in VEHICLES_OF_MAPS]
+    suggested = next((f" (--vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), "")
+    if vehicle is None:
+        start = f"{model.name} starts from {_size(model)}"
+        found.append(f"No vehicle is named: {start}. Name one with --vehicle{suggested}.")
+    if "l_f" in model and "l_r" in model:
+        wheelbase = float(model["l_f"].array + model["l_r"].array)
+        for recording in recordings:
+            told = _wheelbase(recording)
+            if told is not None and not GIVEN_WHEELBASE[0] < told / wheelbase < GIVEN_WHEELBASE[1]:
+                found.append(
+                    f"{recording.name} turns like a vehicle with a wheelbase of {told:.2g} m, but the model has "
+                    f"l_f + l_r = {wheelbase:.3g} m: the wrong vehicle, or a wrong unit in the column map?{suggested}"
+                )
+                break
+    return found
+
+
+def _lacking(model: MotionModel, recording: Recording) -> list[str]:
+    return [
+        name
+        for name in model.inputs
+        if name not in model.defaults and not any(own in recording for own in model.aliases.get(name, (name,)))
+    ]
+
+
+def _size(model: MotionModel) -> str:
+    told = []
+    if "m" in model:
+        told.append(f"m = {float(model['m'].array):g} kg")
+    if "l_f" in model and "l_r" in model:
+        told.append(f"l_f + l_r = {float(model['l_f'].array + model['l_r'].array):.3g} m")
+    return f"numbers of its own ({', '.join(told)})" if told else "numbers of its own"
+
+
+def _wheelbase(recording: Recording) -> float | None:
+    """v_x steer / yaw_rate, m, where the recording tells it for certain."""
+    for pair in pairs(recording):
+        if pair.nodes == ("yaw_rate", "steer"):
+            agreed = agreement(recording, pair.left_values, pair.right_values, pair.smoothing)
+            if agreed.certain:
+                return abs(1.0 / agreed.gain)
+    return None

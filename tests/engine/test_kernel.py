@@ -1,0 +1,346 @@
+"""The kernel: compiled and in CasADi's virtual machine the same numbers, right derivatives, compiled once."""
+
+import itertools
+import os
+import stat
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi as cs
+import numpy as np
+import pytest
+
+from greybox_id.engine import compiler, emit, kernel
+from greybox_id.engine.compiler import CannotCompile, Compiler
+from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
+from greybox_id.engine.kernel import Kernel
+
+BINARY = [cs.fmin, cs.fmax, cs.copysign, cs.SX.__pow__, cs.atan2, cs.hypot, cs.fmod, cs.remainder]
+NAMES = {*CHEAP, *CALLS} - {"pow", *[function.__name__ for function in BINARY]}
+UNARY = [getattr(cs, name) for name in sorted(NAMES)]
+
+
+def there_is_a_compiler():
+    try:
+        compiler.compiler()
+    except CannotCompile:
+        return False
+    return True
+
+
+needs_compiler = pytest.mark.skipif(not there_is_a_compiler(), reason="there is no C compiler here")
+both_ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    return tmp_path_factory.mktemp("libraries")
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(libraries, monkeypatch):
+    """The tests' own cache: one for all, so that each model is compiled once."""
+    monkeypatch.setenv("GREYBOX_CACHE", str(libraries))
+    monkeypatch.delenv("GREYBOX_COMPILE", raising=False)
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("GREYBOX_CACHE", str(folder))
+    return folder
+
+
+def functions(nz, ns, np_, step, output):
+    arguments = [cs.SX.sym("z", nz), cs.SX.sym("s", ns), cs.SX.sym("p", np_)]
+    return [cs.Function("f", arguments, [f(*arguments)]) for f in (step, output)]
+
+
+def single_track():
+    """v_x, v_y, yaw_rate; steer and force at a segment's start and end, duration; a limit of the steer angle."""
+
+    def rate(z, steer, force, p):
+        m, I_z, l_f, l_r, B, C, D, E, limit = cs.vertsplit(p)
+        v_x, v_y, r = cs.vertsplit(z)
+        delta = cs.fmax(-limit, cs.fmin(limit, steer))
+
+        def lateral(slip):
+            return D * cs.sin(C * cs.atan(B * slip - E * (B * slip - cs.atan(B * slip))))
+
+        F_f, F_r = lateral(delta - cs.atan2(v_y + l_f * r, v_x)), lateral(-cs.atan2(v_y - l_r * r, v_x))
+        return cs.vertcat(
+            (force - F_f * cs.sin(delta)) / m + v_y * r,
+            (F_f * cs.cos(delta) + F_r) / m - v_x * r,
+            (l_f * F_f * cs.cos(delta) - l_r * F_r) / I_z,
+        )
+
+    def step(z, s, p):
+        middle = z + s[4] / 2 * rate(z, s[0], s[1], p)
+        return z + s[4] * rate(middle, (s[0] + s[2]) / 2, (s[1] + s[3]) / 2, p)
+
+    def output(z, s, p):
+        return cs.vertcat(z[0], z[2], rate(z, s[0], s[1], p)[1] + z[0] * z[2])
+
+    return functions(3, 5, 9, step, output)
+
+
+def driven(lanes, segments, seed=0):
+    """Arguments of the single track: z0, s, p, reads."""
+    random = np.random.default_rng(seed)
+    s = np.empty((lanes, segments, 5))
+    s[:] = random.normal(0, 0.1, s.shape)
+    s[:, :, 4] = 0.02
+    z0 = random.normal([3, 0, 0], 0.2, (lanes, 3))
+    p = np.array([3.5, 0.05, 0.16, 0.17, 8, 1.4, 14, 0.3, 0.4]) * random.uniform(0.9, 1.1, (lanes, 1))
+    return z0, s, p, random.random(segments) < 0.5
+
+
+def assert_same(found, expected):
+    """The same numbers, each compared with the largest of its kind: one that digits cancel in has fewer."""
+    for a, b in zip(found, expected, strict=True):
+        assert a.shape == b.shape
+        scale = np.abs(b).max(axis=(0, 1) if b.ndim > 2 else 0, keepdims=True, initial=1e-9)
+        np.testing.assert_allclose(a / scale, b / scale, rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("lanes", [1, 7, 9, 200])
+def test_compiled_and_virtual_machine_agree(lanes):
+    model, columns = single_track(), [7, 0, 3, 8]
+    *given, reads = driven(lanes, 30)
+    found, expected = (Kernel(*model, compiled=compiled) for compiled in (True, False))
+    assert_same(found.simulate(*given, reads), expected.simulate(*given, reads))
+    assert_same(found.linearise(*given, reads, columns), expected.linearise(*given, reads, columns))
+    assert (found.compiled, expected.compiled) == (True, False)
+
+
+def every_operation():
+    """One output per operation, of the two states; the states stay what they are."""
+
+    def output(z, s, p):
+        a, b = z[0], z[1]
+        logic = [a < b, a <= b, a == b, a != b, cs.logic_not(a), cs.logic_and(a, b), cs.logic_or(a, b)]
+        logic += [cs.logic_and(a < b, b), cs.logic_not(a <= p[0]), cs.if_else(a < b, a, b), cs.if_else(a, b, p[0])]
+        plain = [a + b, a - b, a * b, a / b, b / p[0], -a, a**2, 2 * a, 1 / a, a**2.5, p[0] ** a, cs.DM(1.5) * a]
+        fixed = [cs.if_else(p[0] < 1, a, b), cs.sin(p[0]) * a, cs.if_else(a < 0, np.inf, np.nan)]
+        binary = [f(a, b) for f in BINARY]
+        return cs.vertcat(*plain, *logic, *fixed, *[f(a) for f in UNARY], *binary)
+
+    return functions(2, 0, 1, lambda z, s, p: 1 * z, output)
+
+
+def test_every_operation_that_is_known_is_tested():
+    step, output = every_operation()
+    tested = {f.instruction_id(k) for f in (step, output) for k in range(f.n_instructions())}
+    rare = {cs.OP_ASSIGN, cs.OP_LIFT}  # simplified away by CasADi
+    assert KNOWN - tested - rare == set()
+
+
+@needs_compiler
+def test_every_operation_is_casadis_also_at_infinity_nan_and_zero():
+    values = [0.0, -0.0, 1.0, -1.0, 0.5, -0.3, 2.0, 7.5, -1e3, 1e6, np.inf, -np.inf, np.nan, 1e-200, 1e200]
+    z0 = np.array([*itertools.product(values, values), *np.random.default_rng(0).normal(0, 2, (200, 2))])
+    s, p, model = np.empty((len(z0), 1, 0)), np.array([0.7]), every_operation()
+    found, expected = (Kernel(*model, compiled=compiled) for compiled in (True, False))
+    (_, y), (_, y_expected) = (made.simulate(z0, s, p, [True]) for made in (found, expected))
+    (*_, Y), (*_, Y_expected) = (made.linearise(z0, s, p, [True], [0]) for made in (found, expected))
+    np.testing.assert_allclose(y, y_expected, rtol=1e-12, atol=0)
+    np.testing.assert_allclose(Y, Y_expected, rtol=1e-12, atol=1e-15)  # 1 - tanh² cancels digits
+
+
+def tangle(seed, size=150):
+    """A random model: each operation on two random ones before it, kept in bounds."""
+
+    def step(z, s, p):
+        random = np.random.default_rng(seed)
+        values = cs.vertsplit(cs.vertcat(z, s, p))
+        operations = [
+            lambda a, b: cs.tanh(a + b),
+            lambda a, b: a * b / (1 + cs.fabs(a)),
+            lambda a, b: cs.if_else(a < b, cs.sin(a), b),
+            lambda a, b: cs.fmin(a, cs.fmax(-b, b / 2)),
+            lambda a, b: cs.atan2(a, 1 + b**2),
+            lambda a, b: cs.exp(-cs.fabs(a)) * b,
+            lambda a, b: cs.if_else(cs.logic_and(a > 0, cs.logic_not(b > a)), b, a / 3),
+        ]
+        for _ in range(size):
+            a, b = random.choice(len(values), 2, replace=False)
+            values.append(operations[random.integers(len(operations))](values[a], values[b]))
+        return cs.vertcat(*[0.5 * values[-k] for k in random.choice(np.arange(1, 40), z.numel(), replace=False)])
+
+    return functions(6, 3, 12, step, lambda z, s, p: cs.vertcat(z[1] * p[3], cs.sin(z[2]), p[5], p[2] * s[0], 1.0))
+
+
+@needs_compiler
+@pytest.mark.parametrize(("seed", "piece"), [(0, 1000), (1, 25), (2, 25)])
+def test_random_models_whole_and_in_pieces(seed, piece, monkeypatch):
+    monkeypatch.setattr(emit, "PIECE", piece)
+    random, model = np.random.default_rng(seed), tangle(seed)
+    given = random.normal(size=(11, 6)), random.normal(size=(11, 20, 3)), random.normal(size=(11, 12))
+    reads = np.arange(20) % 3 == 0
+    found, expected = (Kernel(*model, compiled=compiled) for compiled in (True, False))
+    assert_same(found.simulate(*given, reads), expected.simulate(*given, reads))
+    for columns in ([], [5], [11, 3, 2], np.arange(12)):
+        assert_same(found.linearise(*given, reads, columns), expected.linearise(*given, reads, columns))
+
+
+@both_ways
+def test_sensitivities_are_those_of_finite_differences(compiled):
+    made, columns, h = Kernel(*single_track(), compiled=compiled), [0, 4, 6, 8], 1e-6
+    z0, s, p, reads = driven(3, 25)
+    _, Z, _, Y = made.linearise(z0, s, p, reads, columns)
+    for k in range(3 + len(columns)):
+        ends, readings = [], []
+        for sign in (1, -1):
+            moved, parameters = z0.copy(), p.copy()
+            (moved[:, k : k + 1] if k < 3 else parameters[:, columns[k - 3], None])[:] += sign * h
+            z, y = made.simulate(moved, s, parameters, reads)
+            ends.append(z[:, -1])
+            readings.append(y)
+        np.testing.assert_allclose(Z[:, :, k], (ends[0] - ends[1]) / (2 * h), rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(Y[:, :, :, k], (readings[0] - readings[1]) / (2 * h), rtol=1e-6, atol=1e-7)
+
+
+@both_ways
+def test_lanes_know_nothing_of_each_other(compiled):
+    made = Kernel(*single_track(), compiled=compiled)
+    z0, s, p, reads = driven(9, 12)
+    whole = made.linearise(z0, s, p, reads, [1, 2])
+    for lane in range(9):
+        own = slice(lane, lane + 1)
+        alone = made.linearise(z0[own], s[own], p[own], reads, [1, 2])
+        assert all(np.array_equal(a[own], b) for a, b in zip(whole, alone, strict=True))
+    np.testing.assert_array_equal(made.simulate(z0, s, p, reads)[0][:, -1], whole[0])
+
+
+@both_ways
+def test_one_lane_blows_up_alone_and_an_infinite_limit_is_none(compiled):
+    made = Kernel(*single_track(), compiled=compiled)
+    z0, s, p, reads = driven(9, 12)
+    p[:, 8] = np.inf
+    fine = made.linearise(z0, s, p, reads, [0, 8])
+    assert all(np.isfinite(a).all() for a in fine)
+    assert not fine[1][:, :, -1].any()  # nothing depends on a limit that is not reached
+    z0[4, 1] = np.nan
+    broken = made.linearise(z0, s, p, reads, [0, 8])
+    assert np.isnan(broken[0][4]).all()
+    others = np.arange(9) != 4
+    assert all(np.array_equal(a[others], b[others]) for a, b in zip(fine, broken, strict=True))
+
+
+@both_ways
+def test_blow_up_is_seen(compiled):
+    squaring = functions(1, 1, 1, lambda z, s, p: z**2 - z, lambda z, s, p: z)
+    z, y = Kernel(*squaring, compiled=compiled).simulate([[3.0], [1.5]], np.zeros((2, 12, 1)), [0.0], [True] * 12)
+    assert not np.isfinite(z[0, -1]).any()
+    assert not np.isfinite(y[0, -1]).any()
+    assert np.isfinite(z[1]).all()
+
+
+@both_ways
+def test_shared_parameters_no_segments_no_readings_no_lanes(compiled):
+    made = Kernel(*single_track(), compiled=compiled)
+    z0, s, p, reads = driven(3, 6)
+    shared, spelled = (made.simulate(z0, s, q, reads)[0] for q in (p[0], np.tile(p[0], (3, 1))))
+    np.testing.assert_array_equal(shared, spelled)
+    z, Z, y, Y = made.linearise(z0, s[:, :0], p, reads[:0], [3])
+    np.testing.assert_array_equal(z, z0)
+    np.testing.assert_array_equal(Z, np.tile(np.eye(3, 4), (3, 1, 1)))
+    assert (y.shape, Y.shape) == ((3, 0, 3), (3, 0, 3, 4))
+    assert made.simulate(z0[:0], s[:0], p[:0], reads)[1].shape == (0, reads.sum(), 3)
+
+
+def test_shapes_that_do_not_go_together_and_doubled_columns_are_refused():
+    made = Kernel(*single_track(), compiled=False)
+    z0, s, p, reads = driven(3, 6)
+    for wrong in [(z0[:2], s, p, reads), (z0, s[:, :, :4], p, reads), (z0, s, p[:, :8], reads), (z0, s, p, reads[:5])]:
+        with pytest.raises(ValueError, match="do not go together"):
+            made.simulate(*wrong)
+    with pytest.raises(ValueError, match="twice"):
+        made.linearise(z0, s, p, reads, [1, 1])
+
+
+def worked(lanes=3, compiled=None):
+    made, given = Kernel(*single_track(), compiled=compiled), driven(lanes, 10)
+    return made, made.simulate(*given)
+
+
+@needs_compiler
+def test_compiling_waits_until_it_pays_and_a_library_in_the_cache_is_used(empty_cache, monkeypatch):
+    monkeypatch.setattr(kernel, "LOOKS", 20)
+    monkeypatch.setattr(kernel, "PAYS", 50)
+    made, _ = worked(4)
+    assert not made.compiled
+    made.simulate(*driven(1, 10))
+    assert made.compiled
+    monkeypatch.setattr(Compiler, "compile", None)  # from here on it is an error to compile
+    assert not worked(1)[0].compiled
+    assert worked(2)[0].compiled
+    assert worked(compiled=True)[0].compiled
+    assert len(list(empty_cache.iterdir())) == 1
+
+
+@needs_compiler
+@pytest.mark.parametrize("said", ["0", "1"])
+def test_the_environment_decides_for_those_who_do_not(said, monkeypatch):
+    monkeypatch.setenv("GREYBOX_COMPILE", said)
+    assert worked()[0].compiled == (said == "1")
+    assert worked(compiled=True)[0].compiled
+    assert not worked(compiled=False)[0].compiled
+
+
+def test_without_a_compiler_it_works(monkeypatch):
+    monkeypatch.setenv("CC", "/nowhere/cc")
+    monkeypatch.setattr(kernel, "PAYS", 0)
+    made, found = worked()
+    assert not made.compiled
+    assert_same(found, worked(compiled=False)[1])
+    with pytest.raises(CannotCompile, match="nowhere"):
+        worked(compiled=True)
+
+
+@needs_compiler
+def test_with_a_broken_compiler_it_works(tmp_path, empty_cache, monkeypatch):
+    path = compiler.compiler().command[0]
+    for name, text in {"no": "exit 1", "half": f'case "$*" in *-shared*) exit 1;; esac; exec {path} "$@"'}.items():
+        broken = tmp_path / name
+        broken.write_text(f"#!/bin/sh\n{text}\n")
+        broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
+        monkeypatch.setenv("CC", str(broken))
+        monkeypatch.setattr(kernel, "PAYS", 0)
+        assert not worked()[0].compiled
+        with pytest.raises(CannotCompile, match="compiler"):
+            worked(compiled=True)
+    assert list(empty_cache.iterdir()) == []
+
+
+def test_an_operation_without_c_stays_with_the_virtual_machine(monkeypatch):
+    monkeypatch.setattr(kernel, "PAYS", 0)
+    odd = functions(1, 1, 1, lambda z, s, p: cs.erfinv(z), lambda z, s, p: z)
+    made = Kernel(*odd)
+    assert made.simulate([[0.5]], np.zeros((1, 1, 1)), [0.0], [False])[0][0, 1, 0] == pytest.approx(0.4769362762)
+    assert not made.compiled
+    with pytest.raises(CannotCompile):
+        Kernel(*odd, compiled=True).simulate([[0.5]], np.zeros((1, 1, 1)), [0.0], [False])
+
+
+@needs_compiler
+def test_several_may_compile_the_same_at_once(empty_cache):
+    with ThreadPoolExecutor(4) as pool:
+        results = [found for _, found in pool.map(lambda _: worked(compiled=True), range(4))]
+    assert all(np.array_equal(a, b) for found in results for a, b in zip(found, results[0], strict=True))
+    assert len(list(empty_cache.iterdir())) == 1
+
+
+@needs_compiler
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_cache_that_cannot_be_written_to_is_done_without(tmp_path, monkeypatch):
+    tmp_path.chmod(0o500)
+    monkeypatch.setenv("GREYBOX_CACHE", str(tmp_path / "cache"))
+    assert worked(compiled=True)[0].compiled
+
+
+@needs_compiler
+def test_a_cache_that_is_no_folder_is_done_without(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("GREYBOX_CACHE", str(tmp_path / "file"))
+    assert worked(compiled=True)[0].compiled

@@ -1,0 +1,150 @@
+"""What a recording leaves open is found and said in words; what it tells in combination is told as such."""
+
+import numpy as np
+import pytest
+
+from greybox_id.identifiability import determined, identifiability
+
+NAMES = ("mass", "stiffness", "offset", "length")
+X = np.array([1000.0, 8e4, 0.001, 2.5])
+
+
+def covariance(relative_sd, **correlations):
+    """Of the four parameters, from standard deviations relative to 1000, 8e4, 1 and 2.5, and correlations (_01=0.9)."""
+    sd = np.array(relative_sd) * np.array([1000.0, 8e4, 1.0, 2.5])
+    C = np.eye(len(sd))
+    for pair, value in correlations.items():
+        i, j = (int(digit) for digit in pair.strip("_"))
+        C[i, j] = C[j, i] = value
+    return C * np.outer(sd, sd)
+
+
+def test_where_everything_is_told_that_is_said():
+    found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.2]))
+    assert found.undetermined == found.pairs == found.directions == ()
+    assert found.condition == pytest.approx(1.0)
+    assert found.about() == ("Every parameter is determined.", "The normal matrix has condition number 1.")
+
+
+def test_a_parameter_known_to_less_than_half_its_size_is_not_determined():
+    found = identifiability(NAMES, X, covariance([0.1, 0.6, 1e-4, 0.2]))
+    assert [each.name for each in found.undetermined] == ["stiffness"]
+    assert found.undetermined[0].about() == "stiffness: its standard deviation is 60% of its size."
+
+
+def test_a_parameter_that_moved_little_from_its_prior_is_not_determined():
+    prior = np.array([150.0, np.inf, np.inf, np.inf])
+    found = identifiability(NAMES, X, covariance([0.12, 0.1, 1e-4, 0.2]), prior_sd=prior)
+    assert [each.about() for each in found.undetermined] == [
+        "mass: mostly prior; its standard deviation is 80% of the prior's."
+    ]
+
+
+def test_an_offset_about_zero_is_measured_against_its_prior():
+    C = covariance([0.1, 0.1, 0.002, 0.2])
+    alone = identifiability(NAMES, X, C)
+    believed = identifiability(NAMES, X, C, prior_sd=np.array([np.inf, np.inf, 0.02, np.inf]))
+    assert [each.name for each in alone.undetermined] == ["offset"]
+    assert believed.undetermined == ()
+    assert believed.directions == ()
+
+
+def test_the_size_to_compare_with_can_be_given():
+    C = covariance([0.1, 0.1, 0.002, 0.2])
+    assert identifiability(NAMES, X, C, size=np.array([1000.0, 8e4, 0.01, 2.5])).undetermined == ()
+
+
+def test_what_nothing_tells_comes_first_and_makes_the_matrix_singular():
+    C = covariance([0.1, 0.6, 1e-4, 0.2])
+    C[3, 3] = np.inf
+    found = identifiability(NAMES, X, C)
+    assert [each.name for each in found.undetermined] == ["length", "stiffness"]
+    assert found.about()[0] == "length: neither the recording nor a prior tells it."
+    assert found.condition == np.inf
+    assert "singular" in found.about()[-1]
+
+
+def test_what_is_held_is_left_out():
+    C = covariance([0.1, 0.1, 0.0, 0.0])
+    found = identifiability(NAMES, np.array([1000.0, 8e4, 0.0, 2.5]), C)
+    assert found.undetermined == ()
+    assert found.condition == pytest.approx(1.0)
+
+
+def test_of_nothing_free_nothing_is_said():
+    assert identifiability(NAMES, X, np.zeros((4, 4))).about()[0] == "Every parameter is determined."
+
+
+@pytest.mark.parametrize(("correlation", "word"), [(0.97, "difference"), (-0.97, "sum")])
+def test_parameters_that_stand_for_each_other_are_named_in_pairs(correlation, word):
+    found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.1], _01=correlation, _23=0.94))
+    assert [(pair.first, pair.second) for pair in found.pairs] == [("mass", "stiffness")]
+    assert found.pairs[0].about() == (
+        f"mass and stiffness are told only together, as a weighted {word} (correlation {correlation:+.3f})."
+    )
+
+
+def test_the_condition_number_does_not_depend_on_units():
+    C = covariance([0.1, 0.2, 1e-4, 0.1], _01=0.99)
+    units = np.diag([1e3, 1e-3, 1.0, 60.0])
+    found, other = identifiability(NAMES, X, C), identifiability(NAMES, units @ X, units @ C @ units)
+    assert found.condition == pytest.approx(199.0)
+    assert other.condition == pytest.approx(199.0)
+
+
+def test_the_condition_number_is_that_of_the_normal_matrix_where_residuals_are_correlated():
+    found = identifiability(NAMES, X, covariance([0.1] * 4), independent=covariance([0.3] * 4, _01=0.99))
+    assert found.condition == pytest.approx(199.0)
+    assert found.pairs == ()
+
+
+def test_exactly_dependent_parameters_have_no_finite_condition():
+    found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.1], _01=1.0))
+    assert found.condition > 1e12
+
+
+def test_a_direction_that_is_open_reads_as_parameters_moving_together():
+    found = identifiability(NAMES, X, covariance([0.5, 0.4, 1e-4, 0.01], _01=0.999))
+    (direction,) = found.directions
+    assert direction.names == ("mass", "stiffness")
+    np.testing.assert_allclose(direction.moves, [0.5, 0.4], rtol=0.01)
+    assert direction.relative_sd == pytest.approx(np.hypot(0.5, 0.4), rel=0.01)
+    assert direction.about() == (
+        "One standard deviation moves mass by +50% and stiffness by +40% together, and the residuals hardly change."
+    )
+
+
+def test_a_parameter_that_is_open_alone_is_a_direction_of_its_own():
+    (direction,) = identifiability(NAMES, X, covariance([0.9, 0.1, 1e-4, 0.1])).directions
+    assert direction.about() == "One standard deviation moves mass by +90% alone, and the residuals hardly change."
+
+
+def test_a_ratio_can_be_determined_where_its_parts_are_not():
+    C = covariance([0.8, 0.8, 1e-4, 0.1], _01=0.9999)
+    found = determined(lambda p: p[1] / p[0], X, C)
+    assert found.estimate == pytest.approx(80.0)
+    assert found.relative_sd == pytest.approx(0.8 * np.sqrt(2 * (1 - 0.9999)), rel=1e-4)
+    assert found.about("stiffness per mass", "N/(rad kg)") == (
+        "stiffness per mass is determined: 80 ± 0.91 N/(rad kg)."
+    )
+
+
+def test_a_combinations_spread_is_that_of_its_gradient():
+    C = covariance([0.1, 0.2, 0.01, 0.1], _01=0.3)
+    gradient = np.array([-X[1] / X[0] ** 2 * np.cos(X[2]), np.cos(X[2]) / X[0], -X[1] / X[0] * np.sin(X[2]), 0.0])
+    found = determined(lambda p: p[1] / p[0] * np.cos(p[2]), X, C)
+    assert found.sd == pytest.approx(np.sqrt(gradient @ C @ gradient), rel=1e-6)
+
+
+def test_a_combination_of_something_untold_is_told_only_if_it_does_not_depend_on_it():
+    C = covariance([0.1, 0.1, 1e-4, 0.1])
+    C[3, 3] = np.inf
+    assert np.isfinite(determined(lambda p: p[0] * p[1], X, C).sd)
+    found = determined(lambda p: p[0] * p[3], X, C)
+    assert found.sd == np.inf
+    assert "hardly determined" in found.about("moment")
+
+
+def test_a_combination_that_is_zero_has_no_relative_spread_to_speak_of():
+    assert determined(lambda p: p[0] - 1000.0, X, covariance([0.1] * 4)).relative_sd == np.inf
+    assert determined(lambda p: 0.0, X, covariance([0.1] * 4)).relative_sd == 0.0
