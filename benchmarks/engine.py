@@ -180,7 +180,7 @@ def condensed(model: MotionModel, recording: Recording) -> Solved:
         solving += time.process_time() - clock
         p, steps = short.shared(solution.x), steps + solution.steps
     clock = time.process_time()
-    solution = gauss_newton(whole, whole.unknowns(p), tolerance=1e-10, negligible=0.0, search="damp")
+    solution = gauss_newton(whole, whole.unknowns(p), tolerance=1e-12, negligible=0.0, search="damp")
     solving += time.process_time() - clock
     names = [p.name for p in model.parameters]
     values = whole.shared(solution.x)

@@ -22,8 +22,8 @@ from greybox_id.recording import Recording
 EVERY = 10
 """200 Hz to the published 0.05 s."""
 SHORT = 120
-"""Rows (0.6 s): a shorter rest at zero between two readings is crossed straight, a longer one is left and entered on ramps
-of at most so many."""
+"""Rows (0.6 s): a shorter rest at zero between two readings is crossed straight, a longer one is left and entered on
+ramps of at most so many."""
 SLOPE_OVER = 16
 """Rows over which the slope of such a ramp is taken."""
 EARLY = 17
@@ -51,9 +51,9 @@ def raw(path: Path) -> Recording:
 def prepared(path: Path) -> Recording:
     """The same with speed and steering angles smoothed, alpha1 bridged, and what else the models read.
 
-    Further signals: v_x_rate [m/s^2]; alpha2 [rad]; dead_zone, the share of the last 0.1 s in which alpha1 still rests
-    after bridging; alpha2_at_rest, that share of alpha2 85 ms ago [rad]; x, y, metres east and north of the track's
-    middle; along_road, the cosine of the angle between course and straights.
+    Further signals: v_x_rate [m/s^2]; alpha2 [rad]; at_rest, the share of 0.1 s about a row in which alpha1 still rests
+    at zero after bridging; alpha2_at_rest, that share of alpha2 85 ms ago [rad]; x, y, metres east and north of the
+    track's middle; along_road, the cosine of the angle between course and straights.
     """
     found = read(path, "truck")
     runs = found.runs
@@ -69,7 +69,7 @@ def prepared(path: Path) -> Recording:
         "v_x": _each(found["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
         "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=0.005)),
         "alpha2": second,
-        "dead_zone": resting,
+        "at_rest": resting,
         "alpha2_at_rest": resting * _each(second, runs, _later),
         "x": x,
         "y": y,

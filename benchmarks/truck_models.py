@@ -1,12 +1,13 @@
-"""The truck's models, from the published bicycle to one with a map of the road's bank, and what they are believed to be.
+"""The truck's models, from the published bicycle to one with a map of the road's bank, and what is believed of them.
 
-ISO 8855 signs. All stand on the house's lateral model with Pacejka's formula at C = 1, E = 0, where B and D say all that
-these recordings tell of a curve. Effects that the house has are taken from there; the others are below.
+ISO 8855 signs. All stand on the house's lateral model with Pacejka's formula; but for the published bicycle, C = 1 and
+E = 0 are held: B and D say all that these recordings tell of a tyre's curve. Effects that the house has are taken from
+there; what only a benchmark wants is below.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from math import pi
 
@@ -17,216 +18,218 @@ from greybox_id.effect import Effect
 from greybox_id.model import Combination, Namespace, Symbol
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.effects.elements import lag
-from greybox_id.models.effects.stating import alteration, effect, reading
+from greybox_id.models.effects.stating import effect, reading
 from greybox_id.models.lateral import lateral
 from greybox_id.models.single_track import G
 from greybox_id.motion_model import MotionModel, Quantities, State
 from greybox_id.parameter import Array, Parameter, Prior
 from greybox_id.recording import Recording
 
-MASS = 18781.0
-"""Weighed, kg (the publication, Sec. IV-D)."""
+GROUP = "truck"
 
-BELIEVED = {
-    "l_f": (3.5, 0.5, 1.0, 5.0),
-    "l_r": (1.3, 0.3, 0.5, 4.0),
-    "I_z": (7e4, 2e4, 3e4, 3e5),
-    "B_f": (13.0, 4.0, 2.0, 60.0),
+HELD = {"m": 18781.0, "C_f": 1.0, "C_r": 1.0, "E_f": 0.0, "E_r": 0.0}
+"""Weighed [kg], and the curve's shape."""
+
+Belief = Mapping[str, tuple[float, float, float, float]]
+"""Start and mean of the belief, its standard deviation, and limits, in the parameter's unit."""
+
+BICYCLE: Belief = {
+    "l_f": (3.5, 0.5, 1.0, 6.0),
+    "l_r": (1.3, 0.3, 0.5, 6.0),
+    "I_z": (7e4, 2e4, 1e4, 5e5),
+    "B_f": (13.0, 4.0, 1.0, 60.0),
     "D_f": (0.6, 0.2, 0.1, 3.0),
-    "B_r": (16.0, 5.0, 2.0, 60.0),
+    "B_r": (16.0, 5.0, 1.0, 60.0),
     "D_r": (0.5, 0.15, 0.1, 3.0),
+}
+"""Rough, from trials on the training trajectories."""
+
+PUBLISHED: Belief = {
+    "l_f": (5.0, 1.0, 0.5, 8.0),
+    "l_r": (5.0, 1.0, 0.5, 8.0),
+    "I_z": (1.5e5, 5e4, 1e4, 5e5),
+    **{f"B_{axle}": (7.1, 2.0, 1.0, 60.0) for axle in "fr"},
+    **{f"C_{axle}": (1.3, 0.3, 0.5, 2.5) for axle in "fr"},
+    **{f"D_{axle}": (0.8, 0.3, 0.1, 3.0) for axle in "fr"},
+    **{f"E_{axle}": (-0.5, 1.0, -5.0, 1.0) for axle in "fr"},
+}
+"""The publication's Table I; C, D and E are of a tyre force in other units there and are what such tyres have."""
+
+OF_EFFECTS: Belief = {
     "velocity_lever_arm": (4.6, 0.5, -2.0, 8.0),
-    "yaw_rate_bias": (0.0, 0.002, -0.05, 0.05),
-    "v_y_bias": (-0.02, 0.02, -0.3, 0.3),
     "v_y_lead": (0.0, 0.02, -0.3, 0.3),
-    "steering_lag": (0.03, 0.03, 0.0, 0.5),
+    "v_y_bias": (-0.02, 0.02, -0.3, 0.3),
+    "yaw_rate_bias": (0.0, 0.002, -0.05, 0.05),
+    "lasting_v_y": (0.1, 0.2, -1.5, 1.5),
     "tyre_relaxation": (0.6, 0.3, 0.0, 4.0),
     "stiffness_transfer": (0.05, 0.02, -0.3, 0.3),
-    "lasting_v_y": (0.1, 0.2, -1.5, 1.5),
-    "roll_frequency": (0.6, 0.2, 0.2, 2.5),
-    "roll_damping": (0.5, 0.2, 0.05, 1.5),
     "roll_steer": (0.0, 0.005, -0.1, 0.1),
     "roll_arm": (0.0, 0.002, -0.1, 0.1),
+    "roll_frequency": (0.6, 0.2, 0.2, 2.5),
+    "roll_damping": (0.5, 0.2, 0.05, 1.5),
+    "steering_offset": (0.0, 0.002, -0.05, 0.05),
     "alpha2_share": (0.3, 0.1, -1.0, 2.0),
     "alpha2_lag": (0.05, 0.03, 0.0, 0.5),
-    "at_rest_share": (0.8, 0.1, -1.0, 3.0),
-    "at_rest_offset": (0.0015, 0.0005, -0.01, 0.01),
+    "rest_share": (0.8, 0.1, -1.0, 3.0),
+    "rest_offset": (0.0015, 0.0005, -0.01, 0.01),
     "bank": (0.0, 0.015, -0.3, 0.3),
 }
-"""Start and mean of the belief, its standard deviation, and limits, in the parameters' SI units."""
+"""Rough, from trials on the training trajectories."""
 
 BUMPS, WIDTH = 40, 35.0
-"""Radial functions of the bank's map, and their standard deviation, m."""
+"""Bumps of the bank's map, and their standard deviation, m."""
 
 
-def reading_of_both(name: str, unit: str, about: str) -> Parameter:
-    return Parameter(name, unit, 0.0, about=about)
+def truck(*effects: Effect, believed: Belief = BICYCLE) -> MotionModel:
+    """The lateral model of the truck with effects; what is believed of is free, all else is held."""
+    model = replace(lateral(), outputs=("v_y", "yaw_rate"))
+    for own in effects:
+        model = model + own
+    beliefs = {**OF_EFFECTS, **believed}
+    model = model.with_parameters(*(_stated(parameter, beliefs) for parameter in model.parameters))
+    if "velocity_lever_arm" not in model:
+        return model
+    reach = Combination("l_r + x_s", "m", lambda p: p.l_r + p.velocity_lever_arm, "rear axle to the sensor of v_y")
+    return replace(model, combinations=(*model.combinations, reach))
+
+
+def _stated(parameter: Parameter, beliefs: Belief) -> Parameter:
+    if parameter.name not in beliefs:
+        return replace(parameter, value=HELD.get(parameter.name, parameter.value), fixed=True)
+    mean, sd, low, high = beliefs[parameter.name]
+    value = np.full(parameter.shape, mean)
+    return replace(parameter, value=value, bounds=(low, high), prior=Prior(sd, mean=value), fixed=False)
+
+
+def _reading(model: MotionModel, *inputs: str) -> MotionModel:
+    """The model with further inputs."""
+    return replace(model, inputs=tuple(dict.fromkeys((*model.inputs, *inputs))))
 
 
 v_y_bias = reading(
-    "truck", "v_y_bias", "m/s", 0.0, (-1.0, 1.0), "added to the lateral velocity",
+    GROUP, "v_y_bias", "m/s", 0.0, (-1.0, 1.0), "added to the lateral velocity",
     typical=0.02, v_y=lambda read, q: read.v_y + q.p.v_y_bias,
 )  # fmt: skip
 
 v_y_lead = reading(
-    "truck", "v_y_lead", "s", 0.0, (-1.0, 1.0), "how early v_y is read beside yaw rate and steering, to first order",
+    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "how early v_y is read beside yaw rate and steering, to first order",
     typical=0.05, needs=("velocity_lever_arm",),
     v_y=lambda read, q: read.v_y + q.p.v_y_lead * (q.rates.v_y + q.p.velocity_lever_arm * q.rates.yaw_rate),
 )  # fmt: skip
 
 
-def _with_inputs(model: MotionModel, *inputs: str) -> MotionModel:
-    new = tuple(name for name in inputs if name not in model.inputs)
-    return replace(model, inputs=(*model.inputs, *new))
+def _beyond_steady(x: Namespace, u: Namespace, p: Namespace) -> Symbol:
+    """A share of the lateral velocity that steady cornering at this yaw rate does not explain, m/s."""
+    C_alpha_r = p.B_r * p.C_r * p.D_r * p.m * G * p.l_f / (p.l_f + p.l_r)
+    steady = x.yaw_rate * (p.l_r - p.l_f * p.m * u.v_x**2 / ((p.l_f + p.l_r) * C_alpha_r))
+    return p.lasting_v_y * (x.v_y - steady)
 
 
-def _stiffness_transfer(model: MotionModel) -> MotionModel:
-    return _with_inputs(model, "v_x_rate").altered(
-        stiffness_f=lambda s, q: s * (1 - q.p.stiffness_transfer * q.u.v_x_rate),
-        stiffness_r=lambda s, q: s * (1 + q.p.stiffness_transfer * q.u.v_x_rate),
+def _lasting(model: MotionModel) -> MotionModel:
+    state = State("lasting_v_y_state", "m/s", 0.1, start=_beyond_steady)
+    with_it = model.with_states(lambda q: {"lasting_v_y_state": 0.0}, state)
+    return with_it.sensed(lambda read, q: {"v_y": read.v_y + q.x.lasting_v_y_state})
+
+
+lasting_v_y = effect(
+    GROUP, "lasting_v_y", "1", 0.0, (-3.0, 3.0),
+    "what is read of v_y at the start beyond steady cornering: so much of it, per v_y there is, stays in the readings",
+    touches=("v_y",), needs=("yaw_rate", "B_r"), apply=_lasting, typical=0.2,
+)  # fmt: skip
+
+
+def _transferring(model: MotionModel) -> MotionModel:
+    return _reading(model, "v_x_rate").altered(
+        stiffness_f=lambda stiffness, q: stiffness * (1 - q.p.stiffness_transfer * q.u.v_x_rate),
+        stiffness_r=lambda stiffness, q: stiffness * (1 + q.p.stiffness_transfer * q.u.v_x_rate),
     )
 
 
 stiffness_transfer = effect(
-    "truck", "stiffness_transfer", "s^2/m", 0.0, (-1.0, 1.0), "cornering stiffness that moves to the rear with dv_x/dt",
-    touches=("stiffness_f", "stiffness_r"), apply=_stiffness_transfer, typical=0.05,
+    GROUP, "stiffness_transfer", "s^2/m", 0.0, (-1.0, 1.0), "share of stiffness that dv_x/dt moves to the rear",
+    touches=("stiffness_f", "stiffness_r"), apply=_transferring, typical=0.05,
 )  # fmt: skip
 
 
-def _beyond_steady(x: Namespace, u: Namespace, p: Namespace) -> Symbol:
-    """Share of the lateral velocity at the start that steady cornering does not explain."""
-    L = p.l_f + p.l_r
-    C_r = p.B_r * p.C_r * p.D_r * p.m * G * p.l_f / L
-    return p.lasting_v_y * (x.v_y - x.yaw_rate * (p.l_r - p.l_f * p.m * u.v_x**2 / (L * C_r)))
-
-
-def _lasting_v_y(model: MotionModel) -> MotionModel:
-    lasting = State("lasting_v_y_state", "m/s", 0.1, start=_beyond_steady)
-    return model.with_states(lambda q: {"lasting_v_y_state": 0.0}, lasting).sensed(
-        lambda read, q: {"v_y": read.v_y + q.x.lasting_v_y_state}
-    )
-
-
-lasting_v_y = effect(
-    "truck", "lasting_v_y", "1", 0.0, (-3.0, 3.0),
-    "v_y read at the start beyond that of steady cornering: of so much of it the sensor is to blame, and it stays",
-    touches=("v_y",), needs=("B_r", "D_r"), apply=_lasting_v_y, typical=0.2,
-)  # fmt: skip
-
-
-def _roll_rate_of_change(a_y: Symbol, q: Quantities) -> Symbol:
+def _back(q: Quantities) -> Symbol:
+    """Second derivative of the lateral acceleration that roll has followed."""
     w = 2 * pi * q.p.roll_frequency
-    return w**2 * (a_y - q.x.roll_state) - 2 * q.p.roll_damping * w * q.x.roll_rate_state
-
-
-def _tyres_alone(q: Quantities) -> Symbol:
-    return (q.F_yf + q.F_yr) / q.p.m
+    return w**2 * ((q.F_yf + q.F_yr) / q.p.m - q.x.roll_state) - 2 * q.p.roll_damping * w * q.x.roll_rate_state
 
 
 def _rolling(model: MotionModel) -> MotionModel:
-    states = (
-        State("roll_state", "m/s^2", 1.0, start=lambda x, u, p: x.yaw_rate * u.v_x),
-        State("roll_rate_state", "m/s^3", 1.0),
-    )
-
-    def rates(q: Quantities) -> Mapping[str, Symbol]:
-        return {"roll_state": q.x.roll_rate_state, "roll_rate_state": _roll_rate_of_change(_tyres_alone(q), q)}
-
-    return model.with_states(rates, *states).altered(
+    followed = State("roll_state", "m/s^2", 1.0, start=lambda x, u, p: x.yaw_rate * u.v_x)
+    with_it = model.with_states(
+        lambda q: {"roll_state": q.x.roll_rate_state, "roll_rate_state": _back(q)},
+        followed, State("roll_rate_state", "m/s^3", 1.0),
+    )  # fmt: skip
+    return with_it.altered(
         alpha_f=lambda alpha, q: alpha + q.p.roll_steer * q.x.roll_state,
-        a_y=lambda a_y, q: a_y + q.p.roll_arm * _roll_rate_of_change(_tyres_alone(q), q),
+        a_y=lambda a_y, q: a_y + q.p.roll_arm * _back(q),
     )
 
 
 roll = effect(
-    "truck", "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per roll, roll as the a_y that it has followed",
-    touches=("alpha_f",), apply=_rolling, typical=0.01,
+    GROUP, "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per roll, taken as the a_y it has followed",
+    touches=("alpha_f",), needs=("F_yf", "F_yr"), apply=_rolling, typical=0.01,
     others=(
-        Parameter("roll_arm", "s^2", 0.0, (-0.1, 0.1), about="lateral acceleration that the second derivative of roll adds"),
+        Parameter("roll_arm", "s^2", 0.0, (-0.1, 0.1), about="lateral acceleration per second derivative of roll"),
         Parameter("roll_frequency", "Hz", 0.6, (0.1, 5.0), about="natural frequency of roll"),
         Parameter("roll_damping", "1", 0.5, (0.02, 2.0), about="damping ratio of roll"),
     ),
 )  # fmt: skip
 
 
-def _second_angle(model: MotionModel) -> MotionModel:
-    with_it = _with_inputs(model, "alpha2", "dead_zone", "alpha2_at_rest")
+def _blended(model: MotionModel) -> MotionModel:
+    def steer(alpha1: Symbol, q: Quantities) -> Symbol:
+        filled = alpha1 + q.p.rest_share * q.u.alpha2_at_rest + q.p.rest_offset * q.u.at_rest
+        return (1 - q.p.alpha2_share) * filled + q.p.alpha2_share * q.u.alpha2
 
-    def blended(steer: Symbol, q: Quantities) -> Symbol:
-        first = steer + q.p.at_rest_share * q.u.alpha2_at_rest + q.p.at_rest_offset * q.u.dead_zone
-        return (1 - q.p.alpha2_share) * first + q.p.alpha2_share * q.u.alpha2
-
-    return with_it.actuated(lag("alpha2", "alpha2_lag_state", lambda p: p.alpha2_lag)).altered(steer=blended)
+    with_it = _reading(model, "alpha2", "alpha2_at_rest", "at_rest")
+    return with_it.actuated(lag("alpha2", "alpha2_lag_state", lambda p: p.alpha2_lag)).altered(steer=steer)
 
 
 second_angle = effect(
-    "truck", "alpha2_share", "1", 0.0, (-1.0, 2.0), "how much of the road-wheel angle alpha2 tells",
-    touches=("steer",), apply=_second_angle, typical=0.3,
+    GROUP, "alpha2_share", "1", 0.0, (-1.0, 2.0), "share of the road-wheel angle that alpha2 tells",
+    touches=("steer",), apply=_blended, typical=0.3,
     others=(
         Parameter("alpha2_lag", "s", 0.0, (0.0, 0.5), about="time constant between alpha2 and the road wheels"),
-        Parameter("at_rest_share", "1", 0.0, (-1.0, 3.0), about="of alpha2, what stands for alpha1 in its dead zone"),
-        Parameter("at_rest_offset", "rad", 0.0, (-0.01, 0.01), about="road-wheel angle in alpha1's dead zone besides"),
+        Parameter("rest_share", "1", 0.0, (-1.0, 3.0), about="of alpha2, what stands for alpha1 while that rests"),
+        Parameter("rest_offset", "rad", 0.0, (-0.01, 0.01), about="alpha1 while it rests, besides"),
     ),
 )  # fmt: skip
 
 
 def bank_map(centres: Array) -> Effect:
-    """Bank of the road as a map over position: a sum of bumps, right side up for who drives along the straights' direction."""
+    """Bank of the road over position, a sum of bumps about (bumps, 2) centres; left side up, driving with the straights."""
+
+    def banked(gravity_y: Symbol, q: Quantities) -> Symbol:
+        bumps = (
+            height * cs.exp(-((q.u.x - x) ** 2 + (q.u.y - y) ** 2) / (2 * WIDTH**2))
+            for height, (x, y) in zip(q.p.bank, centres.tolist(), strict=True)
+        )
+        return gravity_y + G * q.u.along_road * sum(bumps)
 
     def apply(model: MotionModel) -> MotionModel:
-        def tilted(gravity_y: Symbol, q: Quantities) -> Symbol:
-            bumps = (
-                weight * cs.exp(-((q.u.x - x) ** 2 + (q.u.y - y) ** 2) / (2 * WIDTH**2))
-                for weight, (x, y) in zip(q.p.bank, centres.tolist(), strict=True)
-            )
-            return gravity_y + G * q.u.along_road * sum(bumps)
+        return _reading(model, "x", "y", "along_road").altered(gravity_y=banked)
 
-        return _with_inputs(model, "x", "y", "along_road").altered(gravity_y=tilted)
-
-    values = np.zeros(len(centres))
-    return Effect("bank", Parameter("bank", "rad", values, about="bank of the road"), ("gravity_y",), apply, group="truck")
+    heights = Parameter("bank", "rad", np.zeros(len(centres)), about="heights of the bumps of the road's bank")
+    return Effect("bank", heights, ("gravity_y",), apply, typical=0.01, group=GROUP)
 
 
-def bumps_over(recording: Recording) -> Array:
-    """(BUMPS, 2) places of the recording, m, each the farthest from all before it."""
+def spread_over(recording: Recording) -> Array:
+    """(BUMPS, 2) places on the recorded road, m, each the farthest from those before it."""
     places = np.column_stack([recording["x"], recording["y"]])
-    chosen = [places[np.argmin(np.sum(places**2, axis=1))]]
-    away = np.full(len(places), np.inf)
+    chosen, away = places[:1], np.full(len(places), np.inf)
     while len(chosen) < BUMPS:
         away = np.minimum(away, np.sum((places - chosen[-1]) ** 2, axis=1))
-        chosen.append(places[np.argmax(away)])
-    return np.array(chosen)
+        chosen = np.vstack([chosen, places[np.argmax(away)]])
+    return chosen
 
 
-BICYCLE = ("l_f", "l_r", "I_z", "B_f", "D_f", "B_r", "D_r")
-SENSORS = (EFFECTS["velocity_lever_arm"],)
-FIRST = (
-    EFFECTS["velocity_lever_arm"], v_y_lead, EFFECTS["yaw_rate_bias"], v_y_bias, EFFECTS["steering_lag"], stiffness_transfer, lasting_v_y, roll,
+LEVER_ARM = EFFECTS["velocity_lever_arm"]
+ONE_ANGLE = (
+    LEVER_ARM, EFFECTS["yaw_rate_bias"], v_y_bias, v_y_lead, lasting_v_y,
+    EFFECTS["tyre_relaxation"], stiffness_transfer, roll,
 )  # fmt: skip
-
-
-def truck(*effects: Effect, shape: Mapping[str, float] | None = None) -> MotionModel:
-    """The lateral model of the truck with effects, free with what is believed of them; all else is held."""
-    model = replace(lateral(), outputs=("v_y", "yaw_rate"))
-    for each in effects:
-        model = model + each
-    held = {"m": MASS, "C_f": 1.0, "C_r": 1.0, "E_f": 0.0, "E_r": 0.0, **(shape or {})}
-    free = {parameter.name for one in effects for parameter in (one.parameter, *one.others)} | set(BICYCLE)
-    changed = [_held(model[name], value) for name, value in held.items()]
-    changed += [_believed(parameter) for parameter in model.parameters if parameter.name in free]
-    combinations = model.combinations
-    if "velocity_lever_arm" in model:
-        reach = Combination("l_r + x_s", "m", lambda p: p.l_r + p.velocity_lever_arm, "rear axle to the sensor of v_y")
-        combinations = (*combinations, reach)
-    rest = [replace(p, fixed=True) for p in model.parameters if p.name not in free | held.keys()]
-    return replace(model.with_parameters(*changed, *rest), combinations=combinations)
-
-
-def _held(parameter: Parameter, value: float) -> Parameter:
-    return replace(parameter, value=value, fixed=True, prior=None)
-
-
-def _believed(parameter: Parameter) -> Parameter:
-    mean, sd, low, high = BELIEVED[parameter.name]
-    value = np.full(parameter.shape, mean)
-    return replace(parameter, value=value, bounds=(low, high), prior=Prior(sd, mean=value), fixed=False)
+BOTH_ANGLES = (*ONE_ANGLE, EFFECTS["steering_offset"], second_angle)

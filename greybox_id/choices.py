@@ -206,9 +206,9 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
     low, high = parameter.bounds
     if not low <= value <= high:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        limits = f"{low:g} to {high:g}{unit}"
         raise BadInput(
-            f"{option} {parameter.name}: {value:g}{unit} is outside what models take for it, {low:g} to {high:g}{unit}. "
-            "Check it and its unit."
+            f"{option} {parameter.name}: {value:g}{unit} is outside what models take for it, {limits}. Check its unit."
         )
     return parameter.with_value(value)
 

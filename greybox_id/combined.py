@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from .model import Combination, Model
 from .parameter import Array
@@ -33,7 +33,7 @@ def reach(dof: Array | float) -> Array:
     """How many standard deviations a 95 % interval reaches to either side: Student's t."""
     dof = np.asarray(dof, dtype=float)
     finite = np.isfinite(dof)
-    return np.where(finite, stats.t.ppf(CONFIDENCE, np.where(finite, np.maximum(dof, 1.0), 1.0)), Z)
+    return np.where(finite, special.stdtrit(np.where(finite, np.maximum(dof, 1.0), 1.0), CONFIDENCE), Z)
 
 
 def combined(combination: Combination, model: Model, covariance: Array, dof: Mapping[str, Array]) -> Combined:

@@ -79,7 +79,8 @@ class Fit:
             sd = np.full(parameter.shape, np.nan)
         half = reach(self.dof.get(name, np.inf)) * sd
         low, high = parameter.bounds
-        return np.maximum(parameter.array - half, low), np.minimum(parameter.array + half, high)
+        with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
+            return np.maximum(parameter.array - half, low), np.minimum(parameter.array + half, high)
 
     def combined(self) -> list[Combined]:
         """The model's combinations of parameters, with what is known of them together."""
@@ -126,7 +127,7 @@ class Fit:
                     "value": p.array.tolist(),
                     "sd": np.asarray(self.sd.get(p.name, np.zeros(p.shape))).tolist(),
                     **({"dof": np.asarray(self.dof[p.name]).tolist()} if p.name in self.dof else {}),
-                    "interval": [end.tolist() for end in self.interval(p.name)],
+                    "interval": None if p.fixed else [end.tolist() for end in self.interval(p.name)],
                     "fixed": p.fixed,
                     "scope": p.scope,
                     "bounds": list(p.bounds),

@@ -32,7 +32,7 @@ from .provenance import DataRecord, Stage, data_record
 from .recording import Recording, join
 from .solvers.gauss_newton import Solution, Status
 from .stages import fit_alone, fit_together
-from .uncertainty import covariance, uncertainty
+from .uncertainty import uncertainty
 
 __all__ = ["How", "Say", "Solver", "fit"]
 
@@ -144,17 +144,14 @@ def _fit_motion(
     fitted = model.with_values(problem.shared(solution.x))
     say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
     told = uncertainty(problem, solution.x, solution.nodes)
+    first = problem.parameters.index[0]
     mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
     for index in problem.parameters.index:
         mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
-    with np.errstate(invalid="ignore"):
-        spread = np.where(
-            mean.any(axis=1), np.sqrt(np.maximum(np.diag(told.covariance)[problem.parameters.index[0]], 0.0)), 0.0
-        )
     covariance = mean @ np.where(np.isfinite(told.covariance), told.covariance, 0.0) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
-    sd = np.where(shared, spread, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    dof = told.dof[problem.parameters.index[0]]
+    sd = np.where(shared, told.sd[first], np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    dof = told.dof[first]
     per_run = problem.per_run(solution.x)
     return Fit(
         model=fitted,
@@ -199,7 +196,7 @@ def _records(recordings: Sequence[Recording], validate: Recording | None) -> tup
 
 
 def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:
-    variances = np.diag(covariance(problem, solution.x, solution.nodes))
+    variances = uncertainty(problem, solution.x, solution.nodes).sd ** 2
     found, start = {}, 0
     for parameter in problem.trace.model.parameters:
         own = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)

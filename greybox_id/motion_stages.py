@@ -29,7 +29,8 @@ SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""
 GUESSED_NOISE = 0.1
 """Noise assumed first, as a share of a signal's spread."""
-TOLERANCE = 1e-8
+TOLERANCE, ROUGH = 1e-12, 1e-4
+"""Convergence of the last solve, and of those that only settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, NOISE_ROUNDS = 0.1, 3
 """The noise has settled when the residuals' spread moves it by less than this share; rounds at most."""
@@ -124,23 +125,31 @@ def _attempt(
             return _Attempt(short, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
         p, noise = short.shared(solution.x), _residual_noise(short, solution)
-    x: Array | None = None
-    for _ in range(NOISE_ROUNDS):
-        problem = _problem(simulator, recordings, noise, how)
+    problem = _problem(simulator, recordings, noise, how)
+    x = problem.unknowns(p)
 
-        def report(step: int, objective: float, _: Array) -> bool:
-            say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
-            return True
+    def report(step: int, objective: float, _: Array) -> bool:
+        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
+        return True
 
-        start = problem.unknowns(p) if x is None else x
-        solution = gauss_newton(problem, start, max_steps=MOST_STEPS, tolerance=TOLERANCE, negligible=0.0, search="damp", on_step=report)
+    for _ in range(0 if how.noise.keys() >= {*simulator.trace.model.outputs} else NOISE_ROUNDS):
+        solution = gauss_newton(
+            problem, x, max_steps=MOST_STEPS, tolerance=ROUGH, negligible=0.0, search="damp", on_step=report
+        )
         if solution.status is Status.NOT_FINITE:
             return None
-        settled = _residual_noise(problem, solution)
-        moved = np.max(np.abs(np.log(settled / noise)), initial=0.0)
-        if solution.status is Status.INTERRUPTED or moved < SAME_NOISE or how.noise:
+        if solution.status is Status.INTERRUPTED:
+            return _Attempt(problem, solution)
+        x, settled = solution.x, _residual_noise(problem, solution)
+        moved = float(np.max(np.abs(np.log(settled / problem.noise)), initial=0.0))
+        problem = _problem(simulator, recordings, settled, how)
+        if moved < SAME_NOISE:
             break
-        x, noise = solution.x, settled
+    solution = gauss_newton(
+        problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, negligible=0.0, search="damp", on_step=report
+    )
+    if solution.status is Status.NOT_FINITE:
+        return None
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
     return _Attempt(problem, solution)
 

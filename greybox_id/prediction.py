@@ -44,9 +44,7 @@ def simulate(model: Model, recording: Recording, start: Mapping[str, float] | No
     return predictions(model, recording, "closed_loop")
 
 
-def predict(
-    model: Model, recording: Recording, horizon: float | None = None, *, open_loop: bool = False
-) -> Prediction:
+def predict(model: Model, recording: Recording, horizon: float | None = None, *, open_loop: bool = False) -> Prediction:
     """Predictions of a recording's rows.
 
     Parameters

@@ -26,6 +26,8 @@ from .blocks import Blocks, Mask, blocks
 from .engine.least_squares import LeastSquares, Matched
 from .parameter import Array
 
+MANY = 200
+"""More unknowns than this are a network's weights."""
 PULL = 0.99
 """Of a direction that one block tells up to this share, its own scatter about the fit says nothing any more."""
 RIDGE = 1e-12
@@ -150,6 +152,8 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
         return result
     unit, C = _factor(H[among])
     U = la.solve_triangular(C, np.diag(unit), lower=True)
+    if size > MANY:
+        return _uncorrected(blocks, H, free, U)
     middle = np.zeros((size, size))
     own, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
     for g, (of_block, score) in enumerate(zip(blocks.H, blocks.scores, strict=True)):
@@ -174,6 +178,21 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     of_data = by_data[told] / (by_data + by_prior)[told]
     result.covariance[among], result.independent[among] = U.T @ (middle + believed) @ U, U.T @ U
     result.dof[np.flatnonzero(free)[told]] = np.maximum(trace[told] ** 2 / squares[told], 1.0) / of_data**2
+    return result
+
+
+def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
+    """The same without the correction of single blocks (CR1): blocks tell too little of a network's hundreds of weights.
+
+    As many degrees of freedom as blocks less one; the eigenvalues of every block would cost seconds.
+    """
+    among, count = np.ix_(free, free), len(blocks.H)
+    scores = (blocks.scores @ np.eye(len(H))[:, free]) @ U.T
+    middle = scores.T @ scores * count / max(count - 1, 1) / (1.0 - blocks.missed)
+    middle += U @ blocks.prior[among] @ U.T
+    result = _Sandwich(np.zeros_like(H), np.zeros_like(H), np.full(len(H), np.inf))
+    result.covariance[among], result.independent[among] = U.T @ middle @ U, U.T @ U
+    result.dof[free] = max(count - 1, 1)
     return result
 
 

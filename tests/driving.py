@@ -43,9 +43,21 @@ def driven(model, commands, start, hold="zero", longest=np.inf):
     still = np.zeros((len(events), 2 * len(shift)))
     segments = np.column_stack([lengths, values, slopes, still, np.broadcast_to(shift, (len(events), len(shift)))])
 
-    unsensed = MotionTrace(replace(model, sensors=(), latencies=()))
-    z = np.asarray(unsensed.start(tuple(start))(list(start.values()), values[0], p)).ravel()
+    z = np.asarray(trace.start(tuple(start), tuple(start))(list(start.values()), values[0], p)).ravel()
     kernel = Kernel(trace.step, trace.output, compiled=False)
     _, read = kernel.simulate(z[None], segments[None], p, np.ones(len(events), dtype=bool))
     found = {name: np.searchsorted(events, when[name] + 1e-9, side="right") - 1 for name in model.outputs}
     return {name: read[0, found[name], k] for k, name in enumerate(model.outputs)}
+
+
+def read(model, names, states, inputs, **parameters):
+    """Readings and quantities of a model by name, just after inputs have been applied; other states are zero."""
+    model = replace(model, outputs=tuple(names), latencies=())
+    model = model.with_parameters(*(model[name].with_value(value) for name, value in parameters.items()))
+    trace = MotionTrace(model)
+    z = [states.get(state.name, 0.0) for state in model.states]
+    z += [inputs[actuator.signal] for actuator in model.actuators] + [0.0 for _ in model.relaxations]
+    segment = np.concatenate([[0.01], [inputs[name] for name in model.inputs], np.zeros(len(model.inputs))])
+    shifts = np.asarray(trace.timing(model.values)).ravel()
+    segment = np.concatenate([segment, np.zeros(2 * len(shifts)), shifts])
+    return dict(zip(names, np.asarray(trace.output(z, segment, model.values)).ravel(), strict=True))

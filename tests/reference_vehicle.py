@@ -297,7 +297,7 @@ def _run(parameters, commands, effects, hold, start, fine, tyre, seed, given):
     v_dot = np.zeros(len(events))
     if given:
         slopes = np.diff(commands["v_x"]) / np.diff(time)
-        v_dot = slopes[np.clip(np.searchsorted(time, events, side="right") - 1, 0, len(slopes) - 1)]
+        v_dot = slopes[np.clip(np.searchsorted(time, events + 1e-9, side="right") - 1, 0, len(slopes) - 1)]
     states, saw = np.zeros((len(events), len(STATES))), np.zeros((len(events), len(SEEN)))
     states[0, :3] = start
     integrate(car, TYRES[tyre], events, steer, force, given, v_dot, float(fine), states, saw)

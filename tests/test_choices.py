@@ -1,6 +1,7 @@
 """What is said of a model's parameters on the command line."""
 
 import pytest
+from driven import driven
 
 from greybox_id.choices import Choices, magnitudes, noise_of, with_choices
 from greybox_id.datasets.vehicle_file import vehicle
@@ -130,8 +131,6 @@ def test_a_model_is_the_vehicles_own_where_none_is_named():
 
 
 def test_a_vehicle_ten_times_too_large_is_doubted():
-    from driven import driven
-
     small = driven("lateral")
     small = small.with_signals(yaw_rate=8 * small["yaw_rate"])
     (first, second) = doubts(build("lateral"), None, [small])

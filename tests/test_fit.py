@@ -173,7 +173,7 @@ def test_a_changed_digit_in_an_estimate_is_noticed(text, tmp_path, digit):
         ("{}", "not a fit"), ("[1, 2]", "not a fit"), ("null", "not a fit"), ('"fit"', "not a fit"), ("3", "not a fit"),
         ('{"format": "greybox-fit"}', "format version"), ('{"not_finite": "nan"}', "not a fit"),
         ('{"format": "greybox-fit", "format_version": 99, "version": "9.9"}', r"format version 99.*9\.9"),
-        ('{"format": "greybox-fit", "format_version": 1}', "damaged"),
+        ('{"format": "greybox-fit", "format_version": 2}', "damaged"),
     ],
 )  # fmt: skip
 def test_what_is_no_fit_is_refused_in_a_sentence(tmp_path, content, says):

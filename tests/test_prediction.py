@@ -8,8 +8,10 @@ from toys import tiny
 from greybox_id.baseline import score_beside_hold
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
+from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.prediction import as_table, assumed, predict, simulate
+from greybox_id.recording import Recording, join
 
 CAR = vehicle("full_size_car")
 
@@ -29,7 +31,7 @@ def test_inputs_alone_are_simulated_from_states_that_are_given(car):
 
 
 def test_what_is_given_counts_instead_of_readings_and_is_no_reading(car):
-    biased = car + _effect("yaw_rate_bias", 0.05)
+    biased = car + EFFECTS["yaw_rate_bias"].at(0.05)
     recording = driven("single_track", runs=1, noise=0.0)
     found = simulate(biased, recording, {"yaw_rate": 0.0})
     yaw_rate = biased.outputs.index("yaw_rate")
@@ -65,15 +67,13 @@ def test_a_free_run_is_what_a_prediction_without_horizon_is(car):
     assert np.array_equal(predict(car, recording).predicted, simulate(car, recording).predicted)
 
 
-@pytest.mark.parametrize(("horizon", "says"), [(9.0, "longer than the longest unbroken run"), (0.01, "shorter than a sample")])
+@pytest.mark.parametrize(("horizon", "says"), [(9.0, "longer than the longest"), (0.01, "shorter than a sample")])
 def test_a_horizon_that_does_not_suit_the_recording_is_a_sentence(car, horizon, says):
     with pytest.raises(BadInput, match=says):
         predict(car, driven("single_track"), horizon)
 
 
 def test_a_horizon_longer_than_some_runs_predicts_the_others(car):
-    from greybox_id.recording import join
-
     recording = join([driven("single_track", runs=1, seconds=s, noise=0.0) for s in (1.0, 4.0)], "both")
     found = predict(car, recording, 2.0)
     assert set(found.run) == {1}
@@ -102,21 +102,13 @@ def test_errors_of_the_true_model_are_the_noise_and_holding_is_worse():
 def test_holding_holds_the_reading_of_that_row():
     recording = driven("lateral", runs=1, noise=0.0)
     _, held = score_beside_hold(build("lateral", vehicle=CAR), recording, [0.4])
-    yaw_rate = recording["yaw_rate"]
-    assert held["0.4 s ahead"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((yaw_rate[10:] - yaw_rate[:-10]) ** 2)))
-    assert held["free run"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((yaw_rate - yaw_rate[0]) ** 2)))
-
-
-def _effect(name, value):
-    from greybox_id.models.effects import EFFECTS
-
-    return EFFECTS[name].at(value)
+    r = recording["yaw_rate"]
+    assert held["0.4 s ahead"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r[10:] - r[:-10]) ** 2)))
+    assert held["free run"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r - r[0]) ** 2)))
 
 
 def _refined(recording, parts):
     """The same commands, held, in rows so many times as dense."""
     time = np.arange((len(recording) - 1) * parts + 1) * recording.sample_time / parts
     held = {name: np.repeat(values, parts)[: len(time)] for name, values in recording.signals.items()}
-    from greybox_id.recording import Recording
-
     return Recording("fine", time, held)

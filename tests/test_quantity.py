@@ -58,7 +58,9 @@ def test_a_number_alone_is_a_belief_without_a_standard_deviation():
     assert belief("2e+3", "1", "--with x") == Belief(2000.0, None)
 
 
-@pytest.mark.parametrize(("text", "says"), [("1±0", "above zero"), ("1±2±3", "MEAN±SD"), ("1±", "no number"), ("inf±1", "mean")])
+@pytest.mark.parametrize(
+    ("text", "says"), [("1±0", "above zero"), ("1±2±3", "MEAN±SD"), ("1±", "no number"), ("inf±1", "mean")]
+)
 def test_a_belief_that_cannot_be_is_a_sentence(text, says):
     with pytest.raises(BadInput, match=says):
         belief(text, "1", "--prior x")

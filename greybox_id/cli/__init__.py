@@ -46,9 +46,10 @@ def greybox() -> None:
     """Identify vehicle models from recordings, with honest uncertainty.
 
     \b
-    greybox data check data.csv
-    greybox fit --model msnn_full data.csv --validate other.csv --out run
-    greybox report run/fit.json
+    greybox data check lap.csv
+    greybox fit --model single_track --vehicle car.toml lap.csv --validate other_lap.csv --out run
+    greybox validate run/fit.json third_lap.csv
+    greybox models single_track
     """
 
 

@@ -38,15 +38,22 @@ from .output import console, print_json, progress
 )
 @click.option("--out", default=None, metavar="DIR", help="Folder for fit.json; default: the model's name.")
 @click.option(
-    "--horizon", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+    "--horizon",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
     help="Predict so far from one start; default: whole runs.",
 )
 @click.option(
-    "--start-from", type=click.Choice(["free", "measured"]), default="free", show_default=True,
+    "--start-from",
+    type=click.Choice(["free", "measured"]),
+    default="free",
+    show_default=True,
     help="Whether starts of predictions may deviate from their readings.",
 )
 @click.option(
-    "--robust", type=click.FloatRange(min=0, min_open=True), metavar="K",
+    "--robust",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="K",
     help="Residuals beyond K standard deviations count linearly.",
 )
 @click.option("--noise", multiple=True, metavar="NAME=SD", help="Standard deviation of an output's readings.")

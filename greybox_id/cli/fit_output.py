@@ -18,8 +18,8 @@ from ..models.effects import EFFECTS
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..provenance import DataRecord, Stage
-from ..reports.numbers import counted, interval, number, pretty_unit, quantity, with_sd
-from .output import console, errors_table, unit
+from ..reports.numbers import counted, interval, number, pretty_unit, with_sd
+from .output import console, errors_table, plain, unit
 
 SAME = 0.01
 """Starts whose objectives differ by less than this share of the best ended alike."""
@@ -159,7 +159,7 @@ def _show_parameters(out: Console, result: Fit) -> None:
     lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     lines.add_column(min_width=8)
     held = [p for p in parameters if p.fixed]
-    known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
+    known = [f"{p.name} = {plain(float(p.array))} {_unit_word(p)}".strip() for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
     if known:
         lines.add_row("held", ", ".join(known))
@@ -191,7 +191,10 @@ def _show_parameters(out: Console, result: Fit) -> None:
 def open_sentences(result: Fit) -> list[str]:
     """Parameters that the recording tells only together, in sentences."""
     found = left_open(result)
-    return [] if found is None else [each.about() for group in (found.pairs, found.directions) for each in group]
+    if found is None:
+        return []
+    directions = [each for each in found.directions if len(each.names) > 1]  # single ones have a note of their own
+    return [*(each.about() for each in found.pairs), *(each.about() for each in directions)]
 
 
 def _parameters(result: Fit, parameters: Sequence[Parameter]) -> Table:
@@ -223,6 +226,10 @@ def estimate(value: float, sd: float) -> str:
     shown = with_sd(value, sd)
     power = shown[shown.index(")") + 1 :] if shown.startswith("(") else ""
     return shown.partition(" ± ")[0].removeprefix("(") + power
+
+
+def _unit_word(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else pretty_unit(parameter.unit)
 
 
 def _prior(parameter: Parameter, prior: Prior) -> str:

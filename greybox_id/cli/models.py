@@ -19,7 +19,7 @@ from ..parameter import Parameter
 from ..quantity import near_or_all
 from ..reports.numbers import pretty_unit
 from .options import json_option, settings_of
-from .output import console, print_json, unit
+from .output import console, plain, print_json, unit
 
 
 @click.command(name="models")
@@ -185,11 +185,6 @@ def _prior(parameter: Parameter) -> str:
     if parameter.prior is None:
         return ""
     return f"± {plain(float(parameter.prior.sd))}" if parameter.shape == () else "yes"  # type: ignore[arg-type]
-
-
-def plain(value: float) -> str:
-    """A stated number, as it was stated."""
-    return f"{value:.6g}".replace("inf", "∞").replace("-", "−")
 
 
 def _table(*titles: str) -> Table:

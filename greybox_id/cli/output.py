@@ -71,6 +71,11 @@ def unit(name: str) -> str:
     return SIGNALS[name].unit if name in SIGNALS else "1"
 
 
+def plain(value: float) -> str:
+    """A stated number, as it was stated."""
+    return f"{value:.6g}".replace("inf", "∞").replace("-", "−")
+
+
 PROTOCOL_WORDS = {
     "honest": "one sample ahead, pooled, no window across a join",
     "published": "as published: batches of 100, windows across joins",

@@ -37,7 +37,9 @@ SUFFIXES = (".csv", ".parquet")
 @click.argument("file", metavar="RECORDING", type=click.Path())
 @columns_option
 @click.option(
-    "--horizon", type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+    "--horizon",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
     help="Equations of motion: every row from the readings so much earlier; default: a free run of every run.",
 )
 @click.option("--open-loop", is_flag=True, help="Models with memory: measured inputs throughout, one sample ahead.")
@@ -71,13 +73,20 @@ def predict(
 @simulated_model_options
 @columns_option
 @click.option(
-    "--start-state", multiple=True, metavar="NAME=VALUE",
+    "--start-state",
+    multiple=True,
+    metavar="NAME=VALUE",
     help="A state at the start of every run; others start from the first row's readings.",
 )
 @click.option("--out", default="simulation.csv", show_default=True, metavar="FILE", help="A .csv or .parquet file.")
 @json_option
 def simulate(
-    paths: Sequence[str], columns: str, start_state: Sequence[str], out: str, as_json: bool, fix: Sequence[str],
+    paths: Sequence[str],
+    columns: str,
+    start_state: Sequence[str],
+    out: str,
+    as_json: bool,
+    fix: Sequence[str],
     **asked: Any,
 ) -> None:
     """Simulate every run of RECORDING freely on its inputs, with FIT or with a model made from options.

@@ -50,15 +50,24 @@ class _Told:
 @click.option("--parameter", "names", multiple=True, metavar="NAME", help="A free parameter; repeatable.")
 @click.option("--all", "everything", is_flag=True, help="Every free parameter.")
 @click.option(
-    "--confidence", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95, show_default=True,
+    "--confidence",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.95,
+    show_default=True,
     help="Of the intervals.",
 )
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
 @click.option("--out", metavar="FILE", help="Write the curves there: a .csv or .parquet file.")
 @json_option
 def profile(
-    fit_file: str, files: Sequence[str], names: Sequence[str], everything: bool, confidence: float,
-    columns: str | None, out: str | None, as_json: bool,
+    fit_file: str,
+    files: Sequence[str],
+    names: Sequence[str],
+    everything: bool,
+    confidence: float,
+    columns: str | None,
+    out: str | None,
+    as_json: bool,
 ) -> None:
     """Profile parameters of FIT: the interval in which the fit stays good, all other parameters re-optimised.
 
@@ -72,7 +81,7 @@ def profile(
     fit = load(fit_file, build)
     wanted = profiled(fit, names, everything)
     trained = replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
-    read = recordings_of(trained, Path(fit_file), files, columns=columns, option="RECORDING...")
+    read = recordings_of(trained, Path(fit_file), files, columns=columns, option="RECORDING")
     found: dict[str, _Told] = {}
     with progress() as say:
         problem, solution = restated(fit, matched(trained, read))

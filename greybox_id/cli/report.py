@@ -11,6 +11,7 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import Fit, load
 from ..models.registry import build
+from ..motion_model import MotionModel
 from ..provenance import DataRecord
 from ..recording import Recording
 from .options import json_option
@@ -47,6 +48,11 @@ def report(
 
     path = Path(fit_file)
     fit = load(path, build)
+    if isinstance(fit.model, MotionModel):
+        raise BadInput(
+            f"{path} is a fit of {fit.model.name}, equations of motion, of which no report is written yet; see greybox "
+            "validate and greybox profile."
+        )
     found = seen(fit, recordings_of(fit, path, train, validate, columns))
     heard = noise([one.recording for one in found])
     nominal = build(
@@ -77,7 +83,8 @@ def recordings_of(
     for role, files in moved.items():
         count = sum(record.role == role for record in fit.data)
         if files and len(files) != count:
-            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but {option.format(role=role)} names {len(files)}.")
+            named = option.format(role=role)
+            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but {named} names {len(files)}.")
     found = []
     for record in fit.data:
         files = moved.get(record.role, [])
@@ -97,6 +104,5 @@ def _where(record: DataRecord, fit_file: Path, option: str) -> Path:
         if place.is_file():
             return place
     raise BadInput(
-        f"{record.path}, which {fit_file} was fitted with, is no longer there. Name the file's new place with "
-        f"{option}."
+        f"{record.path}, which {fit_file} was fitted with, is no longer there. Name the file's new place with {option}."
     )

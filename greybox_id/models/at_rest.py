@@ -6,7 +6,7 @@ import casadi as cs
 
 from ..model import Symbol
 
-SLOWEST = 0.3
+SLOWEST = 0.5
 """Below this speed, m/s, slip angles are computed as if the vehicle rolled this fast."""
 ROLLING = 0.05
 """Speed, m/s, at which resistance to rolling has reached three quarters of its size."""

@@ -265,7 +265,8 @@ def _step(
     scale[scale <= 0] = 1.0
     H = equations.H + np.diag((damping + 1e-12) * scale)
     unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
-    low, high = problem.bounds[0] - x, problem.bounds[1] - x
+    still = np.where(np.isfinite(x), x, 0.0)  # an effect may stand at an infinite null, no limit at all
+    low, high = problem.bounds[0] - still, problem.bounds[1] - still
     if logarithmic:
         positive = _positive(problem)
         low[positive] = np.log(problem.bounds[0][positive] / x[positive])

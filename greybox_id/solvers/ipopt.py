@@ -87,11 +87,12 @@ def ipopt(
         }
     solver = cs.nlpsol("ipopt", "ipopt", program.nlp, options)
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
-    low, high = bounds_of(problem, limited, program.size)
+    scale = program.scale if isinstance(program, MotionProgram) else np.ones(program.size)
+    low, high = (bound / scale for bound in bounds_of(problem, limited, program.size))
     start = program.start(limited, warm)
     found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
-    unknowns = np.clip(np.asarray(found["x"].full()).ravel()[: len(x)], *problem.bounds)
+    unknowns = np.clip((np.asarray(found["x"].full()).ravel() * scale)[: len(x)], *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
     same: LeastSquares = problem
     matched = same.simulated_nodes(unknowns)

@@ -18,10 +18,15 @@ class MotionProgram:
 
     def __init__(self, problem: MotionProblem, x: Array) -> None:
         self.problem = problem
-        self._inner = np.flatnonzero(~problem.simulated_nodes(x).cut.first)
+        nodes = problem.simulated_nodes(x)
+        self._inner = np.flatnonzero(~nodes.cut.first)
         self.unknowns, self.states = problem.layout.size, problem.trace.size
         self.size = self.unknowns + len(self._inner) * self.states
         self.constraints = len(self._inner) * self.states
+        # Variables in units of what one residual's worth of error is: SI units span orders of magnitude.
+        curvature = np.diag(problem.normal_equations(x, nodes).H)
+        of_x = 1.0 / np.sqrt(np.where(curvature > 0, curvature, 1.0))
+        self.scale = np.concatenate([of_x, np.tile(np.max(np.abs(nodes.starts), axis=0) + 1e-3, len(self._inner))])
         X, none = cs.MX.sym("X", self.size), cs.MX.sym("none", 0)
         gamma, lam = cs.MX.sym("gamma"), cs.MX.sym("lam", self.constraints)
         self._callback = _Linearised("linearised", self)
@@ -38,12 +43,14 @@ class MotionProgram:
         """Starting point: nodes at a simulation."""
         del warm
         nodes = self.problem.simulated_nodes(x).starts[self._inner]
-        return np.concatenate([x, nodes.ravel()])
+        return np.concatenate([x, nodes.ravel()]) / self.scale
 
     def evaluate(self, X: Array) -> tuple[float, Array, Array, Array, Array]:
         """Objective, constraints, gradient, constraints' Jacobian and Gauss-Newton Hessian."""
-        x, nodes = X[: self.unknowns], X[self.unknowns :].reshape(len(self._inner), self.states)
-        return self.problem.at_nodes(x, nodes)
+        values = X * self.scale
+        x, nodes = values[: self.unknowns], values[self.unknowns :].reshape(len(self._inner), self.states)
+        f, g, df, dg, H = self.problem.at_nodes(x, nodes)
+        return f, g, df * self.scale, dg * self.scale, H * np.outer(self.scale, self.scale)
 
 
 class _Linearised(cs.Callback):  # type: ignore[misc]

@@ -12,6 +12,7 @@ is a dense problem in the parameters and the free starts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -88,7 +89,7 @@ class MotionProblem:
     starts : "free" lets the start of every interval deviate from its readings; "measured" takes them as they are.
     strengths : how much stronger than stated each group of priors is taken.
     robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
-    keep : per run, (n,) weight of each row, 0 leaves it out; None keeps all.
+    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
 
     Attributes
     ----------
@@ -141,6 +142,12 @@ class MotionProblem:
         self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = None
         self._chain: Chain | None = None
 
+    def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
+        """The same problem with other weights of rows or readings; all that was laid out is shared."""
+        other = copy(self)
+        other.target, other.weight = self._targets(keep)
+        return other
+
     @property
     def sample_time(self) -> float:
         """Usual step of the recordings, s."""
@@ -160,7 +167,9 @@ class MotionProblem:
 
     def shared(self, x: Array) -> Array:
         """One vector of model parameters for new runs: run-scoped ones at the mean over runs."""
-        return np.asarray(np.mean([x[index] for index in self.parameters.index], axis=0))
+        low, high = (bound[self.parameters.index[0]] for bound in self.bounds)
+        mean = np.mean([x[index] for index in self.parameters.index], axis=0)
+        return np.asarray(np.clip(mean, low, high))  # the mean of equal numbers at a bound may lie beyond it by rounding
 
     def per_run(self, x: Array) -> Array:
         """(runs, parameters) the parameters of each run."""
@@ -259,7 +268,7 @@ class MotionProblem:
         starts, starts_by_p = self._starts(x)
         begin = np.empty((len(cut.interval), size))
         begin[cut.first], begin[~cut.first] = starts, inner
-        columns = np.flatnonzero(self.free[self.parameters.index[0]])
+        columns = self._moving()
         z_end, Z_end, y, Y = self.simulator.kernel.linearise(begin, cut.segments, p[cut.interval], cut.reads, columns)
         nodes = Simulated(lanes, cut, begin, cut.gathered(y))
         total = len(x) + inner.size
@@ -323,6 +332,10 @@ class MotionProblem:
         edges = nodes.lanes.rows
         return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
+    def _moving(self) -> Index:
+        """Parameters that are free in any run."""
+        return np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
+
     def _moving_index(self, columns: Index) -> Index:
         """(intervals, q) where the moving parameters and free starts of each interval stand."""
         chosen = np.concatenate((columns, self.model.size + np.arange(len(self.loose))))
@@ -357,7 +370,7 @@ class MotionProblem:
     def _linearised(self, x: Array, nodes: Simulated) -> tuple[Index, Array, Array]:
         """Moving parameters, weighted residuals (N, outputs), and their derivative by these and the free starts."""
         cut, p = nodes.cut, self._of_intervals(x)
-        columns = np.flatnonzero(self.free[self.parameters.index[0]])
+        columns = self._moving()
         _, starts_by_p = self._starts(x)
         _, Z_end, _, Y = self.simulator.kernel.linearise(
             nodes.starts, cut.segments, p[cut.interval], cut.reads, columns
@@ -370,7 +383,8 @@ class MotionProblem:
         J[:, :, : len(columns)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
         J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
         e, weight = self._weighted(nodes)
-        return columns, e, J * weight[:, :, None]
+        J *= weight[:, :, None]
+        return columns, e, J
 
     def _weighted(self, nodes: Simulated) -> tuple[Array, Array]:
         """Weighted residuals and their weights; those in the tails of a robust loss weigh less."""
@@ -396,8 +410,8 @@ class MotionProblem:
         target = np.vstack([self.runs[i.run].measured[i.start : i.stop] for i in self.intervals])
         weight = np.where(np.isfinite(target), 1.0 / self.noise, 0.0)
         if keep is not None:
-            kept = np.concatenate([keep[i.run][i.start : i.stop] for i in self.intervals])
-            weight = weight * np.sqrt(kept)[:, None]
+            kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in self.intervals]
+            weight = weight * np.sqrt(np.vstack([own.reshape(len(own), -1) for own in kept]))
         return np.where(np.isfinite(target), target, 0.0), weight
 
     def _beliefs(self, strengths: Mapping[str, float] | None) -> tuple[sp.csr_matrix, Array]:

@@ -70,7 +70,7 @@ imu_lever_arm = reading(
 )  # fmt: skip
 
 velocity_lever_arm = reading(
-    GROUP, "velocity_lever_arm", "m", 0.0, (-4.0, 4.0), "how far forward of the centre of gravity v_y is measured",
+    GROUP, "velocity_lever_arm", "m", 0.0, (-8.0, 8.0), "how far forward of the centre of gravity v_y is measured",
     typical=0.5, needs=("yaw_rate",), v_y=lambda read, q: read.v_y + q.x.yaw_rate * q.p.velocity_lever_arm,
 )  # fmt: skip
 

@@ -1,20 +1,23 @@
-"""Effects of the registry on every model of the registry."""
+"""Effects that are known for maps with memory, on every such model of the registry."""
 
 import numpy as np
 import pytest
 from toys import TINY, drive, linear_toy, scattered, tiny
 
 from greybox_id.errors import BadModel
+from greybox_id.memory_model import MemoryModel
 from greybox_id.metrics import predictions
-from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
-from greybox_id.models.registry import EFFECTS, MODELS
+from greybox_id.models.effects import EFFECTS, sensor_latency_imu, steering_rate_limit
+from greybox_id.models.registry import MODELS, build
+from greybox_id.models.single_track import single_track
+
+IN_MEMORY = [name for name, effect in EFFECTS.items() if effect.apply_to_memory]
+PAIRS = [(name, effect) for name in TINY for effect in IN_MEMORY if effect not in tiny(name).effects]
 
 
-def test_every_model_of_the_registry_is_examined():
-    assert set(TINY) == set(MODELS)
-
-
-PAIRS = [(name, effect) for name in MODELS for effect in EFFECTS if effect not in tiny(name).effects]
+def test_every_map_with_memory_is_examined():
+    assert set(TINY) == {name for name in MODELS if name in TINY or isinstance(build(name), MemoryModel)}
+    assert IN_MEMORY == ["steering_rate_limit", "sensor_latency_imu"]
 
 
 @pytest.mark.parametrize(("name", "effect"), PAIRS)
@@ -50,7 +53,18 @@ def test_an_effect_reaches_the_parts_it_concerns():
     assert all(part["steering_rate_limit"].array == 1.0 for part in model.parts)
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+def test_a_latency_belongs_to_the_run_in_maps_with_memory_and_to_the_model_in_equations_of_motion():
+    models = linear_toy(), single_track()
+    in_memory, in_motion = ((model + sensor_latency_imu)["sensor_latency_imu"] for model in models)
+    assert in_memory.scope == "run"
+    assert in_memory.prior is not None
+    assert in_motion.scope == "model"
+    assert in_motion.prior is None
+    held = sensor_latency_imu.at(0.05)
+    assert all((model + held)["sensor_latency_imu"].array == 0.05 for model in models)
+
+
+@pytest.mark.parametrize("effect", IN_MEMORY)
 def test_an_effect_twice_is_refused_in_a_sentence(effect):
     with pytest.raises(BadModel, match="already has"):
         _ = linear_toy() + EFFECTS[effect] + EFFECTS[effect]
@@ -61,6 +75,8 @@ def test_an_effect_on_a_model_it_does_not_concern_is_refused_in_a_sentence():
         _ = _current_to_speed() + sensor_latency_imu
     with pytest.raises(BadModel, match="acts on steer"):
         _ = _current_to_speed() + steering_rate_limit
+    with pytest.raises(BadModel, match="grip_scale acts on grip_f and grip_r"):
+        _ = linear_toy() + EFFECTS["grip_scale"]
 
 
 def _current_to_speed():
