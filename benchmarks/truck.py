@@ -56,7 +56,7 @@ TYPICAL = np.array([0.045, 0.005])
 FLOOR = 0.3
 """A trajectory better than this share of the typical error counts quadratically."""
 ROWS_PER_READING = 17.0
-"""So many rows count as one reading beside what is believed: errors last."""
+"""So many rows count as one reading beside what is believed: errors last (for some 65 rows, as the fit then shows)."""
 MOST_STEPS, TOLERANCE, NEGLIGIBLE = 40, 1e-5, 1e-4
 
 PAPER = {
@@ -206,13 +206,12 @@ def identified(problem: MeanError, solution: Solution) -> dict[str, Any]:
     """Parameters and combinations with standard deviations, which errors that last have widened."""
     found = uncertainty(problem.weighted(solution.nodes), solution.x, solution.nodes)
     model = problem.plain.model.with_values(problem.plain.shared(solution.x))
-    spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     parameters, dof, at = {}, {}, 0
     for parameter in model.parameters:
         if not parameter.fixed and parameter.shape == ():
             dof[parameter.name] = found.dof[at]
             parameters[parameter.name] = {
-                "unit": parameter.unit, "value": float(parameter.array), "sd": float(spread[at]),
+                "unit": parameter.unit, "value": float(parameter.array), "sd": float(found.sd[at]),
                 "believed_sd": float(np.asarray(parameter.prior.sd)), "at_bound": bool(found.at_bound[at]),
             }  # fmt: skip
         at += parameter.size

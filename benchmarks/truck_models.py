@@ -201,7 +201,7 @@ second_angle = effect(
 
 
 def bank_map(centres: Array) -> Effect:
-    """Bank of the road over position, a sum of bumps about (bumps, 2) centres; left side up, driving with the straights."""
+    """Bank of the road over position: bumps about (n, 2) centres, left side up for who drives along the straights."""
 
     def banked(gravity_y: Symbol, q: Quantities) -> Symbol:
         bumps = (

@@ -15,7 +15,7 @@ from .models.effects import EFFECTS
 from .models.registry import MODELS, vehicle_parameters
 from .parameter import Parameter, Prior
 from .quantity import belief, named, near_or_all, number
-from .signals import SIGNALS
+from .signals import unit_of
 from .vehicle import Stated, Vehicle
 
 Magnitudes = dict[str, float | Stated | None]
@@ -143,7 +143,7 @@ def noise_of(written: Sequence[str], model: Model) -> dict[str, float]:
         name, text = named(pair, "NAME=SD, as in --noise yaw_rate=0.01")
         if name not in model.outputs:
             raise BadInput(f"--noise {name}: {model.name} has no output {name}.{near_or_all(name, model.outputs)}")
-        found[name] = number(text, SIGNALS[name].unit if name in SIGNALS else "1", f"--noise {name}")
+        found[name] = number(text, unit_of(name), f"--noise {name}")
         if not 0 < found[name] < float("inf"):
             raise BadInput(f"--noise {pair}: a standard deviation is a number above zero.")
     return found

@@ -44,22 +44,29 @@ def combined(combination: Combination, model: Model, covariance: Array, dof: Map
     combination : what is asked for.
     model : at its estimates.
     covariance : (parameters, parameters) of its parameter vector.
-    dof : name -> degrees of freedom of its standard deviation; the fewest count.
+    dof : name -> degrees of freedom of its standard deviation.
     """
     parameters = [p for p in model.parameters if p.shape == ()]
     values = {p.name: float(p.array) for p in parameters}
     value = float(combination.of(SimpleNamespace(**values)))
-    gradient, start, fewest = np.zeros(model.size), 0, np.inf
+    gradient, start, of = np.zeros(model.size), 0, np.full(model.size, np.inf)
     for p in model.parameters:
         if p in parameters and not p.fixed and np.isfinite(values[p.name]):
             step = 1e-6 * max(abs(values[p.name]), 1e-3)
             up, down = (SimpleNamespace(**{**values, p.name: values[p.name] + sign * step}) for sign in (1, -1))
             gradient[start] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
-            if gradient[start] and p.name in dof:
-                fewest = min(fewest, float(np.min(dof[p.name])))
+            of[start] = float(np.min(dof.get(p.name, np.asarray(np.inf))))
         start += p.size
     moved = np.flatnonzero(gradient)
     variance = float(gradient[moved] @ covariance[np.ix_(moved, moved)] @ gradient[moved])
+    shares = gradient * (covariance @ gradient)
     sd = float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf
-    half = float(reach(fewest)) * sd
+    half = float(reach(_welch(shares[moved], of[moved]))) * sd
     return Combined(combination.name, combination.unit, value, sd, value - half, value + half, combination.about)
+
+
+def _welch(shares: Array, dof: Array) -> float:
+    """Degrees of freedom of a sum of variances, each known to its own (Welch & Satterthwaite)."""
+    weights = np.abs(shares)
+    slack = float(np.sum(weights**2 / dof))
+    return float(np.sum(weights)) ** 2 / slack if slack > 0 else np.inf

@@ -164,7 +164,12 @@ def _fit_motion(
         data=_records(recordings, validate),
         mode="given",
         seed=how.seed,
-        how={"horizon": how.horizon, "start_from": how.start_from, "robust": how.robust},
+        how={
+            "horizon": how.horizon,
+            "start_from": how.start_from,
+            "robust": how.robust,
+            "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
+        },
         command=command,
     )
 

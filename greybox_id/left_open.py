@@ -6,6 +6,7 @@ import numpy as np
 
 from .fit import Fit
 from .identifiability import Identifiability, identifiability
+from .models.effects import EFFECTS
 
 
 def left_open(fit: Fit) -> Identifiability | None:
@@ -22,3 +23,22 @@ def left_open(fit: Fit) -> Identifiability | None:
         start += p.size
     inside = fit.covariance[np.ix_(places, places)]
     return identifiability(names, np.array(x), inside, prior_sd=np.array(prior_sd))
+
+
+def told_together(fit: Fit) -> list[str]:
+    """Parameters that the recordings tell only together, in sentences; single ones have notes of their own."""
+    found = left_open(fit)
+    if found is None:
+        return []
+    directions = [each for each in found.directions if len(each.names) > 1]
+    return [*(each.about() for each in found.pairs), *(each.about() for each in directions)]
+
+
+def absent(fit: Fit) -> dict[str, str]:
+    """Effects whose interval holds the value at which they change nothing, and what is to be said of them."""
+    found = {}
+    for name in fit.model.effects:
+        low, high = fit.interval(name)
+        if name in EFFECTS and low <= EFFECTS[name].parameter.array <= high:
+            found[name] = f"may be absent: the interval holds {float(EFFECTS[name].parameter.array):g}"
+    return found

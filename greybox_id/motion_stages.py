@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .blocks import correlation_time
 from .certificate import certified
 from .engine.motion.shooting import MotionProblem
 from .engine.motion.simulator import Simulator
@@ -90,11 +91,12 @@ def fit_motion(
     certificate = None
     if how.solver == "auto" and solution.status is not Status.INTERRUPTED:
         solution, certificate = certified(problem, solution, say)
+    spread = _residual_noise(problem, solution)
     stage = Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
         starts=tuple(sorted(scores)), strengths={}, strengths_from="given", tried=(),
-        noise={n: float(s) for n, s, seen in zip(model.outputs, problem.noise, _seen(problem), strict=True) if seen},
+        noise={n: float(s) for n, s, seen in zip(model.outputs, spread, _seen(problem), strict=True) if seen},
         cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=certificate,
     )  # fmt: skip
     return problem, solution, stage
@@ -140,7 +142,7 @@ def _attempt(
             return None
         if solution.status is Status.INTERRUPTED:
             return _Attempt(problem, solution)
-        x, settled = solution.x, _residual_noise(problem, solution)
+        x, settled = solution.x, _counted_noise(problem, solution)
         moved = float(np.max(np.abs(np.log(settled / problem.noise)), initial=0.0))
         problem = _problem(simulator, recordings, settled, how)
         if moved < SAME_NOISE:
@@ -168,6 +170,17 @@ def _residual_noise(problem: MotionProblem, solution: Solution) -> Array:
     seen = np.any(np.isfinite(errors), axis=0)
     spread = np.sqrt(np.nanmean(np.where(seen, errors, 0.0) ** 2, axis=0))
     return np.where(seen, np.maximum(spread, LEAST_NOISE), problem.noise)
+
+
+def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
+    """What one residual counts as, output by output: its spread times the root of its correlation time in rows.
+
+    Neighbouring residuals repeat each other. Taken as independent, a long recording sampled fast would outvote every
+    prior, and the output whose error drifts most slowly would outvote the others.
+    """
+    errors = problem.errors(solution.nodes)
+    times = [correlation_time(np.nan_to_num(errors[:, [k]])) for k in range(errors.shape[1])]
+    return _residual_noise(problem, solution) * np.sqrt(times)
 
 
 def _misfit(attempt: _Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How) -> float:

@@ -228,11 +228,11 @@ class _Walk:
             starts.insert(0, last + along * (value - last[self.index]) / along[self.index])
         for start in starts:
             start[self.index] = value
-            solution = gauss_newton(self.held, start)
+            solution = gauss_newton(self.held, start, negligible=0.0, search="damp")
             for _ in range(REPEATS):
                 if solution.status not in (Status.SLOW, Status.STEP_LIMIT) or self._settled(solution):
                     break
-                solution = gauss_newton(self.held, solution.x)
+                solution = gauss_newton(self.held, solution.x, negligible=0.0, search="damp")
             if solution.status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if solution.status is not Status.NOT_FINITE:

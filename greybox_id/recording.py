@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import BadInput
-from .signals import SIGNALS
+from .signals import SIGNALS, unit_of
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Recording:
 
     def unit(self, name: str) -> str:
         """SI unit of a signal of this recording."""
-        return SIGNALS[name].unit if name in SIGNALS else self.extra_units.get(name, "1")
+        return unit_of(name, self.extra_units.get(name, "1"))
 
     @property
     def sample_time(self) -> float:

@@ -33,7 +33,8 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, 
     BadInput : it is a fit of another kind of model, or finds no optimum on these recordings.
     """
     model = _motion(fit)
-    how, noise = fit.how, fit.stages[-1].noise
+    how = fit.how
+    noise = how.get("counted", fit.stages[-1].noise)
     problem = MotionProblem(
         Simulator(model),
         recordings,
@@ -49,7 +50,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, 
             for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
                 x[index[start : start + parameter.size]] = np.ravel(value)
         start += parameter.size
-    solution = gauss_newton(problem, x, tolerance=TOLERANCE)
+    solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="damp")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if solution.status is Status.NOT_FINITE:

@@ -51,3 +51,8 @@ SIGNALS: dict[str, Signal] = {
         *(Signal(f"wheel_speed_{c}", "rad/s", f"wheel speed {w}") for c, w in _WHEELS.items()),
     )
 }
+
+
+def unit_of(name: str, otherwise: str = "1") -> str:
+    """SI unit of a signal; `otherwise` where the name is none of `SIGNALS`."""
+    return SIGNALS[name].unit if name in SIGNALS else otherwise

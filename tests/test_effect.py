@@ -30,7 +30,8 @@ def turning(**entries):
     """Equations of motion of something that turns as it is steered."""
     return MotionModel(
         name="turning", about="one state", states=(State("yaw_rate", "rad/s"),), inputs=("steer",),
-        outputs=("yaw_rate",), parameters=(Parameter("gain", "1/s", 2.0),), quantities=("turn",), dynamics=_turn, **entries,
+        outputs=("yaw_rate",), parameters=(Parameter("gain", "1/s", 2.0),), quantities=("turn",), dynamics=_turn,
+        **entries,
     )  # fmt: skip
 
 

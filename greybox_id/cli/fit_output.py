@@ -11,15 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from ..fit import Fit
-from ..left_open import left_open
+from ..left_open import absent, told_together
 from ..memory_model import MemoryModel
 from ..metrics import FREE_RUN
-from ..models.effects import EFFECTS
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..provenance import DataRecord, Stage
 from ..reports.numbers import counted, interval, number, pretty_unit, with_sd
-from .output import console, errors_table, plain, unit
+from ..signals import unit_of
+from .output import console, errors_table, plain
 
 SAME = 0.01
 """Starts whose objectives differ by less than this share of the best ended alike."""
@@ -84,7 +84,7 @@ def summary(result: Fit) -> dict[str, Any]:
             "combinations": body["combinations"],
             "covariance": covariance,
             "correlation": None if covariance is None else _correlation(covariance),
-            "open": open_sentences(result),
+            "open": told_together(result),
             "how": body["how"],
             "noise": dict(result.stages[-1].noise),
         }
@@ -124,7 +124,7 @@ def motion_errors_table(
         for output in dict.fromkeys(o for errors in of_role.values() for o in errors):
             cells = [_error(of_role.get(p, {}).get(output)) for p in protocols]
             last = [number(noise[output], 2) if output in noise else ""] if noise else []
-            table.add_row(f"{output} [{pretty_unit(unit(output))}]", *cells, *last)
+            table.add_row(f"{output} [{pretty_unit(unit_of(output))}]", *cells, *last)
             held = (beside or {}).get(role, {})
             if held:
                 cells = [_error(held.get(p, {}).get(output)) for p in protocols]
@@ -167,8 +167,8 @@ def _show_parameters(out: Console, result: Fit) -> None:
         lines.add_row("at zero", ", ".join(nothing))
     for name, values in result.per_run.items():
         if result.model[name].shape == () and len(values) > 1:
-            unit_of = pretty_unit(result.model[name].unit)
-            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {unit_of}")
+            own = pretty_unit(result.model[name].unit)
+            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {own}")
     if lines.row_count:
         out.print()
         out.print(lines)
@@ -179,7 +179,7 @@ def _show_parameters(out: Console, result: Fit) -> None:
             table.add_row(c.name, with_sd(c.value, c.sd), interval(c.low, c.high, c.sd), pretty_unit(c.unit), c.about)
         out.print()
         out.print(table)
-    sentences = open_sentences(result)
+    sentences = told_together(result)
     if sentences:
         out.print()
     for sentence in sentences[:MOST_OPEN]:
@@ -188,18 +188,9 @@ def _show_parameters(out: Console, result: Fit) -> None:
         out.print(f"         and {len(sentences) - MOST_OPEN} more, told by --json")
 
 
-def open_sentences(result: Fit) -> list[str]:
-    """Parameters that the recording tells only together, in sentences."""
-    found = left_open(result)
-    if found is None:
-        return []
-    directions = [each for each in found.directions if len(each.names) > 1]  # single ones have a note of their own
-    return [*(each.about() for each in found.pairs), *(each.about() for each in directions)]
-
-
 def _parameters(result: Fit, parameters: Sequence[Parameter]) -> Table:
     table = plain_table("parameter", "estimate", "95 % interval", "unit", "prior", "note")
-    notes = _absent(result) | result.notes()
+    notes = absent(result) | result.notes()
     for p in parameters:
         value, sd = float(p.array), float(result.sd[p.name])
         low, high = (float(end) for end in result.interval(p.name))
@@ -207,16 +198,6 @@ def _parameters(result: Fit, parameters: Sequence[Parameter]) -> Table:
         note = notes.get(p.name, "")
         table.add_row(p.name, estimate(value, sd), interval(low, high, sd), pretty_unit(p.unit), prior, note)
     return table
-
-
-def _absent(result: Fit) -> dict[str, str]:
-    """Effects whose interval holds the value at which they change nothing."""
-    found = {}
-    for name in result.model.effects:
-        low, high = result.interval(name)
-        if name in EFFECTS and low <= EFFECTS[name].parameter.array <= high:
-            found[name] = f"may be absent: the interval holds {float(EFFECTS[name].parameter.array):g}"
-    return found
 
 
 def estimate(value: float, sd: float) -> str:

@@ -18,8 +18,9 @@ from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..quantity import near_or_all
 from ..reports.numbers import pretty_unit
+from ..signals import unit_of
 from .options import json_option, settings_of
-from .output import console, plain, print_json, unit
+from .output import console, plain, print_json
 
 
 @click.command(name="models")
@@ -85,7 +86,7 @@ def _show_model(model: Model) -> None:
     out = console()
     out.print(f"{model.name}: {model.about}\n")
     rows = [("inputs", ", ".join(_input(model, name) for name in model.inputs))]
-    rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(unit(name))}]" for name in model.outputs)))
+    rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(unit_of(name))}]" for name in model.outputs)))
     if isinstance(model, MotionModel):
         rows.append(("states", ", ".join(f"{s.name} [{pretty_unit(s.unit)}]" for s in model.states)))
     if model.settings:
@@ -135,8 +136,8 @@ def _described(model: Model) -> dict[str, Any]:
     return {
         "name": model.name,
         **_in_short(model),
-        "inputs": {name: {"unit": unit(name), "any_of": list(_aliases(model, name))} for name in model.inputs},
-        "outputs": {name: {"unit": unit(name)} for name in model.outputs},
+        "inputs": {name: {"unit": unit_of(name), "any_of": list(_aliases(model, name))} for name in model.inputs},
+        "outputs": {name: {"unit": unit_of(name)} for name in model.outputs},
         "states": states,
         "parameters": {
             p.name: {
@@ -176,7 +177,7 @@ def _aliases(model: Model, name: str) -> tuple[str, ...]:
 
 
 def _input(model: Model, name: str) -> str:
-    known = [f"{own} [{pretty_unit(unit(own))}]" for own in _aliases(model, name)]
+    known = [f"{own} [{pretty_unit(unit_of(own))}]" for own in _aliases(model, name)]
     told = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
     return f"{told} (otherwise {model.defaults[name]:g})" if name in model.defaults else told
 

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..fitting import Say
-from ..signals import SIGNALS
+from ..signals import unit_of
 
 WIDTH = 160
 """Columns of tables that go to a file or a pipe."""
@@ -66,11 +66,6 @@ def finite(value: Any) -> Any:
     return value
 
 
-def unit(name: str) -> str:
-    """Unit of a signal for tables."""
-    return SIGNALS[name].unit if name in SIGNALS else "1"
-
-
 def plain(value: float) -> str:
     """A stated number, as it was stated."""
     return f"{value:.6g}".replace("inf", "∞").replace("-", "−")
@@ -99,5 +94,5 @@ def errors_table(metrics: Mapping[str, Any]) -> Table:
             for name, error in outputs.items():
                 sd = error["rmse_sd"]
                 rmse = f"{error['rmse']:.4f} ± " + (f"{sd:.4f}" if math.isfinite(sd) else "–")
-                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit(name), f"{error['fvu']:.4f}")
+                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit_of(name), f"{error['fvu']:.4f}")
     return table

@@ -24,10 +24,11 @@ from ..prediction import predict as predict_rows
 from ..prediction import simulate as simulate_runs
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
+from ..signals import unit_of
 from ..wanted import must_be_recorded
 from .model_options import simulated_model_options, wanted
 from .options import columns_option, json_option
-from .output import console, print_json, unit
+from .output import console, print_json
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -148,6 +149,6 @@ def _tell(
     out, runs = console(), counted(len(np.unique(found.run)), "run")
     out.print(f"written  {target}: {counted(len(found.rows), 'row')} in {runs}, {how}")
     for name, error in errors.items():
-        out.print(f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit(name))}")
+        out.print(f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}")
     if lost:
         out.print(f"         {counted(lost, 'row')} without a finite value of every output")

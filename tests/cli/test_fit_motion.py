@@ -56,7 +56,12 @@ def test_json_is_one_object_with_what_a_fit_is(fitted):
     path, told = fitted
     assert told["written"] == str(path)
     assert told["vehicle"] == "full-size car"
-    assert told["how"] == {"horizon": 2.0, "start_from": "measured", "robust": None}
+    assert {name: told["how"][name] for name in ("horizon", "start_from", "robust")} == {
+        "horizon": 2.0,
+        "start_from": "measured",
+        "robust": None,
+    }
+    assert set(told["how"]["counted"]) == {"v_y", "yaw_rate", "a_y"}
     assert told["free"] == ["I_z", "B_f", "D_f", "B_r", "D_r", "steering_delay"]
     assert told["parameters"]["m"]["fixed"]
     assert told["parameters"]["I_z"]["prior"]["sd"] == 200.0

@@ -16,6 +16,9 @@ from ...parameter import Array
 from .runs import Index, MotionRun
 from .trace import MotionTrace
 
+AT_ONCE = 1e-9
+"""Instants no further apart than this, s, are one: sums of times and shifts are rounded."""
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -56,12 +59,11 @@ def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) 
     times = [*delayed, run.time, *late, *within]
     instant, kind = np.concatenate(times), np.repeat(kinds, rows)
     row = np.tile(np.arange(rows), len(times))
-    order = np.argsort(instant, kind="stable")
-    inside = (instant[order] >= run.time[0]) & (instant[order] <= run.time[-1] + 1e-12)
-    order = order[inside | ((kind[order] == -1) & (row[order] == 0))]
-    instant, kind, row = instant[order], kind[order], row[order]
-    first = int(np.flatnonzero((kind == -1) & (row == 0))[0])
-    instant, kind, row = instant[first:], kind[first:], row[first:]
+    order = _in_time(instant, np.repeat(np.arange(len(times)), rows))
+    order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
+    first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
+    instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
+    instant = np.maximum.accumulate(instant)
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
@@ -87,6 +89,13 @@ def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) 
     return Schedule(segments, row_segment, read, reads)
 
 
+def _in_time(instant: Array, rank: Index) -> Index:
+    """The order of instants; those at once in that of their ranks."""
+    order = np.argsort(instant, kind="stable")
+    moment = np.concatenate(([0], np.cumsum(np.diff(instant[order]) > AT_ONCE)))
+    return np.asarray(order[np.lexsort((rank[order], moment))])
+
+
 def _commands(
     trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array
 ) -> tuple[Array, Array]:
@@ -98,7 +107,8 @@ def _commands(
     for k, name in enumerate(trace.model.inputs):
         source = trace.delayed.index(name) if name in trace.delayed else -1
         shift = shifts[source] if source >= 0 else 0.0
-        current = np.maximum.accumulate(np.where(kind == source, row, -1))
+        before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # had arrived when the run began
+        current = np.maximum.accumulate(np.where(kind == source, row, before))
         known = np.maximum(current, 0)
         values[:, k] = run.inputs[known, k]
         if not run.held[k]:

@@ -1,4 +1,4 @@
-"""Lag, rate limit and play against simulations in numpy at steps of a ten-thousandth of a segment."""
+"""Lag, rate limit and play against simulations in numpy at steps of a two-thousandth of a segment."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from greybox_id.models.effects.elements import PLAY_WIDTH, lag, play, rate_limit
 from greybox_id.models.effects.smooth import CORNER
 
 H = 0.01
-FINE = 10_000
+FINE = 2_000
 ELEMENTS = {"lag": (lag, 0.0), "rate_limit": (rate_limit, np.inf), "play": (play, 0.0)}
 
 
@@ -60,7 +60,7 @@ MAGNITUDES = {
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 @given(data=st.data())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_an_element_is_its_fine_simulation(kind, data):
     state, begin, end, magnitude = (data.draw(own) for own in (angles, angles, angles, MAGNITUDES[kind]))
     if data.draw(st.booleans()):
