@@ -2,9 +2,9 @@
 
     python benchmarks/engine.py [--json] [--samples 2400 17200] [--repeats 3]
 
-The problem: a single-track vehicle at a measured speed (Pacejka, four Runge-Kutta stages per sample) free-runs through a
-simulated drive at 50 Hz; nine unknowns (B, C, D of both axles, yaw inertia, two initial states) are fitted to noisy v_y,
-yaw rate and a_y. Everyone starts from the same wrong parameters.
+The problem: a single-track vehicle at a measured speed (Pacejka, four Runge-Kutta stages per sample) free-runs
+through a simulated drive at 50 Hz; nine unknowns (B, C, D of both axles, yaw inertia, two initial states) are fitted to
+noisy v_y, yaw rate and a_y. Everyone starts from the same wrong parameters.
 
 Times are CPU seconds of the solve; stating the problem is listed apart (for the engine it includes laying out
 segments, for CasADi building and differentiating the program). Compiled code comes from the cache. Ratios are medians

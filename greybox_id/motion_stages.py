@@ -8,8 +8,8 @@ Ipopt on the multiple-shooting program.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .errors import BadInput
 from .how import How, Say
 from .motion_model import MotionModel
 from .parameter import Array
-from .provenance import Stage
+from .provenance import Certificate, Stage
 from .recording import Recording
 from .solvers.gauss_newton import Solution, Status, gauss_newton
 from .solvers.ipopt import ipopt
@@ -33,8 +33,11 @@ GUESSED_NOISE = 0.1
 TOLERANCE, ROUGH = 1e-12, 1e-4
 """Convergence of the last solve, and of those that only settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
-SAME_NOISE, NOISE_ROUNDS = 0.1, 3
-"""The noise has settled when the residuals' spread moves it by less than this share; rounds at most."""
+SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
+"""The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
+parameters move by less than the second; rounds at most."""
+MIDDLE_HALF = 1.4826
+"""A normal distribution's standard deviation over the median of its size."""
 SPREAD = 0.7
 """Standard deviation of the logarithm of positive parameters over random starts."""
 LEAST_NOISE = 1e-9
@@ -70,14 +73,21 @@ def fit_motion(
     """
     clock = time.process_time()
     simulator = Simulator(model)
-    attempts, ends = [], []
+    attempts: list[_Attempt] = []
+    interrupted = False
     for k, p in enumerate(_starting_points(model, how)):
         name = model.name if how.starts == 1 else f"{model.name}, start {k + 1} of {how.starts}"
-        found = _attempt(simulator, recordings, p, how, say, name)
+        try:
+            found = _attempt(simulator, recordings, p, how, say, name)
+        except KeyboardInterrupt:
+            if not attempts:
+                raise  # there is nothing yet to keep
+            interrupted = True
+            break
         if found is not None:
             attempts.append(found)
-            ends.append(found)
-            if found.solution.status is Status.INTERRUPTED:
+            interrupted = found.solution.status is Status.INTERRUPTED
+            if interrupted:
                 break
     if not attempts:
         raise BadInput(
@@ -87,10 +97,14 @@ def fit_motion(
     noise = attempts[0].problem.noise  # objectives compare only under one noise
     scores = [_misfit(attempt, simulator, recordings, noise, how) for attempt in attempts]
     best = attempts[int(np.argmin(scores))]
-    problem, solution = best.problem, best.solution
-    certificate = None
-    if how.solver == "auto" and solution.status is not Status.INTERRUPTED:
-        solution, certificate = certified(problem, solution, say)
+    problem, solution, certificate = best.problem, best.solution, None
+    if how.solver == "auto" and not interrupted:
+        try:
+            solution, certificate = _certified(problem, solution, say)
+        except KeyboardInterrupt:
+            interrupted = True
+    if interrupted:
+        solution = replace(solution, status=Status.INTERRUPTED)
     spread = _residual_noise(problem, solution)
     stage = Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
@@ -102,73 +116,121 @@ def fit_motion(
     return problem, solution, stage
 
 
+def _certified(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
+    """Ask Ipopt; where it went on, Gauss-Newton takes what is close to a bound to it."""
+    solution, certificate = certified(problem, found, say)
+    if not certificate.confirmed:
+        polished = gauss_newton(
+            problem, solution.x, max_steps=SHORT_STEPS, tolerance=TOLERANCE, negligible=0.0, search="damp"
+        )
+        if polished.objective <= solution.objective:
+            solution = replace(solution, x=polished.x, nodes=polished.nodes, objective=polished.objective)
+    return solution, certificate
+
+
 def _attempt(
     simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str
 ) -> _Attempt | None:
-    """From one start through growing horizons; None where the model is not finite."""
-    spread = np.array([_spread(recordings, output) for output in simulator.trace.model.outputs])
+    """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
+    reached: list[_Attempt] = []
+    try:
+        for attempt in _on_the_way(simulator, recordings, p, how, say, name):
+            if attempt.solution.status is Status.NOT_FINITE:
+                return None
+            reached.append(attempt)
+            if attempt.solution.status is Status.INTERRUPTED:
+                break
+        else:
+            return reached[-1]
+    except KeyboardInterrupt:
+        if not reached:
+            raise
+    problem, solution = reached[-1].problem, reached[-1].solution
+    if problem.horizon != how.horizon:  # of what is wanted, not of what is on the way to it
+        p = problem.shared(solution.x)
+        problem = _problem(simulator, recordings, problem.noise, how, p)
+        x = problem.unknowns(p)
+        nodes = problem.simulated_nodes(x)
+        solution = replace(solution, x=x, nodes=nodes, objective=problem.objective(x, nodes))
+    return _Attempt(problem, replace(solution, status=Status.INTERRUPTED))
+
+
+def _on_the_way(
+    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str
+) -> Iterator[_Attempt]:
+    """Growing horizons, then the one that is wanted until the noise has settled."""
+    outputs = simulator.trace.model.outputs
+    spread = np.array([_spread(recordings, output) for output in outputs])
     noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
-    if how.solver == "ipopt":
-        problem = _problem(simulator, recordings, noise, how)
-        solution, _ = ipopt(problem, problem.unknowns(p))
-        noise = _residual_noise(problem, solution)
-        problem = _problem(simulator, recordings, noise, how)
-        say(f"{name}: Ipopt, {problem.layout.size} unknowns")
-        return _Attempt(problem, ipopt(problem, solution.x)[0])
     usual = _sample_time(recordings)
-    for rows in SHORT_HORIZONS:
+    for rows in SHORT_HORIZONS if how.solver != "ipopt" else ():
         if how.horizon is not None and rows * usual >= how.horizon:
             break
-        short = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured")
+        short = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
         solution = gauss_newton(short, short.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="damp")
-        if solution.status is Status.NOT_FINITE:
-            return None
-        if solution.status is Status.INTERRUPTED:
-            return _Attempt(short, solution)
+        yield _Attempt(short, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
         p, noise = short.shared(solution.x), _residual_noise(short, solution)
-    problem = _problem(simulator, recordings, noise, how)
-    x = problem.unknowns(p)
+    problem = _problem(simulator, recordings, noise, how, p)
+    x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
+    settled = known and not problem.carries
+    for rounds_left in reversed(range(ROUNDS)):
+        solution = _solved(problem, x, how, TOLERANCE if settled else ROUGH, say, name)
+        yield _Attempt(problem, solution)
+        x, noise = solution.x, _counted_noise(problem, solution)
+        moved = 0.0 if known else float(np.max(np.abs(np.log(noise / problem.noise)), initial=0.0))
+        if problem.carries:
+            moved = max(moved, SAME_NOISE / SAME_PLACE * _relative_change(p, problem.shared(x)))
+        if settled and (moved < SAME_NOISE or rounds_left == 0):
+            break
+        settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
+        problem = _problem(simulator, recordings, noise, how, p)
+    say(f"{name}: {solution.status.value} after {solution.steps} steps")
+
+
+def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: Say, name: str) -> Solution:
+    if how.solver == "ipopt":
+        say(f"{name}: Ipopt, {problem.layout.size} unknowns")
+        return ipopt(problem, x)[0]
 
     def report(step: int, objective: float, _: Array) -> bool:
         say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
         return True
 
-    for _ in range(0 if how.noise.keys() >= {*simulator.trace.model.outputs} else NOISE_ROUNDS):
-        solution = gauss_newton(
-            problem, x, max_steps=MOST_STEPS, tolerance=ROUGH, negligible=0.0, search="damp", on_step=report
-        )
-        if solution.status is Status.NOT_FINITE:
-            return None
-        if solution.status is Status.INTERRUPTED:
-            return _Attempt(problem, solution)
-        x, settled = solution.x, _counted_noise(problem, solution)
-        moved = float(np.max(np.abs(np.log(settled / problem.noise)), initial=0.0))
-        problem = _problem(simulator, recordings, settled, how)
-        if moved < SAME_NOISE:
-            break
-    solution = gauss_newton(
-        problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, negligible=0.0, search="damp", on_step=report
+    return gauss_newton(
+        problem, x, max_steps=MOST_STEPS, tolerance=tolerance, negligible=0.0, search="damp", on_step=report
     )
-    if solution.status is Status.NOT_FINITE:
-        return None
-    say(f"{name}: {solution.status.value} after {solution.steps} steps")
-    return _Attempt(problem, solution)
 
 
-def _problem(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How) -> MotionProblem:
+def _relative_change(before: Array, after: Array) -> float:
+    """Largest change of a parameter relative to its size."""
+    with np.errstate(invalid="ignore"):
+        change = np.abs(after - before) / np.maximum(np.maximum(np.abs(before), np.abs(after)), 1e-9)
+    return float(np.nanmax(change, initial=0.0))
+
+
+def _problem(
+    simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, about: Array
+) -> MotionProblem:
     outputs = simulator.trace.model.outputs
     noise = np.array([how.noise.get(name, own) for name, own in zip(outputs, noise, strict=True)])
     return MotionProblem(
-        simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust
+        simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust, about=about
     )
 
 
 def _residual_noise(problem: MotionProblem, solution: Solution) -> Array:
-    """Spread of the residuals, output by output; where there are none, the noise stays what it was."""
+    """Spread of the residuals, output by output; where there are none, the noise stays what it was.
+
+    Where outliers are to be expected, the middle half of the residuals tells it.
+    """
     errors = problem.errors(solution.nodes)
     seen = np.any(np.isfinite(errors), axis=0)
-    spread = np.sqrt(np.nanmean(np.where(seen, errors, 0.0) ** 2, axis=0))
+    errors = np.where(seen, errors, 0.0)
+    if problem.targets.robust is None:
+        spread = np.sqrt(np.nanmean(errors**2, axis=0))
+    else:
+        spread = MIDDLE_HALF * np.nanmedian(np.abs(errors), axis=0)
     return np.where(seen, np.maximum(spread, LEAST_NOISE), problem.noise)
 
 
@@ -184,12 +246,9 @@ def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
 
 
 def _misfit(attempt: _Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How) -> float:
-    problem = _problem(simulator, recordings, noise, how)
-    x = (
-        attempt.solution.x
-        if len(attempt.solution.x) == problem.layout.size
-        else problem.unknowns(attempt.problem.shared(attempt.solution.x))
-    )
+    p = attempt.problem.shared(attempt.solution.x)
+    problem = _problem(simulator, recordings, noise, how, p)
+    x = attempt.solution.x if len(attempt.solution.x) == problem.layout.size else problem.unknowns(p)
     return problem.objective(x, problem.simulated_nodes(x))
 
 

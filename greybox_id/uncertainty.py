@@ -40,9 +40,10 @@ class Uncertainty:
 
     Attributes
     ----------
-    covariance : (unknowns, unknowns), with what is held or at its bound left there: their rows are zero. What neither
-        the data nor a prior tells has infinite variance.
-    independent : (unknowns, unknowns) what it were if residuals were independent, of standard deviation one.
+    covariance : (unknowns, unknowns), with what is held left there: its rows are zero. What is at its bound may be off
+        it, and the others with it. What neither the data nor a prior tells has infinite variance.
+    independent : (unknowns, unknowns) what it were if residuals were independent, of standard deviation one, and what
+        is at its bound were held there.
     dof : (unknowns,) of freedom, Student's t; infinite where only a prior speaks, near 1 where a single stretch
         of the recording tells the unknown.
     inflation : (unknowns,) variance over what it were if residuals were independent, of standard deviation one.
@@ -103,17 +104,21 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     told = problem.free[kept] & (np.diag(H) > 0.0)
     stopped, untold = at_bound[kept] & told, kept[problem.free[kept] & ~told]
     inside = _sandwich(told_by, H, told & ~stopped)
-    covariance = told_by.over_all(inside.covariance, told_by.local)
-    independent = told_by.over_all(inside.independent, told_by.local_independent)
-    covariance[untold, untold] = independent[untold, untold] = np.inf
-    variance, of_independent, centre = np.diag(covariance).copy(), np.diag(independent).copy(), x.copy()
-    dof = np.empty(len(x))
+    of_kept, centre, dof = inside.covariance, x.copy(), np.empty(len(x))
     dof[kept], dof[~told_by.kept] = inside.dof, told_by.local_dof
     if np.any(stopped):
         gradient = problem.normal_equations(x, nodes).g
         beyond, step = _released(told_by, H, told, gradient[kept] - told_by.pull.T @ gradient[~told_by.kept])
         whole, own = _sandwich(beyond, H, told), kept[stopped]
         centre[own], dof[own] = x[own] + step[stopped], whole.dof[stopped]
+        outward = np.where(x[own] <= low[own], -1.0, 1.0) * step[stopped]
+        free_to = whole.covariance[np.ix_(stopped, stopped)]
+        of_kept = of_kept + _off_bounds(H, told, stopped, outward, (high - low)[own], free_to)
+    covariance = told_by.over_all(of_kept, told_by.local)
+    independent = told_by.over_all(inside.independent, told_by.local_independent)
+    covariance[untold, untold] = independent[untold, untold] = np.inf
+    variance, of_independent = np.diag(covariance).copy(), np.diag(independent).copy()
+    if np.any(stopped):
         variance[own] = np.diag(whole.covariance)[stopped]
         of_independent[own] = np.diag(whole.independent)[stopped]
     comparable = np.isfinite(variance) & (of_independent > 0.0)
@@ -182,7 +187,7 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
 
 
 def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
-    """The same without the correction of single blocks (CR1): blocks tell too little of a network's hundreds of weights.
+    """The same without the correction of single blocks (CR1): blocks tell too little of a network's many weights.
 
     As many degrees of freedom as blocks less one; the eigenvalues of every block would cost seconds.
     """
@@ -202,6 +207,38 @@ def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Bl
     unit, C = _factor(H[np.ix_(free, free)])
     step[free] = -unit * la.cho_solve((C, True), unit * gradient[free])
     return replace(blocks, scores=blocks.scores + blocks.H @ step), step
+
+
+def _off_bounds(H: Array, told: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
+    """What unknowns at bounds that may be off them add to the covariance of all.
+
+    How far one may be off is a normal distribution about the optimum without bounds, cut at both bounds. The others
+    follow: a tyre's stiffness and friction hang on a shape factor that stopped at its bound, and are as uncertain.
+
+    Parameters
+    ----------
+    H : (unknowns, unknowns).
+    told, stopped : (unknowns,) which move, and which of them are at their bound.
+    outward : (stopped,) how far beyond its bound the optimum without bounds has each.
+    room : (stopped,) from bound to bound.
+    covariance : (stopped, stopped) without bounds.
+    """
+    sd = np.sqrt(np.diag(covariance))
+    off = np.array([_reach_inward(t, r) for t, r in zip(outward / sd, room / sd, strict=True)])
+    inner, follow = told & ~stopped, np.zeros((len(H), int(np.sum(stopped))))
+    follow[stopped] = np.eye(int(np.sum(stopped)))
+    if np.any(inner):
+        unit, C = _factor(H[np.ix_(inner, inner)])
+        follow[inner] = -unit[:, None] * la.cho_solve((C, True), unit[:, None] * H[np.ix_(inner, stopped)])
+    return np.asarray(follow @ (covariance * np.outer(off, off)) @ follow.T)
+
+
+def _reach_inward(beyond: float, room: float) -> float:
+    """Root mean square of a normal variable of mean -beyond and variance one, cut to between zero and room."""
+    far = min(room, 10.0 - min(beyond, 0.0) if beyond < 5.0 else 50.0 / beyond)
+    inward = np.linspace(0.0, far, 1001)
+    weight = np.exp(-0.5 * inward**2 - beyond * inward)
+    return float(np.sqrt(np.sum(weight * inward**2) / np.sum(weight)))
 
 
 def _factor(H: Array) -> tuple[Array, Array]:

@@ -148,6 +148,6 @@ def fit(
         print_json(summary(result) | {"vehicle": vehicle or None, "warnings": warnings, "written": str(path)})
         return
     show(result, vehicle)
-    motion = isinstance(result.model, MotionModel)
-    more = "on other recordings: greybox validate" if motion else "figures and report: greybox report"
-    console().print(f"\nwritten  {path}   {more} {path}")
+    console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
+    if isinstance(result.model, MotionModel):
+        console().print(f"         on other recordings: greybox validate {path}")

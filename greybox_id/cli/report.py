@@ -11,7 +11,6 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import Fit, load
 from ..models.registry import build
-from ..motion_model import MotionModel
 from ..provenance import DataRecord
 from ..recording import Recording
 from .options import json_option
@@ -40,31 +39,19 @@ def report(
     The recordings are read from where the fit found them, and must be the same files: their hashes are compared.
     """
     # The reports load the plotting library: commands that draw nothing, and --help, do without.
-    from ..reports.content import content
-    from ..reports.drawings import drawings, write_drawings
-    from ..reports.noise import noise
-    from ..reports.pdf import write_pdf
-    from ..reports.recordings import seen
+    from ..reports.drawing import write_drawings
+    from ..reports.pdf import prepared, write_pdf
 
     path = Path(fit_file)
     fit = load(path, build)
-    if isinstance(fit.model, MotionModel):
-        raise BadInput(
-            f"{path} is a fit of {fit.model.name}, equations of motion, of which no report is written yet; see greybox "
-            "validate and greybox profile."
-        )
-    found = seen(fit, recordings_of(fit, path, train, validate, columns))
-    heard = noise([one.recording for one in found])
-    nominal = build(
-        fit.model.name, fit.model.settings, {name: float(fit.model[name].array) for name in fit.model.effects}
-    )
-    said, made = content(fit, found, heard, nominal), drawings(fit, found, heard)
-    target = write_pdf(said, made, out or path.with_suffix(".pdf"))
-    written = write_drawings(made, figures) if figures else []
+    found = prepared(fit, recordings_of(fit, path, train, validate, columns))
+    target = write_pdf(found, out or path.with_suffix(".pdf"))
+    written = write_drawings(found.made, figures) if figures else []
+    verdict = found.said.verdict
     if as_json:
-        print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": list(said.verdict)})
+        print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": list(verdict)})
         return
-    for sentence in said.verdict:
+    for sentence in verdict:
         console().print(sentence)
     for file in (target, *written):
         console().print(f"written  {file}")

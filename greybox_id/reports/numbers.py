@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from ..signals import SIGNALS
+
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SMALLEST, LARGEST = -3, 5
 """Powers of ten between which numbers are written out."""
@@ -38,14 +40,20 @@ def number(value: float, digits: int = 3) -> str:
     return f"{_minus(f'{value / 10.0**power:.{digits - 1}f}')}·10{_raised(power)}"
 
 
-def with_sd(value: float, sd: float) -> str:
-    """Estimate ± standard deviation, to two digits of the latter."""
+def with_sd(value: float, sd: float, digits: int = 2) -> str:
+    """Estimate ± standard deviation, to so many digits of the latter."""
     if not (math.isfinite(sd) and sd > 0.0):
         return number(value)
-    shown = together(value, sd, by=sd)
+    shown = together(value, sd, by=sd * 10 ** (2 - digits))
     if shown.power:
         return f"({shown.words[0]} ± {shown.words[1]})·10{_raised(shown.power)}"
     return f"{shown.words[0]} ± {shown.words[1]}"
+
+
+def short_with_sd(value: float, sd: float) -> str:
+    """Value ± standard deviation to one digit of the latter, two where it begins with 1 or 2."""
+    leading = sd / 10.0 ** _power(sd) if math.isfinite(sd) and sd > 0.0 else 1.0
+    return with_sd(value, sd, 2 if leading < 3.0 else 1)
 
 
 def interval(low: float, high: float, sd: float) -> str:
@@ -89,6 +97,11 @@ def listed(words: Sequence[str]) -> str:
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def signal_words(name: str) -> str:
+    """A signal in prose: yaw rate for yaw_rate, a_x as its symbol."""
+    return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name
 
 
 def counted(count: int, word: str, plural: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -12,17 +13,31 @@ import typst
 
 from ..files import replacing
 from ..fit import Fit
-from ..model import Model
+from ..motion_model import MotionModel
 from ..recording import Recording
-from .content import Content, content
-from .drawings import Drawing, drawings
+from .content import Content
+from .drawing import Drawing
+from .memory.content import memory_content
+from .memory.drawings import memory_drawings
+from .memory.seen import seen
+from .motion.content import motion_content
+from .motion.drawings import motion_drawings
+from .motion.driven import driven
 from .noise import noise
-from .recordings import seen
 
-TEMPLATE = "report.typ"
+LAYOUT = "layout.typ"
+"""What all templates share."""
 
 
-def report(fit: Fit, recordings: Sequence[Recording], out: str | Path, *, nominal: Model | None = None) -> Path:
+@dataclass(frozen=True)
+class Report:
+    """What a report says and shows."""
+
+    said: Content
+    made: tuple[Drawing, ...]
+
+
+def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
     """Write the report of a fit as a PDF, atomically.
 
     Parameters
@@ -30,41 +45,51 @@ def report(fit: Fit, recordings: Sequence[Recording], out: str | Path, *, nomina
     fit : the fit.
     recordings : what it saw, in any order; each is checked against the fit's record of it.
     out : file to write.
-    nominal : the model before fitting, whose values are the means of priors that name none.
 
     Raises
     ------
     BadInput : a recording is missing or is another file, or `out` cannot be written.
     """
+    return write_pdf(prepared(fit, recordings), out)
+
+
+def prepared(fit: Fit, recordings: Sequence[Recording]) -> Report:
+    """What the report of a fit says and shows, before it is laid out. Raises `BadInput` as `report` does."""
+    if isinstance(fit.model, MotionModel):
+        drives = driven(fit, recordings)
+        heard = noise([one.recording for one in drives])
+        return Report(motion_content(fit, drives, heard), motion_drawings(fit, drives, heard))
     found = seen(fit, recordings)
     heard = noise([one.recording for one in found])
-    return write_pdf(content(fit, found, heard, nominal), drawings(fit, found, heard), out)
+    return Report(memory_content(fit, found, heard), memory_drawings(fit, found, heard))
 
 
-def write_pdf(said: Content, made: Sequence[Drawing], out: str | Path) -> Path:
-    """Write content and figures as a PDF, atomically."""
+def write_pdf(report: Report, out: str | Path) -> Path:
+    """Write a report as a PDF, atomically."""
     target = Path(out)
-    pdf = render(said, made)
+    pdf = render(report)
     with replacing(target) as beside:
         beside.write_bytes(pdf)
     return target
 
 
-def render(said: Content, made: Sequence[Drawing]) -> bytes:
+def render(report: Report) -> bytes:
     """The bytes of the PDF. The document carries no date: they depend on nothing but what it shows."""
+    said = report.said
     words = said.as_dict()
-    words["figures"] = {one.name: {"caption": one.caption, "alt": one.alt} for one in made}
+    words["figures"] = {one.name: {"caption": one.caption, "alt": one.alt} for one in report.made}
     words["written_by"] = next(value for what, value in said.provenance if what == "version")
     with tempfile.TemporaryDirectory(prefix="greybox-") as name:
         folder = Path(name)
-        template = resources.files(__package__).joinpath(TEMPLATE).read_text("utf-8")
-        (folder / TEMPLATE).write_text(template, encoding="utf-8")
+        for template in (LAYOUT, said.template):
+            text = resources.files(__package__).joinpath(template).read_text("utf-8")
+            (folder / template).write_text(text, encoding="utf-8")
         (folder / "content.json").write_text(json.dumps(words, ensure_ascii=False), encoding="utf-8")
-        for one in made:
+        for one in report.made:
             (folder / f"{one.name}.svg").write_bytes(one.svg)
         # The machine's own fonts are left aside: the same report everywhere.
         pdf = typst.compile(
-            str(folder / TEMPLATE), root=str(folder), format="pdf", ignore_system_fonts=True, timestamp=0
+            str(folder / said.template), root=str(folder), format="pdf", ignore_system_fonts=True, timestamp=0
         )
     assert isinstance(pdf, bytes)
     return pdf

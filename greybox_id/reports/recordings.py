@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
-from ..metrics import PROTOCOLS, Prediction, Protocol, predictions
+from ..metrics import FREE_RUN, Prediction
 from ..provenance import DataRecord
 from ..recording import Recording
 
@@ -22,31 +23,22 @@ class Seen:
     ----------
     role : "train" or "validate".
     recording : the same rows that the fit saw.
-    predicted : protocol -> predictions; closed loop only where the model feeds itself.
+    outputs : of the model, those that are recorded.
+    predicted : protocol -> predictions of them; those of simulations only where the model can run on its own.
     """
 
     role: str
     recording: Recording
-    predicted: Mapping[Protocol, Prediction]
+    outputs: tuple[str, ...]
+    predicted: Mapping[str, Prediction]
 
     @property
-    def main(self) -> Protocol:
+    def main(self) -> str:
         """The protocol a simulation is judged by: on the model's own predictions where it has that."""
-        return "closed_loop" if "closed_loop" in self.predicted else "honest"
+        return next((name for name in (FREE_RUN, "closed_loop") if name in self.predicted), "honest")
 
 
-def seen(fit: Fit, recordings: Sequence[Recording]) -> tuple[Seen, ...]:
-    """The recordings of a fit, in its order, with predictions.
-
-    Raises
-    ------
-    BadInput : one that the fit saw is missing, or is another file.
-    """
-    protocols = PROTOCOLS if fit.model.feedback is not None else PROTOCOLS[:2]
-    return tuple(
-        Seen(record.role, recording, {p: predictions(fit.model, recording, p) for p in protocols})
-        for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
-    )
+AnySeen = TypeVar("AnySeen", bound=Seen)
 
 
 def matched(fit: Fit, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -54,18 +46,18 @@ def matched(fit: Fit, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(_match(record, recordings) for record in fit.data)
 
 
-def of_role(recordings: Sequence[Seen], role: str) -> tuple[Seen, ...]:
+def of_role(recordings: Sequence[AnySeen], role: str) -> tuple[AnySeen, ...]:
     """Those that trained, or those that validated."""
     return tuple(one for one in recordings if one.role == role)
 
 
-def shown_first(recordings: Sequence[Seen]) -> Seen:
+def shown_first(recordings: Sequence[AnySeen]) -> AnySeen:
     """The recording to show: the longest that validated, else the longest that trained."""
     choice = of_role(recordings, "validate") or tuple(recordings)
     return max(choice, key=lambda one: len(one.recording))
 
 
-def run_rows(one: Seen, protocol: Protocol) -> list[tuple[int, Prediction]]:
+def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
     """The predictions of each unbroken run of a recording, with the run's number from 1; runs without any left out."""
     whole = one.predicted[protocol]
     found = []

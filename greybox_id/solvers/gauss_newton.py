@@ -18,18 +18,20 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg as la
-from scipy.linalg import lapack
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from ..engine.layout import NormalEquations
 from ..engine.least_squares import LeastSquares, Matched
 from ..parameter import Array
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
-"""Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are damped,
-and where a search gives up."""
+"""Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are
+damped, and where a search gives up."""
 PROBE, MOST_BEND = 0.1, 0.5
 """Share of a step after which its bend is looked at; largest share of a step that a correction may be."""
+ROUNDING = 1e-14
+"""Relative distance at which a step to a bound has reached it."""
 PATIENCE = 4
 NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
@@ -119,6 +121,9 @@ def gauss_newton(
         history.append(point.objective)
         while True:
             equations = problem.normal_equations(point.x, point.nodes)
+            if not (np.all(np.isfinite(equations.H)) and np.all(np.isfinite(equations.g))):
+                status = Status.STALLED if steps else Status.NOT_FINITE
+                break
             decrement = _decrease(equations, _step(problem, point.x, equations, 0.0)) / max(point.objective, 1e-300)
             if decrement <= tolerance:
                 status = Status.CONVERGED
@@ -175,7 +180,7 @@ def _shortened(problem: LeastSquares, point: _Point, equations: NormalEquations,
         promised = -float(equations.g @ step)
         share = min(1.0, 2.5 * memory.share)
         while share > 1e-3:
-            trial = _at(problem, np.clip(point.x + share * step, *problem.bounds))
+            trial = _at(problem, _within(problem, point.x + share * step))
             if trial.objective < point.objective - 1e-2 * share * promised:
                 memory.share, memory.damping = share, max(memory.damping / 10.0, LEAST_DAMPING)
                 return trial
@@ -190,7 +195,7 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
     Positive unknowns step in their logarithms: factors such as B C D, which is all that a recording tells of a tyre at
     small slip, are then straight lines, and the valley along them is no longer bent.
     """
-    by = np.where(_positive(problem), point.x, 1.0)
+    by = np.where(_positive(problem, point.x), point.x, 1.0)
     curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
     while memory.damping < MOST_DAMPING:
         step = _step(problem, point.x, curved, memory.damping, logarithmic=True)
@@ -216,11 +221,23 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
 def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:
     """Where a step leads that is taken in logarithms of the positive unknowns."""
     with np.errstate(over="ignore"):
-        return np.clip(np.where(_positive(problem), x * np.exp(step), x + step), *problem.bounds)
+        return _within(problem, np.where(_positive(problem, x), x * np.exp(step), x + step))
+
+
+def _within(problem: LeastSquares, x: Array) -> Array:
+    """The same within bounds; what reached its bound but for rounding is there."""
+    for bound in problem.bounds:
+        x = np.where(np.isclose(x, bound, rtol=ROUNDING, atol=0.0), bound, x)
+    return np.clip(x, *problem.bounds)
 
 
 def _bend(
-    problem: LeastSquares, point: _Point, curved: NormalEquations, step: Array, equations: NormalEquations, damping: float
+    problem: LeastSquares,
+    point: _Point,
+    curved: NormalEquations,
+    step: Array,
+    equations: NormalEquations,
+    damping: float,
 ) -> Array:
     """The second-order correction of a step, half the geodesic acceleration; none where it would outweigh the step.
 
@@ -230,7 +247,7 @@ def _bend(
     if equations.pulled is None:
         return np.zeros_like(step)
     ahead = _moved(problem, point.x, PROBE * step)
-    by = np.where(_positive(problem), point.x, 1.0)
+    by = np.where(_positive(problem, point.x), point.x, 1.0)
     with np.errstate(all="ignore"):
         pull = by * equations.pulled(ahead, problem.simulated_nodes(ahead))
         curvature = 2 / PROBE * ((pull - curved.g) / PROBE - curved.H @ step)
@@ -243,13 +260,13 @@ def _bend(
     inner[np.diag_indices_from(inner)] += damping + 1e-12
     bend = np.zeros_like(step)
     bend[moving] = -0.5 * unit * _solved(inner, unit * curvature[moving])
-    size = np.linalg.norm(bend[moving] / unit) / max(np.linalg.norm(step[moving] / unit), 1e-300)
+    size = float(np.linalg.norm(bend[moving] / unit)) / max(float(np.linalg.norm(step[moving] / unit)), 1e-300)
     return bend if size <= MOST_BEND else np.zeros_like(step)
 
 
-def _positive(problem: LeastSquares) -> Mask:
-    """Unknowns that cannot be zero or change sign."""
-    return np.asarray(problem.free & (problem.bounds[0] > 0))
+def _positive(problem: LeastSquares, x: Array) -> Mask:
+    """Unknowns that cannot be zero or change sign; not those that stand at infinity, for no limit at all."""
+    return np.asarray(problem.free & (problem.bounds[0] > 0) & np.isfinite(x))
 
 
 def _step(
@@ -268,7 +285,7 @@ def _step(
     still = np.where(np.isfinite(x), x, 0.0)  # an effect may stand at an infinite null, no limit at all
     low, high = problem.bounds[0] - still, problem.bounds[1] - still
     if logarithmic:
-        positive = _positive(problem)
+        positive = _positive(problem, x)
         low[positive] = np.log(problem.bounds[0][positive] / x[positive])
         high[positive] = np.log(problem.bounds[1][positive] / x[positive])
     step = np.zeros_like(x)

@@ -13,8 +13,8 @@ from greybox_id.engine.sensing import Sensing
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadModel
-from greybox_id.metrics import predictions
 from greybox_id.memory_model import SampledActuator
+from greybox_id.metrics import predictions
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 
 

@@ -1,16 +1,23 @@
-"""A small fit to a slice of a shipped recording, shared by all tests of reports."""
+"""Small fits, shared by all tests of reports: of a map with memory, and of equations of motion."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from driven import driven, without
 
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
+from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
+from greybox_id.models.registry import build
 from greybox_id.recording import Recording
-from greybox_id.reports.drawings import drawings
+from greybox_id.reports.memory.drawings import memory_drawings
+from greybox_id.reports.memory.seen import seen
+from greybox_id.reports.motion.drawings import motion_drawings
+from greybox_id.reports.motion.driven import driven as seen_driven
 from greybox_id.reports.noise import noise
-from greybox_id.reports.recordings import seen
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +43,7 @@ def found(small_fit, train, validate):
 
 @pytest.fixture(scope="session")
 def made(small_fit, found):
-    return drawings(small_fit, found, noise([one.recording for one in found]))
+    return memory_drawings(small_fit, found, noise([one.recording for one in found]))
 
 
 @pytest.fixture(scope="session")
@@ -48,3 +55,46 @@ def simple():
         return Recording("made", 0.05 * np.arange(n), signals)
 
     return simple
+
+
+@pytest.fixture(scope="session")
+def _uncompiled():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GREYBOX_COMPILE", "0")
+        yield
+
+
+@pytest.fixture(scope="session")
+def laps(_uncompiled):
+    """A car whose steering is later than stated, driven twice to fit it and once to judge; it has no gyro bias."""
+
+    def lap(number, **kind):
+        drive = driven("lateral", effects={"steering_delay": 0.06}, seed=10 * number, **kind)
+        return replace(drive, name=f"lap {number}")
+
+    late = lap(3)
+    return [lap(1), without(lap(2, runs=1), "v_y"), late.with_signals(a_y=sparse(late["a_y"]))]
+
+
+def sparse(values, every=4):
+    """The values, most of them missing."""
+    return np.where(np.arange(len(values)) % every == 0, values, np.nan)
+
+
+@pytest.fixture(scope="session")
+def motion_fit(laps):
+    effects = {"steering_delay": None, "yaw_rate_bias": None}
+    model = build("lateral", None, effects, vehicle("full_size_car"))
+    model = model.with_parameters(*(replace(model[name], fixed=True) for name in ("m", "C_f", "C_r")))
+    how = How(horizon=2.0, start_from="measured", starts=2)
+    return fit(model, laps[:2], validate=laps[2], how=how, command="greybox fit laps")
+
+
+@pytest.fixture(scope="session")
+def motion_found(motion_fit, laps):
+    return seen_driven(motion_fit, laps)
+
+
+@pytest.fixture(scope="session")
+def motion_made(motion_fit, motion_found):
+    return motion_drawings(motion_fit, motion_found, None)

@@ -2,9 +2,11 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
+from driven import written
 
 from greybox_id.cli.report import recordings_of, report
 from greybox_id.datasets.read import read
@@ -14,6 +16,7 @@ from greybox_id.fit import load
 from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
+from greybox_id.provenance import data_record
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +53,16 @@ def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
     assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
     assert str(tmp_path / "figures" / "traces.svg") in body["figures"]
     assert len(body["verdict"]) == 3
+
+
+@pytest.mark.usefixtures("_uncompiled")
+def test_equations_of_motion_have_a_report_too(motion_fit, laps, tmp_path):
+    files = [written(lap, tmp_path / f"lap{k}.csv") for k, lap in enumerate(laps)]
+    made = zip(motion_fit.data, [read(file, "canonical") for file in files], strict=True)
+    data = tuple(data_record(recording, record.role) for record, recording in made)
+    path = replace(motion_fit, data=data).save(tmp_path / "fit.json")
+    result = CliRunner().invoke(report, [str(path), "--figures", str(tmp_path / "figures")], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "lap2" in result.stdout.splitlines()[0]
+    assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / "figures" / "tyres.svg").is_file()

@@ -14,12 +14,13 @@ from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import msnn_lat
 from greybox_id.models.msnn_long import msnn_long
 from greybox_id.recording import Recording
-from greybox_id.reports.drawings import drawings, write_figures
+from greybox_id.reports.drawing import write_drawings
 from greybox_id.reports.figures.impulse_responses import responses
 from greybox_id.reports.figures.spectrum import psd
 from greybox_id.reports.figures.steering import has_steering, steady_yaw_rate
-from greybox_id.reports.figures.style import svg
+from greybox_id.reports.figures.style import look, svg
 from greybox_id.reports.figures.traces import traces, typical_stretch
+from greybox_id.reports.memory.drawings import memory_drawings
 from greybox_id.reports.noise import noise
 
 UNIT = re.compile(r"\[.+\]")
@@ -30,25 +31,30 @@ def test_there_is_every_figure_that_the_model_gives_a_meaning(made):
     assert not has_steering(msnn_long())
 
 
-def test_every_axis_is_labelled_with_a_unit(made):
-    for one in made:
+def test_every_axis_is_labelled_with_a_unit(made, motion_made):
+    for one in (*made, *motion_made):
+        if one.name == "correlation":  # its axes hold names
+            continue
         for axes in one.figure.axes:
-            assert UNIT.search(axes.get_ylabel()), f"{one.name}: {axes.get_ylabel()!r}"
+            beside = [other for other in one.figure.axes if axes.get_shared_y_axes().joined(axes, other)]
+            assert any(UNIT.search(own.get_ylabel()) for own in (axes, *beside)), f"{one.name}: {axes.get_ylabel()!r}"
             if axes.get_subplotspec() is not None and axes.get_subplotspec().is_last_row():
                 assert UNIT.search(axes.get_xlabel()), f"{one.name}: {axes.get_xlabel()!r}"
 
 
-def test_no_label_is_cut_off(made):
-    for one in made:
+def test_no_label_is_cut_off(made, motion_made):
+    for one in (*made, *motion_made):
         assert one.svg  # drawn, so that its layout is settled
-        tight, (width, height) = one.figure.get_tightbbox(), one.figure.get_size_inches()
+        with look():
+            tight, (width, height) = one.figure.get_tightbbox(), one.figure.get_size_inches()
         assert min(tight.x0, tight.y0) >= -0.02
         assert tight.x1 <= width + 0.02
         assert tight.y1 <= height + 0.02
 
 
-def test_files_hold_outlines_for_letters_and_are_the_same_every_time(made, small_fit, train, validate, tmp_path):
-    files = write_figures(small_fit, [train], validate, tmp_path / "new")
+def test_files_hold_outlines_for_letters_and_are_the_same_every_time(made, small_fit, found, tmp_path):
+    again = memory_drawings(small_fit, found, noise([one.recording for one in found]))
+    files = write_drawings(again, tmp_path / "new")
     assert [file.name for file in files] == [f"{one.name}.svg" for one in made]
     for one, file in zip(made, files, strict=True):
         assert file.read_bytes() == one.svg
@@ -57,9 +63,9 @@ def test_files_hold_outlines_for_letters_and_are_the_same_every_time(made, small
     assert sorted((tmp_path / "new").iterdir()) == sorted(files)
 
 
-def test_the_user_s_own_plotting_settings_are_left_alone(small_fit, found):
+def test_the_user_s_own_plotting_settings_are_left_alone(found):
     before = dict(mpl.rcParams)
-    assert svg(traces(small_fit, found[1]))
+    assert svg(traces(found[1]))
     assert dict(mpl.rcParams) == before
 
 
@@ -86,7 +92,8 @@ def test_inputs_that_follow_from_outputs_settle_in_the_steady_state():
         return {"yaw_rate": 2.0 * u.v_x * u.steer - 0.1 * past(u.a_y, [0.5, 0.5])}
 
     model = MemoryModel(
-        "leaning", "", ("v_x", "steer", "a_y"), ("yaw_rate",), (), equations, 0.05,
+        name="leaning", about="", inputs=("v_x", "steer", "a_y"), outputs=("yaw_rate",), parameters=(),
+        equations=equations, sample_time=0.05,
         feedback=lambda y, u: {"a_y": y.yaw_rate * u.v_x},
     )  # fmt: skip
     rate = steady_yaw_rate(Trace(model), np.array([0.1]), 3.0)
@@ -131,5 +138,5 @@ def test_noise_is_heard_driving_straight_where_that_lasts_and_else_at_rest(simpl
 def test_a_fit_without_spread_in_its_recordings_is_drawn_all_the_same(small_fit, found):
     """A validation recording that stands still: no curvature can be measured, and no error is large."""
     held = replace(found[0], recording=found[0].recording.with_signals(v_x=np.zeros(len(found[0].recording))))
-    for one in drawings(small_fit, [held], None):
+    for one in memory_drawings(small_fit, [held], None):
         assert one.svg.startswith(b"<?xml")

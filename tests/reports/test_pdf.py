@@ -8,19 +8,22 @@ import pytest
 from pypdf import PdfReader
 
 from greybox_id.errors import BadInput
-from greybox_id.reports.content import content
-from greybox_id.reports.noise import noise
-from greybox_id.reports.pdf import render, report
+from greybox_id.reports.pdf import prepared, render, report
 
 
 @pytest.fixture(scope="module")
-def said(small_fit, found):
-    return content(small_fit, found, noise([one.recording for one in found]))
+def whole(small_fit, train, validate):
+    return prepared(small_fit, [train, validate])
 
 
 @pytest.fixture(scope="module")
 def pdf(small_fit, train, validate, tmp_path_factory):
     return report(small_fit, [train, validate], tmp_path_factory.mktemp("report") / "new" / "report.pdf")
+
+
+@pytest.fixture(scope="module")
+def motion_pdf(motion_fit, laps, tmp_path_factory):
+    return report(motion_fit, laps, tmp_path_factory.mktemp("motion") / "report.pdf")
 
 
 def fonts(page):
@@ -31,7 +34,9 @@ def fonts(page):
             yield descendant.get_object()
 
 
-def test_pages_and_fonts(pdf):
+@pytest.mark.parametrize("kind", ["pdf", "motion_pdf"])
+def test_pages_and_fonts(kind, request):
+    pdf = request.getfixturevalue(kind)
     reader = PdfReader(pdf)
     assert 3 <= len(reader.pages) <= 6
     found = [font for page in reader.pages for font in fonts(page)]
@@ -43,17 +48,28 @@ def test_pages_and_fonts(pdf):
     assert [file.name for file in pdf.parent.iterdir()] == [pdf.name]
 
 
-def test_two_reports_are_the_same_bytes(small_fit, said, made, pdf):
-    assert hashlib.sha256(render(said, made)).hexdigest() == hashlib.sha256(pdf.read_bytes()).hexdigest()
+def test_two_reports_are_the_same_bytes(whole, pdf):
+    assert hashlib.sha256(render(whole)).hexdigest() == hashlib.sha256(pdf.read_bytes()).hexdigest()
 
 
-def test_every_number_of_the_table_of_errors_is_in_it(small_fit, said, pdf):
+def test_every_number_of_the_table_of_errors_is_in_it(small_fit, whole, pdf):
     text = re.sub(r"\s+", " ", " ".join(page.extract_text() for page in PdfReader(pdf).pages))
+    said = whole.said
     for row in said.errors.rows:
         for cell in row[2:]:
             assert cell in text
     shown = said.errors.rows[0][4].split(" ± ")[0]
     assert float(shown) == pytest.approx(small_fit.metrics["validate"]["honest"]["yaw_rate"]["rmse"], rel=0.05)
+
+
+def test_a_report_of_motion_is_the_same_bytes_and_holds_its_tables(motion_fit, laps, motion_pdf):
+    again = prepared(motion_fit, laps)
+    assert render(again) == motion_pdf.read_bytes()
+    text = re.sub(r"\s+", " ", " ".join(page.extract_text() for page in PdfReader(motion_pdf).pages))
+    said = again.said
+    for table in (said.errors, said.parameters, said.effects, said.combinations):
+        for row in table.rows:
+            assert row[2] in text
 
 
 def test_another_file_is_refused_with_a_sentence(small_fit, train, validate, tmp_path):

@@ -1,7 +1,7 @@
 """Intervals of runs laid side by side, so that one call integrates them all.
 
-An interval is a stretch of rows predicted from one start. It may be cut into several lanes that are integrated at the same
-time once the states at the cuts are known: the parallel form of multiple shooting.
+An interval is a stretch of rows predicted from one start. It may be cut into several lanes that are integrated at the
+same time once the states at the cuts are known: the parallel form of multiple shooting.
 """
 
 from __future__ import annotations
@@ -66,6 +66,28 @@ class Lanes:
     def complete(self) -> bool:
         """Whether every reading was taken."""
         return bool(np.all(self.lane >= 0))
+
+    @cached_property
+    def owner(self) -> Index:
+        """(N * outputs,) interval that predicts each reading: a late one the interval before may."""
+        own = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
+        return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], own).ravel())
+
+    @cached_property
+    def by_owner(self) -> tuple[Index | None, Index]:
+        """The order that sorts readings by their owner, None where they are; where each owner's begin in it."""
+        sorted_already = bool(np.all(np.diff(self.owner) >= 0))
+        order = None if sorted_already else np.argsort(self.owner, kind="stable")
+        in_order = self.owner if order is None else self.owner[order]
+        return order, np.searchsorted(in_order, np.arange(len(self.rows)))
+
+    def scattered(self, values: Array) -> Array:
+        """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
+        shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
+        found = np.zeros(int(np.prod(shape)))
+        taken = (self.lane >= 0).ravel()
+        found[self.flat[taken]] = values.ravel()[taken]
+        return found.reshape(shape)
 
     def gathered(self, values: Array, nothing: float = np.nan) -> Array:
         """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""

@@ -1,7 +1,7 @@
 """Predictions of a motion model over fixed horizons and in free run, each from readings of a row.
 
-States that are not recorded come from an observer: the model run along the recording with every measured state set back to its
-reading row by row.
+States that are not recorded come from an observer (observer.py): the model run along the recording with every state
+that is read set back to its reading row by row.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from ...parameter import Array
 from ...recording import Recording
 from .lanes import Interval, lay
+from .observer import observed
 from .runs import Index, MotionRun, motion_runs
 from .schedule import Schedule, schedule
 from .simulator import Simulator
@@ -60,14 +61,9 @@ class Predictor:
         self.simulator, self.p, self._given = simulator, p, dict(given or {})
         model = simulator.trace.model
         self.runs = motion_runs(model, recording, unread=given is not None)
-        at = {name: k for k, name in enumerate(model.outputs)}
-        seen = np.any([np.any(np.isfinite(run.measured), axis=0) for run in self.runs], axis=0)
-        self._measured = tuple(name for name in simulator.trace.names if name in at and seen[at[name]])
-        self._channels = np.array([at[name] for name in self._measured], dtype=np.intp)
-        self._states = np.array([simulator.trace.names.index(name) for name in self._measured], dtype=np.intp)
-        self._read = [j for j, name in enumerate(self._measured) if name not in self._given]
+        self._read = [run.states_read(model) for run in self.runs]
         self._observed: list[Array] | None = None
-        self._seen = bool(self._measured) and not self._given  # readings tell how stiff the model is along the way
+        self._seen = any(self._read) and not self._given  # readings tell how stiff the model is along the way
         known = self.runs if self._seen else [self._held(run) for run in self.runs]
         self._lay_out(longest_segment(simulator.trace, known, p))
 
@@ -75,7 +71,7 @@ class Predictor:
         """Every run from the readings of its first row to its end."""
         intervals = []
         for k, run in enumerate(self.runs):
-            first = run.starts(self._channels[self._read], np.array([0]))
+            first = run.starts(self._channels(self._counting(k)), np.array([0]))
             intervals += [Interval(k, int(a), len(run)) for a in first]
         rows = [(i.run, np.arange(i.start, i.stop)) for i in intervals]
         if not intervals:
@@ -96,8 +92,7 @@ class Predictor:
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
             steps = max(1, round(horizon / run.sample_time))
-            complete = np.all(np.isfinite(run.measured[:, self._channels]), axis=1)
-            complete[0] = True  # the observer has a start of its own there
+            complete = np.all(np.isfinite(run.measured[:, self._channels(self._read[k])]), axis=1)
             begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::stride]
             if len(begin):
                 chosen.append((k, begin + steps))
@@ -106,9 +101,10 @@ class Predictor:
         return self._collected(chosen, np.vstack(found) if found else empty)
 
     def observed(self) -> list[Array]:
-        """Per run, (n, nz) states with the measured ones as read and the others as the model carries them."""
+        """Per run, (n, nz) states with those that are read as read and the others as the model carries them."""
         if self._observed is None:
-            self._observed = [self._observe(k) for k in range(len(self.runs))]
+            pairs = zip(self.runs, self._plans, strict=True)
+            self._observed = [observed(self.simulator, run, plan, self.p) for run, plan in pairs]
         return self._observed
 
     def _lay_out(self, longest: float) -> None:
@@ -128,8 +124,7 @@ class Predictor:
     def _held(self, run: MotionRun) -> MotionRun:
         """A run as if its states stayed where they start: all that is known of them before it is simulated."""
         outputs = self.simulator.trace.model.outputs
-        first = np.full(len(outputs), 0.0)
-        first[self._channels] = np.nan_to_num(run.measured[0, self._channels])
+        first = np.nan_to_num(run.measured[0])
         for name, value in self._given.items():
             if name in outputs:
                 first[outputs.index(name)] = value
@@ -145,26 +140,6 @@ class Predictor:
             measured[own] = y
             along.append(replace(self.runs[k], measured=measured))
         return longest_segment(self.simulator.trace, along, self.p)
-
-    def _observe(self, k: int) -> Array:
-        run, plan = self.runs[k], self._plans[k]
-        rows = np.arange(len(run))
-        complete = np.all(np.isfinite(run.measured[:, self._channels]), axis=1)
-        readings = np.where(np.isfinite(run.measured[:, self._channels]), run.measured[:, self._channels], 0.0)
-        corrected, _ = self.simulator.start(self._measured, readings, run.inputs, self.p)
-        z = np.empty((len(run), corrected.shape[1]))
-        z[0] = corrected[0]
-        nothing = np.zeros(int(np.max(np.diff(plan.row_segment), initial=1)), dtype=bool)
-        with np.errstate(all="ignore"):
-            for row in rows[1:]:
-                segments = plan.segments[plan.row_segment[row - 1] : plan.row_segment[row]]
-                ends, _ = self.simulator.kernel.simulate(
-                    z[row - 1 : row], segments[None], self.p, nothing[: len(segments)]
-                )
-                z[row] = ends[0, -1]
-                if complete[row]:
-                    z[row, self._states] = corrected[row, self._states]
-        return z
 
     def _led(self, plan: Schedule, z0: Array, begin: Index, end: Index) -> Array:
         """Readings at rows `end` from states at rows `begin`."""
@@ -184,11 +159,17 @@ class Predictor:
         return np.where(read >= 0, found, np.nan)
 
     def _start(self, k: int, rows: Index) -> Array:
-        run, given = self.runs[k], tuple(self._given)
-        names = tuple(self._measured[j] for j in self._read) + given
+        run, given, counting = self.runs[k], tuple(self._given), self._counting(k)
         values = np.tile(list(self._given.values()), (len(rows), 1))
-        readings = np.hstack([run.measured[rows][:, self._channels[self._read]], values])
-        return self.simulator.start(names, readings, run.inputs[rows], self.p, given)[0]
+        readings = np.hstack([run.measured[rows][:, self._channels(counting)], values])
+        return self.simulator.start(counting + given, readings, run.inputs[rows], self.p, given)[0]
+
+    def _counting(self, k: int) -> tuple[str, ...]:
+        """States of a run whose readings count: those that are not given."""
+        return tuple(name for name in self._read[k] if name not in self._given)
+
+    def _channels(self, names: tuple[str, ...]) -> list[int]:
+        return [self.simulator.trace.model.outputs.index(name) for name in names]
 
     def _collected(self, rows: Sequence[tuple[int, Index]], predicted: Array) -> Predictions:
         def of(run: MotionRun, own: Index) -> Index:

@@ -68,14 +68,18 @@ class Following:
         """The first stage."""
         return self._paths[name].first(value, q)
 
-    def middle(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
-        """The second and the third stage."""
-        return self._paths[name].middle(value, q)
+    def second(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
+        """The second stage, halfway."""
+        return self._paths[name].second(value, q)
 
-    def last(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
+    def third(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
+        """The third stage, halfway."""
+        return self._paths[name].third(value, q)
+
+    def fourth(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
         """The fourth stage."""
         del q
-        return self._paths[name].last(value)
+        return self._paths[name].fourth(value)
 
     def end(self, name: str, value: Symbol, q: NamedQuantities) -> Symbol:
         """Where the quantity stands at the end."""
@@ -88,7 +92,6 @@ class _Path:
 
     def __init__(self, standing: Symbol, time_constant: Callable[[NamedQuantities], Symbol], h: Symbol) -> None:
         self.standing, self.time_constant, self.h = standing, time_constant, h
-        self.halfway: list[Symbol] = []
 
     def first(self, value: Symbol, q: NamedQuantities) -> Symbol:
         self.w_0, self.off = value, self.standing - value
@@ -98,21 +101,29 @@ class _Path:
         self.slope = 12 * (moment - self.mean / 2)
         return value + self.off * self._transient(0.0)
 
-    def middle(self, value: Symbol, q: NamedQuantities) -> Symbol:
-        self.halfway.append(value)
-        self.ratio_half = self._ratio(q)
-        return value + self._lag(2 * (value - self.w_0), 0.5) + self._lacking(2 * (value - self.w_0)) / 2
+    def second(self, value: Symbol, q: NamedQuantities) -> Symbol:
+        del q
+        self.w_second = value
+        return self._halfway(value)
 
-    def last(self, value: Symbol) -> Symbol:
+    def third(self, value: Symbol, q: NamedQuantities) -> Symbol:
+        self.w_third, self.ratio_half = value, self._ratio(q)
+        return self._halfway(value)
+
+    def fourth(self, value: Symbol) -> Symbol:
         return value + self._lag(value - self.w_0, 1.0) - self._lacking(value - self.w_0)
 
     def end(self, value: Symbol) -> Symbol:
         r = self.ratio_half
         weights = [_weight(r, power) for power in range(3)]
-        w_half = sum(self.halfway) / len(self.halfway)  # errors of the two stages halfway are opposite
+        w_half = (self.w_second + self.w_third) / 2  # their errors are opposite
         rise = 4 * w_half - 3 * self.w_0 - value
         bend = 2 * self.w_0 - 4 * w_half + 2 * value
         return cs.exp(-r) * self.standing + weights[0] * self.w_0 + weights[1] * rise + weights[2] * bend
+
+    def _halfway(self, value: Symbol) -> Symbol:
+        a = 2 * (value - self.w_0)
+        return value + self._lag(a, 0.5) + self._lacking(a) / 2
 
     def _ratio(self, q: NamedQuantities) -> Symbol:
         return self.h / (self.time_constant(q) + TINY_TIME) + TINY_RATIO

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from ...parameter import Array
 from ...recording import Recording
 
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""
@@ -35,7 +37,7 @@ class MotionRun:
     name: str
     time: Array
     inputs: Array
-    held: NDArray[np.bool_]
+    held: Mask
     measured: Array
     rows: range
 
@@ -47,9 +49,18 @@ class MotionRun:
         """Usual step, s."""
         return float(np.median(np.diff(self.time)))
 
-    def starts(self, measured: Index, wanted: Index) -> Index:
-        """Rows near those wanted at which every measured state has a reading: the wanted one or the next that has."""
-        good = np.flatnonzero(np.all(np.isfinite(self.measured[:, measured]), axis=1))
+    def states_read(self, model: MotionModel) -> tuple[str, ...]:
+        """States of the model that have a reading somewhere in this run."""
+        found = np.any(np.isfinite(self.measured), axis=0)
+        return tuple(
+            state.name
+            for state in model.states
+            if state.name in model.outputs and found[model.outputs.index(state.name)]
+        )
+
+    def starts(self, measured: Sequence[int], wanted: Index) -> Index:
+        """Rows near those wanted at which so many outputs have a reading: the wanted one or the next that has."""
+        good = np.flatnonzero(np.all(np.isfinite(self.measured[:, list(measured)]), axis=1))
         if len(good) == 0:
             return np.empty(0, dtype=np.intp)
         places = np.searchsorted(good, wanted)
@@ -78,7 +89,7 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
             f"it has {', '.join(recording.signals)}. Map at least one of them in the column map (--columns)."
         )
     nothing = np.full(len(recording), np.nan)
-    measured = np.column_stack([recording[n] if n in recording else nothing for n in model.outputs])
+    measured = np.column_stack([recording.signals.get(n, nothing) for n in model.outputs])
     held = np.array([name in model.commands and recording.hold == "zero" for name in model.inputs], dtype=bool)
     found = []
     for start, stop in recording.runs:
@@ -90,7 +101,8 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
                 found.append(MotionRun(recording.name, recording.time[own], table[own], held, measured[own], rows))
     if not found:
         raise BadInput(
-            f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all there."
+            f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all "
+            "there."
         )
     return found
 
@@ -111,6 +123,6 @@ def _input(model: MotionModel, recording: Recording, name: str) -> Array:
     raise AssertionError
 
 
-def _stretches(good: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _stretches(good: Mask) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate(([False], good, [False])).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

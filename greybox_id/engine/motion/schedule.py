@@ -1,8 +1,8 @@
 """Segments: the stretches of a run between any two instants at which a command changes or something is read.
 
-Delays and latencies move such instants, and segments' lengths with them: a delay of 3.7 samples is a segment of 0.7 of a
-sample, not an interpolation. Every instant is a row's time, moved by at most one shift, so that how segments move with
-shifts is a matter of plus and minus ones.
+Delays and latencies move such instants, and segments' lengths with them: a delay of 3.7 samples is a segment of 0.7 of
+a sample, not an interpolation. Every instant is a row's time, moved by at most one shift, so that how segments move
+with shifts is a matter of plus and minus ones.
 """
 
 from __future__ import annotations

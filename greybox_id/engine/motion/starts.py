@@ -1,46 +1,88 @@
-"""Where intervals start: states from readings, actuators from the commands before, and deviations that are estimated."""
+"""Where intervals start: from readings, from the commands before, and what nothing reads from an observer."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...parameter import Array
 from .lanes import Interval, lay
-from .runs import Index, MotionRun
+from .observer import observed
+from .runs import Index, Mask, MotionRun
 from .schedule import Schedule
 from .simulator import Simulator
 
 
+@dataclass(frozen=True)
+class _Alike:
+    """Intervals of whose states the same ones are read."""
+
+    names: tuple[str, ...]
+    which: Index
+    readings: Array
+    inputs: Array
+
+
 class IntervalStarts:
     """States at the starts of intervals, as functions of the parameters.
+
+    Where intervals start again and again, actuators have moved since the run began, and are run through anew for
+    every set of parameters. States and lags that nothing reads come from an observer, once: they stay what they were at
+    the parameters given.
 
     Parameters
     ----------
     simulator : the model.
     runs : the recordings' runs.
     intervals : what starts.
-    measured : states that have readings.
-    carried : actuators have moved since the run began; else they rest at their command.
     """
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        runs: Sequence[MotionRun],
-        intervals: Sequence[Interval],
-        measured: tuple[str, ...],
-        carried: bool,
-    ) -> None:
-        self._simulator, self._runs, self._intervals, self._measured = simulator, runs, intervals, measured
-        at = {name: k for k, name in enumerate(simulator.trace.model.outputs)}
-        channels = np.array([at[name] for name in measured], dtype=np.intp)
-        self._readings = np.array([runs[i.run].measured[i.start, channels] for i in intervals])
-        self._inputs = np.array([runs[i.run].inputs[i.start] for i in intervals])
-        self._carried = carried and simulator.actuators is not None
-        self._touched = simulator.start_touched(measured)
+    def __init__(self, simulator: Simulator, runs: Sequence[MotionRun], intervals: Sequence[Interval]) -> None:
+        self._simulator, self._runs, self._intervals = simulator, runs, intervals
+        model = simulator.trace.model
+        self._model = model
+        read = [run.states_read(model) for run in runs]
+        self._read = np.array([[name in read[i.run] for name in simulator.trace.names] for i in intervals])
+        self._groups = []
+        for names in dict.fromkeys(read):
+            which = np.array([k for k, i in enumerate(intervals) if read[i.run] == names], dtype=np.intp)
+            channels = [model.outputs.index(name) for name in names]
+            readings = np.array([runs[intervals[k].run].measured[intervals[k].start, channels] for k in which])
+            inputs = np.array([runs[intervals[k].run].inputs[intervals[k].start] for k in which])
+            if len(which):
+                self._groups.append(_Alike(names, which, readings.reshape(len(which), -1), inputs))
+        self._touched = np.unique(np.concatenate([simulator.start_touched(own.names) for own in self._groups]))
         self._last: tuple[Array, Array, Array] | None = None
+        self._carried: tuple[Mask, Array] | None = None
+        self._actuated = False
+
+    def carry(self, p: Array, plans: Sequence[Schedule]) -> None:
+        """From here on, starts within a run go on from what was before.
+
+        Parameters
+        ----------
+        p : (parameters,) of the observer.
+        plans : each run's segments at these parameters.
+        """
+        trace = self._simulator.trace
+        self._actuated = self._simulator.actuators is not None
+        actuators = slice(len(trace.names), len(trace.names) + len(self._model.actuators))
+        unread = np.ones((len(self._intervals), trace.size), dtype=bool)
+        unread[:, : len(trace.names)] = ~self._read
+        unread[:, actuators] = False
+        unread[[interval.start == 0 for interval in self._intervals]] = False
+        if not np.any(unread):
+            return
+        along = [observed(self._simulator, run, plan, p) for run, plan in zip(self._runs, plans, strict=True)]
+        states = np.array([along[i.run][i.start] for i in self._intervals])
+        self._carried = (unread & np.isfinite(states), states)
+
+    @property
+    def carries(self) -> bool:
+        """Whether anything comes from an observer."""
+        return self._carried is not None
 
     def __call__(self, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
         """States at the starts, (intervals, nz), and their derivative by the parameters, (intervals, nz, parameters).
@@ -52,20 +94,29 @@ class IntervalStarts:
         """
         acting = p[:, self._touched]
         if self._last is None or not np.array_equal(self._last[0], acting):
-            own = p[[interval.run for interval in self._intervals]]
-            z, by_p = self._simulator.start(self._measured, self._readings, self._inputs, own)
-            self._last = (acting.copy(), z, by_p)
+            self._last = (acting.copy(), *self._from_readings(p))
         z, by_p = self._last[1].copy(), self._last[2]
-        if self._carried:
-            model = self._simulator.trace.model
-            place = slice(len(model.states), len(model.states) + len(model.actuators))
+        if self._actuated:
+            place = slice(len(self._model.states), len(self._model.states) + len(self._model.actuators))
             by_p = by_p.copy()
-            z[:, place], by_p[:, place] = self._actuated(p, plans)
+            z[:, place], by_p[:, place] = self._run_through(p, plans)
         return z, by_p
 
-    def _actuated(self, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
+    def _from_readings(self, p: Array) -> tuple[Array, Array]:
+        own = p[[interval.run for interval in self._intervals]]
+        size = self._simulator.trace.size
+        z, by_p = np.empty((len(own), size)), np.empty((len(own), size, own.shape[1]))
+        for group in self._groups:
+            found = self._simulator.start(group.names, group.readings, group.inputs, own[group.which])
+            z[group.which], by_p[group.which] = found
+        if self._carried is not None:
+            where, states = self._carried
+            z[where], by_p[where] = states[where], 0.0
+        return z, by_p
+
+    def _run_through(self, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
         """Actuators run through from the beginning of every run."""
-        model = self._simulator.trace.model
+        model = self._model
         assert self._simulator.actuators is not None
         whole = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self._runs)])
         commands = [model.inputs.index(actuator.signal) for actuator in model.actuators]

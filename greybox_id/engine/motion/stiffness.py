@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...parameter import Array
-from .runs import MotionRun
+from .runs import Index, MotionRun
 from .trace import MotionTrace
 
 ACCURATE, STABLE = 1.0, 2.3
@@ -24,21 +24,18 @@ def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> 
     """The longest segment, s, for these runs at these parameters."""
     model = trace.model
     shortest = min(run.sample_time for run in runs)
-    at = {name: k for k, name in enumerate(model.outputs)}
     states, segments = [], []
     for run in runs:
         rows = np.unique(np.linspace(0, len(run) - 1, max(3, SAMPLED_ROWS // len(runs))).astype(int))
-        state, segment = np.zeros((len(rows), trace.size)), np.zeros((len(rows), trace.segment_size))
-        for k, name in enumerate(trace.names):
-            if name in at:
-                state[:, k] = run.measured[rows, at[name]]
+        segment = np.zeros((len(rows), trace.segment_size))
         segment[:, 1 : 1 + len(model.inputs)] = run.inputs[rows]
-        read = np.any(np.isfinite(state[:, [k for k, name in enumerate(trace.names) if name in at]]), axis=1)
-        states.append(np.nan_to_num(state[read]))
-        segments.append(segment[read])
-    z = np.vstack(states)
-    if len(z) == 0 or not trace.names:
+        state = _between_readings(trace, run, rows)
+        if np.any(np.isfinite(state)):
+            states.append(np.nan_to_num(state))
+            segments.append(segment)
+    if not states or not trace.names:
         return shortest
+    z = np.vstack(states)
     found = trace.stiffness(z, np.vstack(segments), np.where(np.isfinite(p), p, UNLIMITED))
     A = np.asarray(found).reshape(len(z), len(trace.names), len(trace.names))
     fastest = np.max(np.abs(np.linalg.eigvals(A[np.all(np.isfinite(A), axis=(1, 2))])), axis=1)
@@ -46,3 +43,15 @@ def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> 
         return shortest
     usual, most = max(float(np.quantile(fastest, 0.95)), 1e-9), max(float(np.max(fastest)), 1e-9)
     return float(np.clip(min(ACCURATE / usual, STABLE / most), shortest / MOST_STEPS, shortest))
+
+
+def _between_readings(trace: MotionTrace, run: MotionRun, rows: Index) -> Array:
+    """States at rows, (rows, nz), straight between readings: a sensor that reads rarely is not at zero meanwhile."""
+    state = np.full((len(rows), trace.size), np.nan)
+    for k, name in enumerate(trace.names):
+        if name in trace.model.outputs:
+            reading = run.measured[:, trace.model.outputs.index(name)]
+            read = np.isfinite(reading)
+            if np.any(read):
+                state[:, k] = np.interp(run.time[rows], run.time[read], reading[read])
+    return state

@@ -135,9 +135,9 @@ class MotionTrace:
 
         relax = Following(*self._relaxing(relaxed), h)
         k1, _ = self._evaluate(x, command(0.0), p, relax.first)
-        k2, _ = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.middle)
-        k3, _ = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.middle)
-        k4, _ = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.last)
+        k2, _ = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.second)
+        k3, _ = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.third)
+        k4, _ = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.fourth)
         end = [v + h / 6 * (a + 2 * b + 2 * c + d) for v, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
         _, q = self._evaluate(end, command(1.0), p, relax.end)
         followed = [getattr(q, relaxation.quantity) for relaxation in self.model.relaxations]

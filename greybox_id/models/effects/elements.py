@@ -87,7 +87,7 @@ def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> A
         begin = taken(state, command[0], p)
         end = taken(begin, command[1], p)
         wanted, done = command[1] - command[0], end - begin
-        # It moves with the command for the segment's last share, 0 to 1; where corners are rounded it may be any number.
+        # It moves with the command for the segment's last share, 0 to 1; where corners are rounded, any number.
         moving = cs.fmin(cs.fmax(done * wanted / (wanted**2 + TINY**2), -1), 2)
         return end, (begin - done * moving * (1 - moving), begin + done * moving * (2 - moving))
 

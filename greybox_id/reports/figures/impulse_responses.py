@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ...engine.trace import Trace
 from ...fit import Fit
-from ...model import Model
+from ...memory_model import MemoryModel
 from ...parameter import Parameter
 from ...signals import SIGNALS
 from ..numbers import number, quantity
@@ -21,7 +21,7 @@ MOST_PANELS = 6
 """A parameter of more responses than this (a network's first layer) has them all in one panel, without bands."""
 
 
-def responses(model: Model) -> tuple[Parameter, ...]:
+def responses(model: MemoryModel) -> tuple[Parameter, ...]:
     """The parameters whose entries along the last axis are the weights of windows, oldest sample first."""
     trace = Trace(model)
     by_p = trace.weights_by_p
@@ -41,9 +41,11 @@ def responses(model: Model) -> tuple[Parameter, ...]:
 
 def impulse_responses(fit: Fit) -> Figure | None:
     """One panel per response, weights over age with a band of one standard deviation; None if the model has none."""
+    model = fit.model
+    assert isinstance(model, MemoryModel)
     panels = [
         (parameter, rows)
-        for parameter in responses(fit.model)
+        for parameter in responses(model)
         for rows in ([[index] for index in _indices(parameter)] if _few(parameter) else [_indices(parameter)])
     ]
     if not panels:
@@ -55,7 +57,7 @@ def impulse_responses(fit: Fit) -> Figure | None:
         first: dict[str, Axes] = {}
         for axes, (parameter, rows) in zip(grid, panels, strict=False):
             axes.sharey(first.setdefault(parameter.name, axes))
-            _panel(axes, fit, parameter, rows)
+            _panel(axes, fit, model.sample_time, parameter, rows)
             axes.set_xlabel("age [s]")
             axes.set_ylabel(label(parameter.name, parameter.unit))
         for axes in grid[len(panels) :]:
@@ -63,9 +65,9 @@ def impulse_responses(fit: Fit) -> Figure | None:
     return figure
 
 
-def _panel(axes: Axes, fit: Fit, parameter: Parameter, rows: list[tuple[int, ...]]) -> None:
+def _panel(axes: Axes, fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> None:
     """One response with its band, or several as thin lines. The newest sample is one sample time before the output."""
-    age = fit.model.sample_time * np.arange(parameter.shape[-1], 0, -1)
+    age = step * np.arange(parameter.shape[-1], 0, -1)
     sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
     axes.axhline(0.0, color=INK, linewidth=0.6)
     if len(rows) == 1:
@@ -78,7 +80,7 @@ def _panel(axes: Axes, fit: Fit, parameter: Parameter, rows: list[tuple[int, ...
             axes.plot(age, parameter.array[index], color=BLUE, linewidth=0.6)
         rms = float(np.sqrt(np.mean(sd**2)))
         axes.set_title(f"all {len(rows)}, typical sd {number(rms, 2)}", fontsize=8)
-    axes.set_xlim(age[0] + fit.model.sample_time, 0.0)
+    axes.set_xlim(age[0] + step, 0.0)
 
 
 def _title(parameter: Parameter, index: tuple[int, ...]) -> str:

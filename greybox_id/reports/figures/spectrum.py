@@ -8,40 +8,42 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
-from ...fit import Fit
+from ...metrics import Prediction
 from ...parameter import Array
 from ..noise import Noise
 from ..numbers import pretty_unit
-from ..recordings import Seen, run_rows
+from ..recordings import Seen
 from .style import MEASURED, NOISE, PROTOCOL_LINES, Line, canvas, legend_above, look, symbol
 
 LONGEST = 256
 """Samples of a Hamming window, as in the papers; shorter where the runs are."""
+SHORTEST = 16
+"""Samples without a gap that a spectrum takes at least."""
+ONE_ROW, COLUMNS = 4, 3
+"""So many panels stand in one row; of more, so many do."""
 BELOW = 0.01
 """How far below the median of the lowest curve the axis reaches: a filtered channel falls without end."""
 
 
-def spectrum(fit: Fit, one: Seen, noise: Noise | None) -> Figure:
+def spectrum(one: Seen, noise: Noise | None) -> Figure | None:
     """Spectra of every output of one recording, and of its noise where there is any to be heard.
 
-    Welch's method within unbroken runs, Hamming windows that overlap by half; no window crosses a join.
+    Welch's method within unbroken stretches of readings, Hamming windows that overlap by half; no window crosses a
+    gap. None where no stretch is long enough.
     """
     rate = 1.0 / one.recording.sample_time
-    outputs = fit.model.outputs
+    main = one.predicted[one.main]
+    outputs = [k for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
+    if not outputs:
+        return None
+    width = len(outputs) if len(outputs) <= ONE_ROW else COLUMNS
+    height = -(-len(outputs) // width)
     with look():
-        figure = canvas(2.8)
-        panels = figure.subplots(1, len(outputs), squeeze=False)[0]
-        for k, (name, axes) in enumerate(zip(outputs, panels, strict=True)):
-            measured = [part.measured[:, k] for _, part in run_rows(one, "honest")]
-            curves: list[tuple[Line, str, Sequence[Array]]] = [(MEASURED, MEASURED.words, measured)]
-            for protocol in one.predicted:
-                if protocol != "published":
-                    line = PROTOCOL_LINES[protocol]
-                    errors = [part.predicted[:, k] - part.measured[:, k] for _, part in run_rows(one, protocol)]
-                    curves.append((line, f"residual, {line.words}", errors))
-            if noise is not None and noise.of(name):
-                curves.append((NOISE, f"noise, {noise.where}", noise.of(name)))
-            for line, words, parts in curves:
+        figure = canvas(2.8 if width < COLUMNS else 2.0 * height + 0.4)
+        panels = figure.subplots(height, width, squeeze=False).ravel()
+        for k, axes in zip(outputs, panels, strict=False):
+            name = one.outputs[k]
+            for line, words, parts in _curves(one, k, noise):
                 frequency, density = psd(parts, rate)
                 axes.loglog(frequency[1:], density[1:], label=words, **line.shape())
             lowest = min(float(np.median(curve.get_ydata())) for curve in axes.lines)
@@ -50,8 +52,33 @@ def spectrum(fit: Fit, one: Seen, noise: Noise | None) -> Figure:
             axes.set_ylabel(f"PSD of {symbol(name)} [({unit})²/Hz]")
             axes.set_xlabel("frequency [Hz]")
             axes.set_xlim(right=rate / 2)
+        for axes in panels[len(outputs) :]:
+            axes.remove()
         legend_above(figure, panels[0])
     return figure
+
+
+def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Line, str, Sequence[Array]]]:
+    """The curves of one output: line, words, and unbroken stretches of values."""
+    first = one.predicted[one.main] if "honest" not in one.predicted else one.predicted["honest"]
+    curves: list[tuple[Line, str, Sequence[Array]]] = [
+        (MEASURED, MEASURED.words, _unbroken(first, first.measured[:, k]))
+    ]
+    for protocol, found in one.predicted.items():
+        if protocol in PROTOCOL_LINES and protocol != "published":
+            line = PROTOCOL_LINES[protocol]
+            errors = _unbroken(found, found.predicted[:, k] - found.measured[:, k])
+            curves.append((line, f"residual, {line.words}", errors))
+    if noise is not None and noise.of(one.outputs[k]):
+        curves.append((NOISE, f"noise, {noise.where}", noise.of(one.outputs[k])))
+    return [curve for curve in curves if curve[2]]
+
+
+def _unbroken(of: Prediction, values: Array) -> list[Array]:
+    """Stretches of finite values in neighbouring rows of one run, those long enough."""
+    known = np.flatnonzero(np.isfinite(values))
+    edges = np.flatnonzero((np.diff(of.rows[known]) != 1) | (np.diff(of.run[known]) != 0)) + 1
+    return [values[part] for part in np.split(known, edges) if len(part) >= SHORTEST]
 
 
 def psd(parts: Sequence[Array], rate: float) -> tuple[Array, Array]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from ...engine.trace import Trace
 from ...fit import Fit
+from ...memory_model import MemoryModel
 from ...model import Model
 from ...parameter import Array
 from ..recordings import Seen
-from .style import LEVELS, canvas, label, look
+from .style import DENSITY, LEVELS, canvas, label, look
 
 MOVING = 0.25
 """Curvature is measured where the vehicle is faster than this share of its top speed: yaw_rate/v_x is noise below."""
@@ -34,7 +34,8 @@ def has_steering(model: Model) -> bool:
 
 def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
     """The model's quasi steady state over the density of what was measured; None for a model that has none."""
-    if not has_steering(fit.model):
+    model = fit.model
+    if not isinstance(model, MemoryModel) or not has_steering(model):
         return None
     v_x, steer, yaw_rate = (
         np.concatenate([one.recording[name] for one in recordings]) for name in ("v_x", "steer", "yaw_rate")
@@ -43,14 +44,14 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
     top = float(np.quantile(v_x[whole], 0.99))
     moving = whole & (v_x > MOVING * top)
     v_x, steer, yaw_rate = v_x[moving], steer[moving], yaw_rate[moving]
-    trace = Trace(fit.model)
+    trace = Trace(model)
     with look():
         figure = canvas(3.0)
         axes = figure.subplots()
         if len(v_x):
             rho = yaw_rate / v_x
             cells = axes.hexbin(
-                steer, rho, gridsize=(60, 34), bins="log", mincnt=1, cmap=_GREYS, linewidths=0.1,
+                steer, rho, gridsize=(60, 34), bins="log", mincnt=1, cmap=DENSITY, linewidths=0.1,
                 extent=(float(steer.min()), float(steer.max()), *np.quantile(rho, [0.002, 0.998])),
             )  # fmt: skip
             bar = figure.colorbar(cells, ax=axes, pad=0.02)
@@ -107,6 +108,3 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
                 u[:, column] = held[:, place]
     rates: Array = y[:, model.outputs.index("yaw_rate")]
     return rates
-
-
-_GREYS = LinearSegmentedColormap.from_list("density", ["#f0f0f0", "#a8a8a8"])

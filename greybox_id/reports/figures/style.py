@@ -16,8 +16,10 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from ...metrics import FREE_RUN, ahead
 from ...recording import Recording
 from ...signals import SIGNALS
 from ..numbers import pretty_unit
@@ -53,15 +55,25 @@ class Line:
 
 MEASURED = Line(INK, "-", 1.3, "measured")
 NOISE = Line(PALE, "-.", 1.3, "noise")
+NEAR = 0.5
+"""Of all horizons, s, the one that is drawn beside the free run."""
+
 PROTOCOL_LINES = {
     "honest": Line(ORANGE, "-", 1.0, "one sample ahead"),
     "published": Line(PALE, ":", 1.0, "as published"),
     "closed_loop": Line(BLUE, (0, (4, 1.2)), 1.1, "closed loop"),  # type: ignore[arg-type]
+    ahead(NEAR): Line(ORANGE, "-", 1.0, ahead(NEAR)),
+    FREE_RUN: Line(BLUE, (0, (4, 1.2)), 1.1, FREE_RUN),  # type: ignore[arg-type]
 }
 """By protocol of `greybox_id.metrics`."""
 
 LEVELS = (("#3f9fd6", "-"), ("#0072b2", "--"), ("#1a1a3d", "-."))
 """Colour and line style of an ordered quantity, low to high."""
+
+DENSITY = LinearSegmentedColormap.from_list("density", ["#f0f0f0", "#a8a8a8"])
+"""Of measured samples, behind curves."""
+
+_GREEK = "kappa|sigma|alpha|mu"
 
 _LOOK: dict[Any, Any] = {
     "font.family": ["STIXGeneral"],
@@ -126,12 +138,25 @@ def svg(figure: Figure) -> bytes:
 
 def symbol(name: str) -> str:
     """A signal's or parameter's name for a figure: a_x as a symbol with its index, yaw_rate as words."""
-    found = re.fullmatch(r"([A-Za-z]|kappa|sigma|alpha)_(\w+)", name)
+    found = re.fullmatch(rf"([A-Za-z]|{_GREEK})_(\w+)", name)
     if not found:
         return name.replace("_", " ") if name in SIGNALS else name
-    head, index = found.groups()
+    head, indices = found.groups()
     letter = head if len(head) == 1 else f"\\{head}"
-    return f"${letter}_{{{index}}}$" if len(index) == 1 else f"${letter}_{{\\mathrm{{{index}}}}}$"
+    return f"${letter}_{{{','.join(map(_index, indices.split('_')))}}}$"
+
+
+def words(name: str) -> str:
+    """A signal's or parameter's name for a figure, in words where it is no symbol."""
+    found = symbol(name) if len(name) > 1 else f"${name}$"
+    return found if "$" in found else found.replace("_", " ")
+
+
+def _index(name: str) -> str:
+    """An index: a letter and a Greek name as symbols, others as words."""
+    if re.fullmatch(_GREEK, name):
+        return f"\\{name}"
+    return name if len(name) == 1 else f"\\mathrm{{{name}}}"
 
 
 def label(name: str, unit: str) -> str:

@@ -29,7 +29,7 @@ LESS_CLOSE = {
 PLAIN = 2e-3
 """Influences smaller than this, relative to the reading, are not compared."""
 MAGNITUDES = {
-    "full-size": {"combined_slip": 0.6},
+    "full-size": {},
     "1:10": {
         "aero_drag": 0.02, "rolling_resistance": 1.0, "downforce": 0.05, "tyre_relaxation": 0.1, "cog_shift": 0.015,
         "wind_gust": 2.0, "imu_lever_arm": 0.05, "velocity_lever_arm": 0.05, "motor_saturation": 1.0,

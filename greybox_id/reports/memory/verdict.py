@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fit import Fit
-from ..metrics import Protocol
-from ..provenance import Stage
-from ..signals import SIGNALS
-from .numbers import listed, number, percent, pretty_unit, with_sd
-from .recordings import Seen, of_role
+from ...fit import Fit
+from ...metrics import Protocol
+from ...signals import unit_of
+from ..content import circumstances
+from ..convergence import ended, ipopt_words
+from ..numbers import listed, number, percent, pretty_unit, signal_words, with_sd
+from ..recordings import Seen, of_role
+from .seen import memory_model
 
 EARLY = "early stopping"
 
@@ -56,36 +58,18 @@ def verdict(fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping
 
 def main_protocol(fit: Fit) -> Protocol:
     """The protocol a fit is judged by: on its own predictions where the model has a loop."""
-    return "closed_loop" if fit.model.feedback is not None else "honest"
-
-
-def signal_words(name: str) -> str:
-    """A signal in prose: yaw rate for yaw_rate, a_x as its symbol."""
-    return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name
-
-
-def unit_of(name: str) -> str:
-    """SI unit of an output."""
-    return SIGNALS[name].unit if name in SIGNALS else "1"
+    return "closed_loop" if memory_model(fit).feedback is not None else "honest"
 
 
 def _how_good(fit: Fit, recordings: Sequence[Seen], role: str) -> str:
     scores = fit.metrics[role][main_protocol(fit)]
-    data = of_role(recordings, role)
-    seconds = sum(one.recording.duration for one in data)
-    where = listed([one.recording.name for one in data])
-    if role == "train":
-        circumstances = f"On {where}, the {seconds:.1f} s it was fitted to (no recording was held back)"
-    elif fit.mode == EARLY:
-        circumstances = f"On {where}, {seconds:.1f} s that it was not fitted to but that chose when to stop"
-    else:
-        circumstances = f"On {where}, {seconds:.1f} s that it has not seen"
+    where = circumstances(fit, recordings, role, chose="when to stop" if fit.mode == EARLY else "")
     how = "running on its own predictions" if main_protocol(fit) == "closed_loop" else "one sample ahead"
     each = [
         f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} ({_unexplained(e)})"
         for name, e in scores.items()
     ]
-    return f"{circumstances}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
+    return f"{where}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
 
 
 def _unexplained(error: Mapping[str, float]) -> str:
@@ -128,23 +112,4 @@ def _how_chosen(fit: Fit) -> str:
         EARLY: "left weak and fitting stopped where the error on the validation recording was least",
         "given": "given, not chosen by the data",
     }.get(fit.mode, fit.mode)
-    return f"The strength of regularisation was {strength}; {_ended(last)}, and {_ipopt_words(last)}."
-
-
-def _ended(stage: Stage) -> str:
-    steps = f"after {stage.steps} step{'s' if stage.steps != 1 else ''}"
-    if stage.converged:
-        return f"the solver converged {steps}"
-    return f"the solver did not converge {steps} ({stage.status.rstrip('.')})"
-
-
-def _ipopt_words(stage: Stage) -> str:
-    verdict = stage.certificate
-    if verdict is None:
-        return "Ipopt was not asked to confirm the optimum"
-    if verdict.confirmed:
-        return "Ipopt confirmed the optimum on the same problem"
-    better = (
-        f"finding {percent(verdict.gained)} less in the objective" if verdict.gained > 0 else "finding nothing better"
-    )
-    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}”, {better}"
+    return f"The strength of regularisation was {strength}; {ended(last)}, and {ipopt_words(last)}."

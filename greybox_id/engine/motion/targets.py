@@ -1,0 +1,76 @@
+"""What predictions are held against: readings, how much each counts, and how residuals in the tails count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...parameter import Array
+from .lanes import Interval
+from .runs import Mask, MotionRun
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Readings of all rows of all intervals, one interval after the other.
+
+    Attributes
+    ----------
+    reading : (N, outputs), zero where there is none.
+    weight : (N, outputs) square root of how much each counts, over its standard deviation; zero where there is none.
+    robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
+    """
+
+    reading: Array
+    weight: Array
+    robust: float | None
+
+    def errors(self, y: Array, taken: Mask) -> Array:
+        """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
+        return np.where((self.weight > 0) & taken, y - self.reading, np.nan)
+
+    def residuals(self, y: Array, taken: Mask) -> Array:
+        """(N, outputs) in noise standard deviations; zero where there is no reading."""
+        return np.where((self.weight > 0) & taken, y - self.reading, 0.0) * self.weight
+
+    def weighted(self, y: Array, taken: Mask) -> tuple[Array, Array]:
+        """Weighted residuals and their weights; those in the tails of a robust loss weigh less."""
+        e, weight = self.residuals(y, taken), np.where(taken, self.weight, 0.0)
+        if self.robust is None:
+            return e, weight
+        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(e), 1e-12)))
+        return e * tail, weight * tail
+
+    def misfit(self, y: Array, taken: Mask) -> float:
+        """Half the sum of squared residuals, those in the tails linear."""
+        e = np.abs(self.residuals(y, taken))
+        if self.robust is None:
+            return 0.5 * float(np.sum(e**2))
+        return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
+
+
+def targets(
+    runs: Sequence[MotionRun],
+    intervals: Sequence[Interval],
+    noise: Array,
+    robust: float | None = None,
+    keep: Sequence[Array] | None = None,
+) -> Targets:
+    """What the intervals' predictions are held against.
+
+    Parameters
+    ----------
+    runs : the recordings' runs.
+    intervals : what is predicted.
+    noise : (outputs,) standard deviation that one residual counts as.
+    robust : as of `Targets`.
+    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
+    """
+    reading = np.vstack([runs[i.run].measured[i.start : i.stop] for i in intervals])
+    weight = np.where(np.isfinite(reading), 1.0 / noise, 0.0)
+    if keep is not None:
+        kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
+        weight = weight * np.sqrt(np.vstack([own.reshape(len(own), -1) for own in kept]))
+    return Targets(np.where(np.isfinite(reading), reading, 0.0), weight, robust)

@@ -1,0 +1,169 @@
+"""Motion problems: derivatives, lanes, timing and starts, against an independent simulator."""
+
+import numpy as np
+import pytest
+from reference_manoeuvres import manoeuvre
+from reference_vehicle import FULL_SIZE_CAR, simulate
+
+from greybox_id.engine.motion.prediction import Predictor
+from greybox_id.engine.motion.shooting import MotionProblem
+from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
+from greybox_id.recording import Recording
+from greybox_id.solvers.gauss_newton import Status, gauss_newton
+from greybox_id.solvers.ipopt import ipopt
+
+NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}
+CHANNELS = tuple(NOISE)
+
+
+def car(name="single_track", *effects, free=()):
+    """The reference's car as a model; effects as (name, magnitude), free ones by name."""
+    model = build(name)
+    model = model.with_parameters(
+        *(p.with_value(FULL_SIZE_CAR[p.name]) for p in model.parameters if p.name in FULL_SIZE_CAR)
+    )
+    for effect, value in effects:
+        model = model + (EFFECTS[effect].starting_at(value) if effect in free else EFFECTS[effect].at(value))
+    return model
+
+
+def driven(effects=None, duration=8.0, rate=100.0, seed=0, noise=0.0, hold="zero", kind="mixed"):
+    """A recording from the independent simulator."""
+    commands = manoeuvre(kind, FULL_SIZE_CAR, seed=seed, duration=duration, rate=rate)
+    found = simulate(
+        FULL_SIZE_CAR, commands, dict(effects or {}), hold=hold, start=(commands["v_x"][0], 0.0, 0.0), fine=5e-4
+    )
+    random = np.random.default_rng(seed)
+    readings = {c: found[c] + noise * NOISE[c] * random.standard_normal(len(found[c])) for c in CHANNELS}
+    signals = {"steer": commands["steer"], "drive_force": commands["drive"], **readings}
+    return Recording("driven", commands["time"], signals, hold=hold)
+
+
+def problem(model, recordings, **options):
+    noise = np.array([NOISE[name] for name in model.outputs])
+    return MotionProblem(Simulator(model, compiled=False), recordings, noise=noise, **options)
+
+
+def misses(recording, model):
+    """Largest error of a free run, by channel, over the channel's spread."""
+    found = Predictor(Simulator(model, compiled=False), recording, model.values).free_run()
+    error = np.nanmax(np.abs(found.predicted - found.measured), axis=0)
+    return error / np.std(found.measured, axis=0)
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_free_run_is_that_of_an_independent_simulator(hold):
+    assert np.all(misses(driven(hold=hold), car()) < 2e-4)
+
+
+@pytest.mark.parametrize("delay", [0.0033, 0.01, 0.0371])
+@pytest.mark.parametrize("effect", ["steering_delay", "sensor_latency_imu", "sensor_latency_yaw", "sensor_latency_vx"])
+def test_delays_and_latencies_are_exact_at_fractions_of_a_sample(effect, delay):
+    assert np.all(misses(driven({effect: delay}), car("single_track", (effect, delay))) < 5e-4)
+
+
+def test_two_shifts_at_once_are_exact():
+    shifts = {"steering_delay": 0.0137, "sensor_latency_imu": 0.0062}
+    assert np.all(misses(driven(shifts), car("single_track", *shifts.items())) < 5e-4)
+
+
+CASES = {
+    "whole runs": ((), {}),
+    "measured starts": ((), {"starts": "measured"}),
+    "a horizon": ((), {"horizon": 0.5}),
+    "robust": ((), {"robust": 1.5}),
+    "a delay": ((("steering_delay", 0.0137),), {}),
+    "a latency over a horizon": ((("sensor_latency_imu", 0.0062),), {"horizon": 0.5}),
+    "a lag carried over intervals": ((("steering_lag", 0.05),), {"horizon": 0.5, "starts": "measured"}),
+    "relaxation": ((("tyre_relaxation", 0.4),), {}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_gradient_is_the_objectives_derivative(case):
+    effects, options = CASES[case]
+    model = car("single_track", *effects, free=tuple(name for name, _ in effects))
+    stated = problem(model, [driven(duration=2.0, noise=1.0)], **options)
+    x = stated.start
+    x[stated.free] *= 1.01
+    equations = stated.normal_equations(x, stated.simulated_nodes(x))
+
+    def objective(k, step):
+        moved = x.copy()
+        moved[k] += step
+        return stated.objective(moved, stated.simulated_nodes(moved))
+
+    moving = np.flatnonzero(stated.free)
+    for k in moving[np.linspace(0, len(moving) - 1, min(len(moving), 14)).astype(int)]:
+        step = 1e-5 * max(1e-2, abs(x[k]))
+        slope = (objective(k, step) - objective(k, -step)) / (2 * step)
+        assert equations.g[k] == pytest.approx(slope, rel=2e-4, abs=1e-4 * np.sqrt(equations.H[k, k]) + 1e-6)
+
+
+def test_residuals_and_normal_equations_say_the_same():
+    stated = problem(car(), [driven(duration=2.0, noise=1.0)], horizon=0.5)
+    nodes = stated.simulated_nodes(stated.start)
+    equations, g = stated.normal_equations(stated.start, nodes), np.zeros(stated.layout.size)
+    for index, (e, J) in zip(stated.layout.index, stated.residuals(stated.start, nodes), strict=True):
+        g[index] += np.einsum("ro,rop->p", e, J)
+    np.testing.assert_allclose(g[stated.free], equations.g[stated.free], rtol=1e-9, atol=1e-9)
+
+
+def test_lanes_matched_side_by_side_are_the_simulation_one_after_the_other():
+    stated = problem(car(), [driven(noise=1.0)])
+    x = stated.start
+    stated.normal_equations(x, stated.simulated_nodes(x))
+    x = x * np.where(stated.free, 1.02, 1.0)
+    beside = stated.simulated_nodes(x)
+    afresh = problem(car(), [driven(noise=1.0)]).simulated_nodes(x)
+    np.testing.assert_allclose(beside.y, afresh.y, atol=1e-6)
+
+
+def test_a_reading_that_would_have_been_taken_before_the_run_is_not_counted():
+    stated = problem(car("single_track", ("sensor_latency_imu", 0.025)), [driven(duration=1.0)])
+    taken = stated.simulated_nodes(stated.start).taken
+    assert not np.any(taken[:3, 2:])
+    assert np.all(taken[:, :2])
+    assert np.all(taken[3:])
+
+
+def test_what_gauss_newton_finds_ipopt_confirms_and_a_point_beside_it_not():
+    stated = problem(car(), [driven(duration=4.0, noise=1.0)])
+    found = gauss_newton(stated, stated.start, tolerance=1e-12, negligible=0.0, search="damp")
+    assert found.status is Status.CONVERGED
+    confirmed, _ = ipopt(stated, found.x, warm=True, max_iterations=30)
+    assert confirmed.status is Status.CONVERGED
+    assert confirmed.objective == pytest.approx(found.objective, rel=1e-6)
+    beside = np.where(stated.free & (np.arange(len(found.x)) < stated.parameters.size), found.x * 1.02, found.x)
+    improved, _ = ipopt(stated, beside, warm=True, max_iterations=60)
+    assert improved.objective < stated.objective(beside, stated.simulated_nodes(beside)) * (1 - 1e-4)
+
+
+def test_several_recordings_share_the_parameters_and_keep_a_bias_each():
+    model = car("single_track", ("yaw_rate_bias", 0.0), free=("yaw_rate_bias",))
+    bias = model["yaw_rate_bias"]
+    model = model.with_parameters(type(bias)(**{**vars(bias), "scope": "run"}))
+    drives = [driven(duration=4.0, seed=k, noise=1.0) for k in range(2)]
+    drives = [d.with_signals(yaw_rate=d["yaw_rate"] + offset) for d, offset in zip(drives, (0.02, -0.03), strict=True)]
+    stated = problem(model, drives)
+    found = gauss_newton(stated, stated.start, tolerance=1e-10, negligible=0.0, search="damp")
+    place = [p.name for p in model.parameters].index("yaw_rate_bias")
+    np.testing.assert_allclose(stated.per_run(found.x)[:, place], [0.02, -0.03], atol=2e-3)
+
+
+def test_a_robust_loss_sees_past_outliers():
+    clean = driven(noise=1.0)
+    random = np.random.default_rng(3)
+    hit = random.random(len(clean)) < 0.02
+    spoilt = clean.with_signals(yaw_rate=clean["yaw_rate"] + hit * 0.5)
+    model = car()
+    free = [p.name for p in model.parameters].index("I_z")
+    ends = {}
+    for robust in (None, 2.0):
+        stated = problem(model, [spoilt], robust=robust)
+        found = gauss_newton(stated, stated.start, tolerance=1e-9, negligible=0.0, search="damp")
+        ends[robust] = abs(stated.shared(found.x)[free] / FULL_SIZE_CAR["I_z"] - 1)
+    assert ends[2.0] < 0.02
+    assert ends[2.0] < ends[None]

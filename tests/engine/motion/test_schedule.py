@@ -1,0 +1,129 @@
+"""Segments of a run: their lengths and commands, where readings are taken, and what shifts in time do to all that."""
+
+import numpy as np
+import pytest
+
+from greybox_id.engine.motion.runs import motion_runs
+from greybox_id.engine.motion.schedule import AT_ONCE, schedule
+from greybox_id.engine.motion.trace import MotionTrace
+from greybox_id.motion_model import MotionModel, State
+from greybox_id.parameter import Parameter
+from greybox_id.recording import Recording
+
+PULLED = MotionModel(
+    name="toy", about="", inputs=("steer",), outputs=("speed", "a_x"), commands=("steer",), parameters=(),
+    states=(State("speed", "m/s"),), quantities=("a_x",), dynamics=lambda x, u, p, q: _pull(u, q),
+)  # fmt: skip
+FAR = 1e9
+
+
+def _pull(u, q):
+    q.a_x = u.steer
+    return {"speed": q.a_x}
+
+
+def delayed(delay=None, latency=None):
+    model = PULLED
+    for name, value, change in (("delay", delay, "delayed"), ("latency", latency, "late")):
+        if value is not None:
+            model = model.with_parameters(*model.parameters, Parameter(name, "s", value))
+            shift = (lambda p: p.delay) if name == "delay" else (lambda p: p.latency)
+            model = model.delayed("steer", shift) if change == "delayed" else model.late(shift, "a_x")
+    return model
+
+
+def laid(model, time, hold="zero", longest=FAR):
+    """Schedule, and the commands at the beginning of segments and at their ends."""
+    rows = np.arange(len(time))
+    recording = Recording("r", np.asarray(time), {"steer": 10.0 + rows**2, "speed": 0.0 * rows, "a_x": 0.0 * rows}, hold=hold)
+    (run,) = motion_runs(model, recording)
+    plan = schedule(MotionTrace(model), run, model.values, longest)
+    begin = plan.segments[:, 1]
+    return plan, begin, begin + plan.segments[:, 2] * plan.segments[:, 0]
+
+
+def test_without_shifts_there_is_a_segment_per_row_and_commands_hold():
+    plan, begin, end = laid(PULLED, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(plan.segments[:, 0], [0.1, 0.1, 0.1, 0.0])
+    np.testing.assert_array_equal(begin, [10, 11, 14, 19])
+    np.testing.assert_array_equal(end, begin)
+    np.testing.assert_array_equal(plan.row_segment, [0, 1, 2, 3])
+    assert np.all(plan.reads)
+
+
+def test_commands_that_run_straight_meet_at_the_next_row():
+    _, begin, end = laid(PULLED, [0.0, 0.1, 0.2, 0.3], hold="linear")
+    np.testing.assert_allclose(end[:-1], begin[1:])
+
+
+def test_no_segment_is_longer_than_wanted_and_together_they_are_the_run():
+    time = np.cumsum([0.0, 0.1, 0.12, 0.09, 0.11, 0.1])
+    plan, *_ = laid(PULLED, time, longest=0.031)
+    assert np.max(plan.segments[:, 0]) < 0.031 * 1.3  # steps of uneven length are cut into equally many pieces
+    assert np.sum(plan.segments[:, 0]) == pytest.approx(time[-1])
+    assert np.count_nonzero(plan.reads) == len(time)
+    starts = np.concatenate(([0.0], np.cumsum(plan.segments[:-1, 0])))
+    np.testing.assert_allclose(starts[plan.row_segment], time)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.03, 0.1, 0.137, 0.2, 0.3])
+@pytest.mark.parametrize("beginning", [0.0, 17.3, 1234.1])
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_delayed_command_is_that_of_so_long_before_and_the_first_one_before_that(delay, beginning, hold):
+    time = beginning + 0.1 * np.arange(12)
+    plan, begin, end = laid(delayed(delay=delay), time, hold=hold)
+    starts = time[0] + np.concatenate(([0.0], np.cumsum(plan.segments[:-1, 0])))
+    ends = starts + plan.segments[:, 0]
+    given, lasts = 10.0 + np.arange(12) ** 2, plan.segments[:, 0] > AT_ONCE
+    if hold == "linear":
+        np.testing.assert_allclose(begin, np.interp(starts - delay, time, given), atol=1e-6)
+        np.testing.assert_allclose(end, np.interp(ends - delay, time, given), atol=1e-6)
+    else:
+        middle = np.searchsorted(time, (starts + ends)[lasts] / 2 - delay) - 1
+        np.testing.assert_array_equal(begin[lasts], given[np.maximum(middle, 0)])
+
+
+@pytest.mark.parametrize("beginning", [0.0, 17.3, 1234.1])
+def test_a_command_delayed_by_whole_samples_has_arrived_when_a_row_is_read(beginning):
+    plan, begin, _ = laid(delayed(delay=0.3), beginning + 0.1 * np.arange(12))
+    np.testing.assert_array_equal(begin[plan.row_segment[3:]], 10.0 + np.arange(9) ** 2)
+
+
+@pytest.mark.parametrize("beginning", [0.0, 17.3, 1234.1])
+def test_a_reading_late_by_whole_samples_is_taken_just_after_the_commands_of_its_instant(beginning):
+    plan, begin, _ = laid(delayed(latency=0.3), beginning + 0.1 * np.arange(12))
+    np.testing.assert_array_equal(plan.read_segment[:3, 1], -1)
+    np.testing.assert_array_equal(begin[plan.read_segment[3:, 1]], 10.0 + np.arange(9) ** 2)
+    np.testing.assert_array_equal(plan.read_segment[:, 0], plan.row_segment)
+
+
+def test_a_shift_ahead_of_time_knows_at_the_beginning_what_comes():
+    _, begin, _ = laid(delayed(delay=-0.25), 0.1 * np.arange(12))
+    given = 10.0 + np.arange(12) ** 2
+    np.testing.assert_array_equal(begin[:4], given[[2, 3, 3, 4]])
+    assert begin[-1] == given[-1]
+
+
+def test_a_delay_longer_than_the_run_leaves_the_first_command_in_force():
+    plan, begin, end = laid(delayed(delay=5.0), 0.1 * np.arange(12), hold="linear")
+    np.testing.assert_array_equal(begin, 10.0)
+    np.testing.assert_array_equal(end, 10.0)
+    assert len(begin) == 12
+
+
+def test_a_latency_longer_than_the_run_leaves_nothing_to_read():
+    plan, *_ = laid(delayed(latency=5.0), 0.1 * np.arange(12))
+    np.testing.assert_array_equal(plan.read_segment[:, 1], -1)
+
+
+@pytest.mark.parametrize(("delay", "latency"), [(0.037, None), (None, 0.037), (0.05, 0.013), (0.13, 0.16)])
+def test_lengths_move_with_shifts_as_they_say(delay, latency):
+    model, time = delayed(delay, latency), 0.1 * np.arange(8)
+    plan, *_ = laid(model, time)
+    (run,) = motion_runs(model, Recording("r", time, {n: 0.0 * time for n in ("steer", "speed", "a_x")}))
+    inputs = 1 + 2 * len(model.inputs)
+    for k in range(len(model.values)):
+        moved = model.values + np.eye(len(model.values))[k] * 1e-6
+        later = schedule(MotionTrace(model), run, moved, FAR)
+        slope = (later.segments[:, 0] - plan.segments[:, 0]) / 1e-6
+        np.testing.assert_allclose(plan.segments[:, inputs + k], slope, atol=1e-6)
