@@ -9,16 +9,18 @@ from matplotlib.ticker import MaxNLocator
 from ...provenance import Stage
 from .style import BLUE, INK, ORANGE, canvas, look
 
+FEWEST = 4
+"""Steps that make a picture."""
 ALIKE = 0.1
 """Objectives that differ by less than so many percent are not to look different."""
 
 
 def convergence(stage: Stage) -> Figure | None:
-    """The objective over the steps, above the best; beside it that of every start. None where there is neither."""
+    """The objective over the steps, above the best; beside it that of every start. None where neither is much."""
     best = min([*stage.history, stage.starts[0], *([stage.certificate.objective_after] if stage.certificate else [])])
     above = np.array(stage.history) - best
     steps = np.flatnonzero(above > 0)
-    if len(steps) < 2 and len(stage.starts) < 2:
+    if len(steps) < FEWEST and len(stage.starts) < 2:
         return None
     several = len(stage.starts) > 1
     with look():

@@ -35,7 +35,9 @@ def delayed(delay=None, latency=None):
 def laid(model, time, hold="zero", longest=FAR):
     """Schedule, and the commands at the beginning of segments and at their ends."""
     rows = np.arange(len(time))
-    recording = Recording("r", np.asarray(time), {"steer": 10.0 + rows**2, "speed": 0.0 * rows, "a_x": 0.0 * rows}, hold=hold)
+    recording = Recording(
+        "r", np.asarray(time), {"steer": 10.0 + rows**2, "speed": 0.0 * rows, "a_x": 0.0 * rows}, hold=hold
+    )
     (run,) = motion_runs(model, recording)
     plan = schedule(MotionTrace(model), run, model.values, longest)
     begin = plan.segments[:, 1]
