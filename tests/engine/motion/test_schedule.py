@@ -107,7 +107,7 @@ def test_a_shift_ahead_of_time_knows_at_the_beginning_what_comes():
 
 
 def test_a_delay_longer_than_the_run_leaves_the_first_command_in_force():
-    plan, begin, end = laid(delayed(delay=5.0), 0.1 * np.arange(12), hold="linear")
+    _plan, begin, end = laid(delayed(delay=5.0), 0.1 * np.arange(12), hold="linear")
     np.testing.assert_array_equal(begin, 10.0)
     np.testing.assert_array_equal(end, 10.0)
     assert len(begin) == 12
@@ -122,7 +122,7 @@ def test_a_latency_longer_than_the_run_leaves_nothing_to_read():
 def test_lengths_move_with_shifts_as_they_say(delay, latency):
     model, time = delayed(delay, latency), 0.1 * np.arange(8)
     plan, *_ = laid(model, time)
-    (run,) = motion_runs(model, Recording("r", time, {n: 0.0 * time for n in ("steer", "speed", "a_x")}))
+    (run,) = motion_runs(model, Recording("r", time, dict.fromkeys(("steer", "speed", "a_x"), 0.0 * time)))
     inputs = 1 + 2 * len(model.inputs)
     for k in range(len(model.values)):
         moved = model.values + np.eye(len(model.values))[k] * 1e-6
