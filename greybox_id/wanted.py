@@ -17,6 +17,7 @@ from .model import Model
 from .models.registry import MODELS, build, candidates
 from .motion_model import MotionModel
 from .recording import Recording
+from .signals import unit_of
 from .vehicle import Vehicle
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm"}
@@ -24,6 +25,10 @@ VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "f
 FOR_MOTION = ("--horizon", "--start-from", "--robust", "--noise")
 FOR_MEMORY = ("--early-stopping", "--strength")
 """Options that make sense for one kind of model only."""
+
+
+FAR_OFF = 3.0
+"""A force per unit that is off by more than this factor belongs to another signal."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,28 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
                     f"l_f + l_r = {wheelbase:.3g} m: the wrong vehicle, or a wrong unit in the column map?{suggested}"
                 )
                 break
-    return found
+    return found + doubts_of_drive(model, recordings)
+
+
+def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """A sentence where the force per unit of the drive signal cannot be meant for the signal that was recorded.
+
+    One unit of a force is one newton, one unit of a commanded acceleration the vehicle's mass in newtons.
+    """
+    if not isinstance(model, MotionModel) or "force_per_unit" not in model or "m" not in model:
+        return []
+    stated = float(model["force_per_unit"].array)
+    wanted = {"drive_force": 1.0, "ax_cmd": float(model["m"].array)}
+    for recording in recordings:
+        signal = next((own for own in model.aliases.get("drive", ()) if own in recording), "")
+        if signal in wanted and not 1 / FAR_OFF < stated / wanted[signal] < FAR_OFF:
+            unit = unit_of(signal)
+            return [
+                f"{recording.name} holds {signal} in {unit}, one unit of which is about {wanted[signal]:.4g} N, but "
+                f"the model has force_per_unit = {stated:.4g} N: say --fix force_per_unit={wanted[signal]:.4g}, or name "
+                "another signal in the column map."
+            ]
+    return []
 
 
 def _lacking(model: MotionModel, recording: Recording) -> list[str]:

@@ -25,7 +25,7 @@ from ..prediction import simulate as simulate_runs
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
 from ..signals import unit_of
-from ..wanted import must_be_recorded
+from ..wanted import doubts_of_drive, must_be_recorded
 from .model_options import simulated_model_options, wanted
 from .options import columns_option, json_option
 from .output import console, print_json
@@ -108,7 +108,7 @@ def simulate(
     recording = read(paths[-1], columns)
     must_be_recorded(model, [recording])
     start = state_values(start_state, model)
-    warnings = assumed(model, recording, start)
+    warnings = [*assumed(model, recording, start), *doubts_of_drive(model, [recording])]
     for warning in warnings:
         click.echo(f"warning: {warning}", err=True)
     found = simulate_runs(model, recording, start)

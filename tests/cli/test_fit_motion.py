@@ -10,6 +10,8 @@ from driven import driven, without, written
 
 from greybox_id.fit import load
 from greybox_id.models.registry import build
+from greybox_id.recording import Recording
+from greybox_id.wanted import doubts_of_drive
 
 HELD = ["--fix", "C_f", "--fix", "C_r", "--fix", "m"]
 STIFF = 1.2
@@ -226,3 +228,11 @@ def test_wrong_use_of_a_fit_is_a_sentence(fitted, laps, tmp_path):
 def _json(path):
     path.write_text(json.dumps({"format": "other"}))
     return path
+
+
+def test_a_force_per_unit_that_belongs_to_another_drive_signal_is_doubted():
+    recording = Recording("run", np.arange(4.0), {"drive_force": np.ones(4)})
+    (doubt,) = doubts_of_drive(build("single_track"), [recording])
+    assert "--fix force_per_unit=1" in doubt
+    commanded = Recording("run", np.arange(4.0), {"ax_cmd": np.ones(4)})
+    assert doubts_of_drive(build("single_track"), [commanded]) == []
