@@ -137,8 +137,8 @@ def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
             unit = unit_of(signal)
             return [
                 f"{recording.name} holds {signal} in {unit}, one unit of which is about {wanted[signal]:.4g} N, but "
-                f"the model has force_per_unit = {stated:.4g} N: say --fix force_per_unit={wanted[signal]:.4g}, or name "
-                "another signal in the column map."
+                f"the model has force_per_unit = {stated:.4g} N: say --fix force_per_unit={wanted[signal]:.4g}, or "
+                "name another signal in the column map."
             ]
     return []
 
