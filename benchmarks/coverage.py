@@ -2,9 +2,9 @@
 
     python benchmarks/coverage.py [--json] [--recordings 300] [--seconds 20]
 
-A full-size car is driven through mixed manoeuvres by the simulator of the tests (numba, 0.5 ms steps, no code in common with
-the package), read at 50 Hz with AR(1) noise of rho 0 and 0.8, and fitted as a user would: `fit`, whole runs, five free
-parameters from wrong starts.
+A full-size car is driven through mixed manoeuvres by the simulator of the tests (numba, 0.5 ms steps, no code in common
+with the package), read at 50 Hz with AR(1) noise of rho 0 and 0.8, and fitted as a user would: `fit`, whole runs, five
+free parameters from wrong starts.
 """
 
 from __future__ import annotations
