@@ -30,9 +30,9 @@ from threadpoolctl import threadpool_limits
 
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.fitting.motion import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
 from greybox_id.motion_model import MotionModel
-from greybox_id.motion_stages import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.parameter import Array
 from greybox_id.recording import Recording
 from greybox_id.solvers.gauss_newton import gauss_newton

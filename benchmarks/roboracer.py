@@ -26,10 +26,10 @@ from greybox_id.cli.fit import summary
 from greybox_id.datasets.read import read
 from greybox_id.errors import GreyboxError
 from greybox_id.fitting import How, fit
-from greybox_id.metrics import predictions, score
 from greybox_id.model import Model
 from greybox_id.models.registry import build, candidates
 from greybox_id.recording import Recording
+from greybox_id.scores.metrics import predictions, score
 
 PUBLISHED = {
     ("yaw_rate", 100): (0.109, 0.031),

@@ -4,6 +4,9 @@ Every error a user can cause is a `GreyboxError`. Its text says what is wrong, w
 row) and what to do about it; the command line prints it and exits with 2, without a traceback.
 """
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class GreyboxError(Exception):
     """Base of all errors that a user can cause and mend."""
@@ -15,3 +18,16 @@ class BadInput(GreyboxError):
 
 class BadModel(GreyboxError):
     """A model whose equations cannot be traced, or that does not fit the recording it meets."""
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """A question that names what was meant, with a leading space; empty if nothing is near."""
+    lowered = {own.lower(): own for own in known}
+    found = get_close_matches(name.lower(), list(lowered), 1)
+    return f" Did you mean {lowered[found[0]]}?" if found else ""
+
+
+def near_or_all(name: str, known: Iterable[str]) -> str:
+    """What was meant, or where nothing is near all there is; with a leading space."""
+    names = list(known)
+    return near(name, names) or f" There are {', '.join(names)}."

@@ -10,9 +10,9 @@ from greybox_id.effect import Effect
 from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.errors import BadInput, BadModel
 from greybox_id.memory_model import SampledActuator
-from greybox_id.metrics import predictions
 from greybox_id.motion_model import MotionModel, State
 from greybox_id.parameter import Parameter
+from greybox_id.scores.metrics import predictions
 
 
 def offset(name="steer_offset"):

@@ -10,16 +10,16 @@ from typing import Any
 
 import click
 
-from ..choices import noise_of
+from ..choices.parameters import noise_of
+from ..choices.wanted import doubts, must_be_recorded, must_suit_options
 from ..datasets.read import read
 from ..engine.motion.shooting import Starts
 from ..files import ensure_writable
 from ..fitting import How, Solver
 from ..fitting import fit as fit_model
 from ..motion_model import MotionModel
-from ..prediction import must_suit
 from ..recording import join
-from ..wanted import doubts, must_be_recorded, must_suit_options
+from ..scores.prediction import must_suit
 from .fit_output import show, summary
 from .model_options import model_options, wanted
 from .options import columns_option, json_option

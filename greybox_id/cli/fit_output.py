@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.table import Table
 
 from ..fit import Fit
-from ..left_open import absent, told_together
 from ..memory_model import MemoryModel
-from ..metrics import FREE_RUN
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..provenance import DataRecord, Stage
 from ..reports.numbers import counted, interval, number, pretty_unit, with_sd
+from ..scores.metrics import FREE_RUN
 from ..signals import unit_of
+from ..uncertainty.left_open import absent, told_together
 from .output import console, errors_table, plain
 
 SAME = 0.01

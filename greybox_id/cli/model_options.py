@@ -7,9 +7,9 @@ from typing import Any, TypeVar
 
 import click
 
-from ..choices import Choices, magnitudes, wanted_vehicle
+from ..choices.parameters import Choices, magnitudes, wanted_vehicle
+from ..choices.wanted import Wanted
 from ..models.registry import MODELS
-from ..wanted import Wanted
 from .options import settings_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])

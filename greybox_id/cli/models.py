@@ -8,15 +8,14 @@ from typing import Any
 import click
 from rich.table import Table
 
-from ..choices import wanted_vehicle
+from ..choices.parameters import wanted_vehicle
 from ..effect import Effect
-from ..errors import BadInput
+from ..errors import BadInput, near_or_all
 from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build
 from ..motion_model import MotionModel
 from ..parameter import Parameter
-from ..quantity import near_or_all
 from ..reports.numbers import pretty_unit
 from ..signals import unit_of
 from .options import json_option, settings_of

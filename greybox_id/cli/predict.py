@@ -10,22 +10,22 @@ import click
 import numpy as np
 import pandas as pd
 
-from ..choices import Choices, state_values, with_choices
+from ..choices.parameters import Choices, state_values, with_choices
+from ..choices.wanted import doubts_of_drive, must_be_recorded
 from ..datasets.read import read
 from ..errors import BadInput
 from ..files import replacing
 from ..fit import load
-from ..metrics import Prediction, as_dict, prediction_errors
 from ..model import Model
 from ..models.registry import build
 from ..motion_model import MotionModel
-from ..prediction import as_table, assumed
-from ..prediction import predict as predict_rows
-from ..prediction import simulate as simulate_runs
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
+from ..scores.metrics import Prediction, as_dict, prediction_errors
+from ..scores.prediction import as_table, assumed
+from ..scores.prediction import predict as predict_rows
+from ..scores.prediction import simulate as simulate_runs
 from ..signals import unit_of
-from ..wanted import doubts_of_drive, must_be_recorded
 from .model_options import simulated_model_options, wanted
 from .options import columns_option, json_option
 from .output import console, print_json

@@ -13,13 +13,13 @@ import pandas as pd
 from rich.table import Table
 
 from ..fit import Fit, load
+from ..fitting.restated import place, profiled, restated
 from ..models.registry import build
-from ..profile import End, Profile
-from ..profile import profile as profile_one
 from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
-from ..restated import place, profiled, restated
 from ..uncertainty import uncertainty
+from ..uncertainty.profile import End, Profile
+from ..uncertainty.profile import profile as profile_one
 from .fit_output import estimate, plain_table
 from .options import json_option
 from .output import console, print_json, progress

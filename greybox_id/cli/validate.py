@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import click
 
-from ..baseline import score_beside_hold
+from ..choices.wanted import must_be_recorded
 from ..datasets.read import read
 from ..fit import load
-from ..metrics import as_dict, score
 from ..models.registry import build
 from ..motion_model import MotionModel
-from ..wanted import must_be_recorded
+from ..scores.baseline import score_beside_hold
+from ..scores.metrics import as_dict, score
 from .fit_output import motion_errors_table
 from .options import columns_option, json_option
 from .output import console, errors_table, print_json

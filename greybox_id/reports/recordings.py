@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
-from ..metrics import FREE_RUN, Prediction
 from ..provenance import DataRecord
 from ..recording import Recording
+from ..scores.metrics import FREE_RUN, Prediction
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from independent import longitudinal, predict_rows, weights_of
 from toys import drive, scattered
 
 from greybox_id.errors import BadInput
-from greybox_id.metrics import predictions
 from greybox_id.models.msnn_long import LongitudinalSettings, covering_long, msnn_long
+from greybox_id.scores.metrics import predictions
 
 
 def sloped(rows, seed):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from greybox_id.baseline import score_beside_hold
-from greybox_id.metrics import FREE_RUN, ahead, prediction_errors
 from greybox_id.reports.motion.content import motion_content
 from greybox_id.reports.motion.driven import driven, held_errors
 from greybox_id.reports.numbers import interval
+from greybox_id.scores.baseline import score_beside_hold
+from greybox_id.scores.metrics import FREE_RUN, ahead, prediction_errors
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import pytest
 from greybox_id.combined import reach
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.models.registry import build
-from greybox_id.prediction import simulate
 from greybox_id.provenance import Stage
 from greybox_id.recording import Recording
 from greybox_id.reports.figures.convergence import convergence
@@ -17,6 +16,7 @@ from greybox_id.reports.figures.handling import handling
 from greybox_id.reports.figures.tyres import band, tyres
 from greybox_id.reports.motion.drawings import motion_drawings
 from greybox_id.reports.motion.settled import OverSlip, steady_turns
+from greybox_id.scores.prediction import simulate
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 

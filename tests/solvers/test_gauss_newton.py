@@ -10,11 +10,11 @@ from toys import drive, joined, linear_toy, looping, obeying_toy, scattered, spe
 
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
-from greybox_id.metrics import predictions
 from greybox_id.models.msnn_full import FullSettings, covering_full, msnn_full
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.msnn_long import LongitudinalSettings
 from greybox_id.parameter import Parameter, Prior
+from greybox_id.scores.metrics import predictions
 from greybox_id.solvers.gauss_newton import Status, gauss_newton
 
 

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...fit import Fit
-from ...metrics import Protocol
 from ...parameter import Array
+from ...scores.metrics import Protocol
 from ..recordings import Seen, run_rows
 from .style import INK, PALE, PROTOCOL_LINES, canvas, label, look
 

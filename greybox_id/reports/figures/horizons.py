@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from ...metrics import FREE_RUN
+from ...scores.metrics import FREE_RUN
 from ...signals import unit_of
 from .style import BLUE, INK, NOISE, ORANGE, Line, canvas, label, legend_above, look, symbol
 

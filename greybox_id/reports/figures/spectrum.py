@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
-from ...metrics import Prediction
 from ...parameter import Array
+from ...scores.metrics import Prediction
 from ..noise import Noise
 from ..numbers import pretty_unit
 from ..recordings import Seen

@@ -19,8 +19,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from ...metrics import FREE_RUN, ahead
 from ...recording import Recording
+from ...scores.metrics import FREE_RUN, ahead
 from ...signals import SIGNALS
 from ..numbers import pretty_unit
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...metrics import Prediction
 from ...parameter import Array
+from ...scores.metrics import Prediction
 from ..recordings import Seen, run_rows
 from .style import MEASURED, PROTOCOL_LINES, canvas, label, legend_above, look, signal_label
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from ...fit import Fit
 from ...memory_model import MemoryModel
-from ...metrics import PROTOCOLS, predictions
 from ...recording import Recording
+from ...scores.metrics import PROTOCOLS, predictions
 from ..recordings import Seen, matched
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...fit import Fit
-from ...metrics import Protocol
+from ...scores.metrics import Protocol
 from ...signals import unit_of
 from ..content import circumstances
 from ..convergence import ended, ipopt_words

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...fit import Fit
-from ...left_open import absent, told_together
 from ...provenance import Stage
 from ...signals import unit_of
+from ...uncertainty.left_open import absent, told_together
 from ..content import ROLE_WORDS, Content, Table, made_with, noise_words, recorded
 from ..convergence import stages
 from ..noise import Noise

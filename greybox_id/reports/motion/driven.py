@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...baseline import hold
 from ...engine.motion.prediction import Predictions, Predictor
 from ...engine.motion.runs import recorded_outputs
 from ...engine.motion.simulator import Simulator
 from ...fit import Fit
-from ...metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, prediction_errors
 from ...motion_model import MotionModel
 from ...parameter import Array
 from ...provenance import DataRecord
 from ...recording import Recording
+from ...scores.baseline import hold
+from ...scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, prediction_errors
 from ..recordings import Seen, matched, of_role
 
 SHOWN = ("alpha_f", "alpha_r")

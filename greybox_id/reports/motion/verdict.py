@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ...fit import SURPRISING, Fit
-from ...left_open import left_open
-from ...metrics import FREE_RUN, ahead
 from ...parameter import Parameter
+from ...scores.metrics import FREE_RUN, ahead
 from ...signals import unit_of
+from ...uncertainty.left_open import left_open
 from ..content import circumstances
 from ..convergence import ended, ipopt_words
 from ..figures.style import NEAR

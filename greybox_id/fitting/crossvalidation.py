@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .engine.shooting import Problem
-from .engine.trace import Trace
-from .errors import BadInput
-from .memory_model import MemoryModel
-from .parameter import Array
-from .recording import Recording, join
-from .solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.shooting import Problem
+from ..engine.trace import Trace
+from ..errors import BadInput
+from ..memory_model import MemoryModel
+from ..parameter import Array
+from ..recording import Recording, join
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
 
 FOLDS = 6
 STRETCH = 6

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.identifiability import determined, identifiability
+from greybox_id.uncertainty.identifiability import determined, identifiability
 
 NAMES = ("mass", "stiffness", "offset", "length")
 X = np.array([1000.0, 8e4, 0.001, 2.5])

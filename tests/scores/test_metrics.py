@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny, without
 
-from greybox_id.metrics import Prediction, as_dict, errors, predictions, score
+from greybox_id.scores.metrics import Prediction, as_dict, errors, predictions, score
 
 
 def as_prediction(residual, measured=None):

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 from linear_problem import Linear, coloured
 
-from greybox_id import blocks
+from greybox_id.uncertainty import blocks
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 0.9])

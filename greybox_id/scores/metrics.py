@@ -19,16 +19,16 @@ from typing import Literal
 
 import numpy as np
 
-from .engine.motion.prediction import Predictions, Predictor
-from .engine.motion.simulator import Simulator
-from .engine.sensing import Sensing
-from .engine.series import Run, runs
-from .engine.trace import Trace
-from .memory_model import MemoryModel
-from .model import Model
-from .motion_model import MotionModel
-from .parameter import Array
-from .recording import Recording
+from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.simulator import Simulator
+from ..engine.sensing import Sensing
+from ..engine.series import Run, runs
+from ..engine.trace import Trace
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
 
 Protocol = Literal["honest", "published", "closed_loop"]
 PROTOCOLS: tuple[Protocol, ...] = ("honest", "published", "closed_loop")

@@ -2,8 +2,8 @@
 
 import pytest
 
+from greybox_id.choices.quantity import Belief, belief, number
 from greybox_id.errors import BadInput
-from greybox_id.quantity import Belief, belief, number
 
 
 @pytest.mark.parametrize(

@@ -14,25 +14,25 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..engine.motion.runs import motion_runs
+from ..engine.series import runs
+from ..engine.shooting import Problem
+from ..engine.trace import Trace
+from ..errors import BadInput
+from ..fit import Fit
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..motion_model import MotionModel
+from ..parameter import Array, unpack
+from ..provenance import DataRecord, Stage, data_record
+from ..recording import Recording, join
+from ..scores.metrics import as_dict, score
+from ..solvers.gauss_newton import Solution, Status
+from ..uncertainty import uncertainty
 from .crossvalidation import choose_structure
-from .engine.motion.runs import motion_runs
-from .engine.series import runs
-from .engine.shooting import Problem
-from .engine.trace import Trace
-from .errors import BadInput
-from .fit import Fit
 from .how import How, Say, Solver
-from .memory_model import MemoryModel
-from .metrics import as_dict, score
-from .model import Model
-from .motion_model import MotionModel
-from .motion_stages import fit_motion
-from .parameter import Array, unpack
-from .provenance import DataRecord, Stage, data_record
-from .recording import Recording, join
-from .solvers.gauss_newton import Solution, Status
-from .stages import fit_alone, fit_together
-from .uncertainty import uncertainty
+from .memory import fit_alone, fit_together
+from .motion import fit_motion
 
 __all__ = ["How", "Say", "Solver", "fit"]
 

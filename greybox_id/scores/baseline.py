@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .engine.motion.prediction import Predictions, Predictor
-from .engine.motion.runs import MotionRun
-from .engine.motion.simulator import Simulator
+from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.runs import MotionRun
+from ..engine.motion.simulator import Simulator
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
 from .metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
-from .motion_model import MotionModel
-from .parameter import Array
-from .recording import Recording
 
 Scores = Mapping[str, Mapping[str, Error]]
 

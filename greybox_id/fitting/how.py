@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from .engine.motion.shooting import Starts
+from ..engine.motion.shooting import Starts
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]
 

@@ -15,8 +15,8 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .engine.least_squares import LeastSquares, Matched
-from .parameter import Array
+from ..engine.least_squares import LeastSquares, Matched
+from ..parameter import Array
 
 Mask = NDArray[np.bool_]
 

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .datasets.vehicle_file import vehicle as read_vehicle
-from .effect import AnyModel
-from .errors import BadInput
-from .memory_model import MemoryModel
-from .model import Model
-from .models.effects import EFFECTS
-from .models.registry import MODELS, vehicle_parameters
-from .parameter import Parameter, Prior
-from .quantity import belief, named, near_or_all, number
-from .signals import unit_of
-from .vehicle import Stated, Vehicle
+from ..datasets.vehicle_file import vehicle as read_vehicle
+from ..effect import AnyModel
+from ..errors import BadInput, near_or_all
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.registry import MODELS, vehicle_parameters
+from ..parameter import Parameter, Prior
+from ..signals import unit_of
+from ..vehicle import Stated, Vehicle
+from .quantity import belief, named, number
 
 Magnitudes = dict[str, float | Stated | None]
 """Effect -> its magnitude, held; what is believed of it; None leaves it free."""

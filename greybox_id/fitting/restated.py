@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .engine.motion.shooting import MotionProblem
-from .engine.motion.simulator import Simulator
-from .errors import BadInput
-from .fit import Fit
-from .motion_model import MotionModel
-from .quantity import near_or_all
-from .recording import Recording
-from .solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.motion.shooting import MotionProblem
+from ..engine.motion.simulator import Simulator
+from ..errors import BadInput, near_or_all
+from ..fit import Fit
+from ..motion_model import MotionModel
+from ..recording import Recording
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
 
 TOLERANCE = 1e-10
 

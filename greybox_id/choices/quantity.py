@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import isfinite
 
-from .datasets.units import to_si
-from .errors import BadInput
+from ..datasets.units import to_si
+from ..errors import BadInput
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf(?:inity)?"
 _WRITTEN = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.IGNORECASE)
@@ -71,19 +69,6 @@ def belief(text: str, unit: str, where: str) -> Belief:
     if not isfinite(value):
         raise BadInput(f"{where}: the mean in {text!r} must be a finite number.")
     return Belief(factor * value + offset, spread)
-
-
-def near(name: str, known: Iterable[str]) -> str:
-    """A question that names what was meant, with a leading space; empty if nothing is near."""
-    lowered = {own.lower(): own for own in known}
-    found = get_close_matches(name.lower(), list(lowered), 1)
-    return f" Did you mean {lowered[found[0]]}?" if found else ""
-
-
-def near_or_all(name: str, known: Iterable[str]) -> str:
-    """What was meant, or where nothing is near all there is; with a leading space."""
-    names = list(known)
-    return near(name, names) or f" There are {', '.join(names)}."
 
 
 def _split(text: str, where: str) -> tuple[float, str]:

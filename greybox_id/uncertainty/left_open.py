@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .fit import Fit
+from ..fit import Fit
+from ..models.effects import EFFECTS
 from .identifiability import Identifiability, identifiability
-from .models.effects import EFFECTS
 
 
 def left_open(fit: Fit) -> Identifiability | None:

@@ -22,9 +22,9 @@ import numpy as np
 import scipy.linalg as la
 from scipy.special import ndtri, stdtrit
 
+from ..engine.least_squares import LeastSquares, Matched
+from ..parameter import Array
 from .blocks import Blocks, Mask, blocks
-from .engine.least_squares import LeastSquares, Matched
-from .parameter import Array
 
 MANY = 200
 """More unknowns than this are a network's weights."""

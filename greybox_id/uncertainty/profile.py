@@ -19,11 +19,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from .engine.least_squares import LeastSquares, Matched
-from .errors import BadInput
-from .parameter import Array
-from .solvers.gauss_newton import Solution, Status, gauss_newton
-from .uncertainty import Uncertainty, uncertainty
+from ..engine.least_squares import LeastSquares, Matched
+from ..errors import BadInput
+from ..parameter import Array
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from .sandwich import Uncertainty, uncertainty
 
 STRIDE = 0.4
 """Step aimed at, as a share of the interval's half width."""

@@ -3,12 +3,12 @@
 import pytest
 from driven import driven
 
-from greybox_id.choices import Choices, magnitudes, noise_of, with_choices
+from greybox_id.choices.parameters import Choices, magnitudes, noise_of, with_choices
+from greybox_id.choices.wanted import Wanted, doubts
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated
-from greybox_id.wanted import Wanted, doubts
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadInput
 from greybox_id.parameter import Prior
-from greybox_id.profile import End, profile
 from greybox_id.solvers.gauss_newton import gauss_newton
 from greybox_id.uncertainty import uncertainty
+from greybox_id.uncertainty.profile import End, profile
 
 
 class Curve:

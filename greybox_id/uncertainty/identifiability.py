@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .parameter import Array
+from ..parameter import Array
 
 HALF = 0.5
 """A relative standard deviation above this determines hardly more than a sign."""

@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .blocks import correlation_time
+from ..engine.motion.shooting import MotionProblem
+from ..engine.motion.simulator import Simulator
+from ..errors import BadInput
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..provenance import Certificate, Stage
+from ..recording import Recording
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..solvers.ipopt import ipopt
+from ..uncertainty.blocks import correlation_time
 from .certificate import certified
-from .engine.motion.shooting import MotionProblem
-from .engine.motion.simulator import Simulator
-from .errors import BadInput
 from .how import How, Say
-from .motion_model import MotionModel
-from .parameter import Array
-from .provenance import Certificate, Stage
-from .recording import Recording
-from .solvers.gauss_newton import Solution, Status, gauss_newton
-from .solvers.ipopt import ipopt
 
 SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""

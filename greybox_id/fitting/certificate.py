@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .engine.motion.shooting import MotionProblem
-from .engine.shooting import Problem
+from ..engine.motion.shooting import MotionProblem
+from ..engine.shooting import Problem
+from ..provenance import Certificate
+from ..solvers.gauss_newton import Solution, Status
+from ..solvers.ipopt import SAME, ipopt
 from .how import Say
-from .provenance import Certificate
-from .solvers.gauss_newton import Solution, Status
-from .solvers.ipopt import SAME, ipopt
 
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
 """Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544

@@ -8,18 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..engine.shooting import Problem
+from ..engine.trace import Trace
+from ..errors import BadInput
+from ..memory_model import MemoryModel
+from ..parameter import Array
+from ..provenance import Stage
+from ..recording import Recording, join
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..solvers.ipopt import ipopt
 from .certificate import certified
 from .crossvalidation import choose_strengths
-from .engine.shooting import Problem
-from .engine.trace import Trace
-from .errors import BadInput
 from .how import How, Say
-from .memory_model import MemoryModel
-from .parameter import Array
-from .provenance import Stage
-from .recording import Recording, join
-from .solvers.gauss_newton import Solution, Status, gauss_newton
-from .solvers.ipopt import ipopt
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5

@@ -5,13 +5,13 @@ import pytest
 from driven import NOISE, commands, driven, without
 from toys import tiny
 
-from greybox_id.baseline import score_beside_hold
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.prediction import as_table, assumed, predict, simulate
 from greybox_id.recording import Recording, join
+from greybox_id.scores.baseline import score_beside_hold
+from greybox_id.scores.prediction import as_table, assumed, predict, simulate
 
 CAR = vehicle("full_size_car")
 

@@ -7,15 +7,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from .engine.motion.prediction import Predictions, Predictor
-from .engine.motion.simulator import Simulator
-from .errors import BadInput
-from .memory_model import MemoryModel
+from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.simulator import Simulator
+from ..errors import BadInput
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..motion_model import MotionModel
+from ..recording import Recording
+from ..signals import SIGNALS
 from .metrics import Prediction, predictions
-from .model import Model
-from .motion_model import MotionModel
-from .recording import Recording
-from .signals import SIGNALS
 
 
 def simulate(model: Model, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:

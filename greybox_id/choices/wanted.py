@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .checks.agreement import agreement
-from .checks.consistency import GIVEN_WHEELBASE
-from .checks.pairs import pairs
-from .choices import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
-from .datasets.vehicle_file import shipped_vehicles
-from .errors import BadInput
-from .memory_model import MemoryModel
-from .model import Model
-from .models.registry import MODELS, build, candidates
-from .motion_model import MotionModel
-from .recording import Recording
-from .signals import unit_of
-from .vehicle import Vehicle
+from ..checks.agreement import agreement
+from ..checks.consistency import GIVEN_WHEELBASE
+from ..checks.pairs import pairs
+from ..datasets.vehicle_file import shipped_vehicles
+from ..errors import BadInput
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..models.registry import MODELS, build, candidates
+from ..motion_model import MotionModel
+from ..recording import Recording
+from ..signals import unit_of
+from ..vehicle import Vehicle
+from .parameters import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm"}
 """Column map -> the shipped vehicle whose recordings it reads."""
