@@ -18,6 +18,8 @@ COMMANDS = {
     "profile": ("profile", "Follow the likelihood along parameters of a fit."),
     "models": ("models", "List the models there are, or say what one is made of."),
     "effects": ("models", "List the effects that models may lack, or say what one is."),
+    "gap": ("gap", "Say where a simulation departs from the vehicle, why, and how much of that closes."),
+    "exam": ("exam", "Examine the diagnosis of gaps blindly, on vehicles whose truth is sealed."),
     "report": ("report", "Write figures and a PDF report of a fit."),
     "data": ("data", "Look at recordings before anything is fitted to them."),
 }

@@ -13,6 +13,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -54,9 +55,9 @@ class Compiler:
                 return
         raise CannotCompile(f"The C compiler {command[0]} does not work: {found.stderr.strip()}")
 
-    def key(self, source: str) -> str:
-        """What a library of this source is called: the same for the same text, compiler, flags and machine."""
-        return hashlib.sha256("\0".join([source, *self.command, self.identity]).encode()).hexdigest()[:32]
+    def key(self, known_by: str) -> str:
+        """What a library is called: the same for the same source, compiler, flags and machine."""
+        return hashlib.sha256("\0".join([known_by, *self.command, self.identity]).encode()).hexdigest()[:32]
 
     def compile(self, source: str, target: Path) -> None:
         """Make a library, beside its place first: another process may be making the same one."""
@@ -84,14 +85,25 @@ def compiler() -> Compiler:
     raise CannotCompile(f"There is no C compiler: looked for {', '.join(command[0] for command in candidates)}.")
 
 
-def library(source: str, *, compile_it: bool) -> ctypes.CDLL | None:
-    """The compiled source; None if that is not there yet and not to be made. Raises `CannotCompile`."""
+def library(source: Callable[[], str], known_by: str, *, compile_it: bool) -> ctypes.CDLL | None:
+    """The compiled source; None if that is not there yet and not to be made.
+
+    Parameters
+    ----------
+    source : writes it; not asked for where the library is in the cache, as writing takes a second for large models.
+    known_by : what the source follows from.
+    compile_it : whether a library that is missing is made.
+
+    Raises
+    ------
+    CannotCompile : there is no compiler, or it failed.
+    """
     chosen = compiler()
-    path = _folder() / f"kernel-{chosen.key(source)}.so"
+    path = _folder() / f"kernel-{chosen.key(known_by)}.so"
     if not path.exists():
         if not compile_it:
             return None
-        chosen.compile(source, path)
+        chosen.compile(source(), path)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:  # a truncated file, or a folder from which nothing may be executed

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import ctypes
 import os
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
 
 import casadi as cs
 import numpy as np
@@ -31,7 +32,7 @@ PAYS = 100_000
 the same way, so that this number need not know it: half a second for a single-track model, three for a large one."""
 
 LOOKS = PAYS // 20
-"""The same for writing the C, which it takes to find its library in the cache."""
+"""The same for looking into the cache, which takes starting the compiler once."""
 
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
@@ -147,7 +148,7 @@ class Kernel:
         if self._library is None and self._wanted is not False and not self._cannot and (looks or pays):
             self._looked = True
             try:
-                found = library(self._model.source, compile_it=pays)
+                found = library(lambda: self._model.source, self._model.known_by, compile_it=pays)
                 self._library = found and _declared(found)
             except CannotCompile:
                 if self._wanted:
@@ -162,9 +163,11 @@ class _Functions:
     Attributes
     ----------
     states, numbers, parameters, outputs : sizes of z, s, p and y.
+    known_by : what the C source follows from: the functions, and what writes it.
     """
 
     def __init__(self, step: cs.Function, output: cs.Function) -> None:
+        self.known_by = "\0".join([_writers(), cs.__version__, step.serialize(), output.serialize()])
         self.arguments = [cs.SX.sym(letter, step.numel_in(k)) for k, letter in enumerate("zsp")]
         self.states, self.numbers, self.parameters = (step.numel_in(k) for k in range(3))
         self.outputs = output.numel_out(0)
@@ -192,6 +195,13 @@ class _Functions:
         """To be compiled."""
         value = cs.Function("value", self.arguments, self.results)
         return source(value, cs.Function("slope", self.arguments, [*self.results, *self.slopes]))
+
+
+@lru_cache
+def _writers() -> str:
+    """The modules that write the C source, as text."""
+    folder = Path(__file__).parent
+    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "emit", "lanes"))
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:

@@ -7,6 +7,7 @@ with shifts is a matter of plus and minus ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,9 @@ class Schedule:
     reads: NDArray[np.bool_]
 
 
-def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) -> Schedule:
+def schedule(
+    trace: MotionTrace, run: MotionRun, shifts: Array, longest: float, moving: Sequence[bool] | None = None
+) -> Schedule:
     """Lay a run out in segments.
 
     Parameters
@@ -47,15 +50,18 @@ def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) 
     run : the run.
     shifts : the delays' and latencies' values, s.
     longest : no segment is longer than this, s.
+    moving : which shifts are differentiated by; the others, where they are zero, cut nothing. None: all of them.
     """
     rows, delays = len(run), len(trace.delayed)
+    cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
     parts = max(1, int(np.ceil(run.sample_time / longest - 1e-9)))
     steps = np.append(np.diff(run.time), run.sample_time)
     within = [run.time + steps * k / parts for k in range(1, parts)]
-    late = [run.time - shift for shift in shifts[delays:]]
-    delayed = [run.time + shift for shift in shifts[:delays]]
+    late = [run.time - shifts[k] for k in cuts if k >= delays]
+    delayed = [run.time + shifts[k] for k in cuts if k < delays]
     # At the same instant: delayed commands arrive first, then rows' own, then late readings are taken.
-    kinds = [*range(delays), -1, *range(delays, len(shifts)), *(-2 for _ in within)]
+    first_late = sum(k < delays for k in cuts)
+    kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
     times = [*delayed, run.time, *late, *within]
     instant, kind = np.concatenate(times), np.repeat(kinds, rows)
     row = np.tile(np.arange(rows), len(times))
@@ -67,11 +73,11 @@ def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) 
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
-    for k in range(count):
+    for k in cuts:
         sign[kind == k, k] = 1.0 if k < delays else -1.0
     length = np.append(np.diff(instant), 0.0)
     length_by = np.vstack([np.diff(sign, axis=0), np.zeros((1, count))])
-    values, slopes = _commands(trace, run, instant, kind, row, shifts)
+    values, slopes = _commands(trace, run, instant, kind, row, shifts, cuts)
     guess = np.broadcast_to(shifts, (len(kind), count))
     segments = np.column_stack([length, values, slopes, length_by, sign, guess])
 
@@ -81,6 +87,8 @@ def schedule(trace: MotionTrace, run: MotionRun, shifts: Array, longest: float) 
     read = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
     for k, name in enumerate(trace.late):
         own = kind == delays + k
+        if delays + k not in cuts:
+            continue
         column = trace.model.outputs.index(name)
         read[:, column] = -1
         read[row[own], column] = places[own]
@@ -97,7 +105,7 @@ def _in_time(instant: Array, rank: Index) -> Index:
 
 
 def _commands(
-    trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array
+    trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array, cuts: Sequence[int]
 ) -> tuple[Array, Array]:
     """Value and slope of every input at every segment's start, (S, inputs) each."""
     steps = np.append(np.diff(run.time), 1.0)
@@ -106,6 +114,7 @@ def _commands(
     slopes = np.zeros_like(values)
     for k, name in enumerate(trace.model.inputs):
         source = trace.delayed.index(name) if name in trace.delayed else -1
+        source = source if source in cuts else -1
         shift = shifts[source] if source >= 0 else 0.0
         before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # had arrived when the run began
         current = np.maximum.accumulate(np.where(kind == source, row, before))

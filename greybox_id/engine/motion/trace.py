@@ -119,6 +119,7 @@ class MotionTrace:
             rates = dict(model.dynamics(q.x, q.u, q.p, q))
         assert q is not None
         for more in model.extra_rates:
+            vars(q)["rates"] = SimpleNamespace(**rates)
             rates |= more(q)
         missing = [name for name in self.names if name not in rates]
         if missing:

@@ -31,7 +31,7 @@ def _saturated(force: Symbol, q: Quantities) -> Symbol:
 
 motor_lag = effect(
     GROUP, "motor_lag", "s", 0.0, (0.0, 1.0), "first-order time constant of drive and brake force",
-    touches=("drive",), apply=_lag, typical=0.1,
+    touches=("drive",), apply=_lag, typical=0.1, gradual=False,
 )  # fmt: skip
 
 motor_gain = alteration(
@@ -41,7 +41,7 @@ motor_gain = alteration(
 
 motor_saturation = alteration(
     GROUP, "motor_saturation", "m/s^2", inf, (0.1, inf), "largest acceleration that the drive gives at low speed",
-    typical=2.0, drive_force=_saturated,
+    typical=2.0, gradual=False, drive_force=_saturated,
     others=(Parameter(
         "motor_saturation_v_b", "m/s", 10.0, (0.1, inf), fixed=True,
         about="speed above which the drive's largest force falls as 1/v",

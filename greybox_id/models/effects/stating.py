@@ -50,6 +50,7 @@ def alteration(
     about: str,
     *,
     typical: float,
+    gradual: bool = True,
     passes: int = 1,
     needs: tuple[str, ...] = (),
     others: tuple[Parameter, ...] = (),
@@ -59,7 +60,7 @@ def alteration(
 
     Parameters
     ----------
-    group, name, typical, needs, others : as of `Effect`.
+    group, name, typical, gradual, needs, others : as of `Effect`.
     unit, null, bounds, about : of its magnitude.
     passes : how often the dynamics are gone through, for changes that read q.before.
     changes : those the model has act, the others do nothing.
@@ -70,7 +71,7 @@ def alteration(
 
     return effect(
         group, name, unit, null, bounds, about,
-        touches=tuple(changes), apply=apply, typical=typical, needs=needs, others=others,
+        touches=tuple(changes), apply=apply, typical=typical, gradual=gradual, needs=needs, others=others,
     )  # fmt: skip
 
 

@@ -40,17 +40,17 @@ steering_delay = effect(
 
 steering_lag = effect(
     GROUP, "steering_lag", "s", 0.0, (0.0, 0.5), "first-order time constant of the steering",
-    touches=("steer",), apply=_lag, typical=0.03,
+    touches=("steer",), apply=_lag, typical=0.03, gradual=False,
 )  # fmt: skip
 
 steering_rate_limit = effect(
     GROUP, "steering_rate_limit", "rad/s", inf, (0.1, inf), "largest rate of the road-wheel angle",
-    touches=("steer",), apply=_rate_limit, apply_to_memory=limit_steering_rate, typical=0.5,
+    touches=("steer",), apply=_rate_limit, apply_to_memory=limit_steering_rate, typical=0.5, gradual=False,
 )  # fmt: skip
 
 steering_backlash = effect(
     GROUP, "steering_backlash", "rad", 0.0, (0.0, 0.1), "half width of the play, at the road wheels",
-    touches=("steer",), apply=_backlash, typical=0.01,
+    touches=("steer",), apply=_backlash, typical=0.01, gradual=False,
 )  # fmt: skip
 
 steering_offset = alteration(

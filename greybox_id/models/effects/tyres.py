@@ -83,7 +83,7 @@ rear_stiffness = alteration(
 
 tyre_relaxation = effect(
     GROUP, "tyre_relaxation", "m", 0.0, (0.0, 3.0), "relaxation length of the slip angle, both axles",
-    touches=("alpha_f", "alpha_r"), apply=_relaxed, typical=0.4,
+    touches=("alpha_f", "alpha_r"), apply=_relaxed, typical=0.4, gradual=False,
 )  # fmt: skip
 
 combined_slip = alteration(

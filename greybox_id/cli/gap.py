@@ -1,0 +1,217 @@
+"""`greybox gap`: where a simulation departs from the vehicle, which effect causes it, how much of it closes."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .. import __version__
+from ..choices.parameters import wanted_vehicle
+from ..choices.wanted import doubts, must_be_recorded
+from ..datasets.read import read
+from ..errors import BadInput
+from ..fit import load
+from ..fitting import Say
+from ..gap import Gap
+from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.registry import build, model_of
+from ..motion_model import MotionModel
+from ..provenance import data_record
+from ..recording import Recording
+from ..reports.gap.content import Made
+from ..vehicle import Vehicle
+from .gap_files import targets_of, warnings_of, write
+from .gap_output import as_json_text, show
+from .options import columns_option, json_option
+from .output import console, progress
+
+
+@click.command(name="gap")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
+@click.option("--vehicle", metavar="VEHICLE", help="What is stated of the vehicle: a shipped one or a file.")
+@click.option("--fit", "fit_file", metavar="FIT", help="In place of a vehicle, a fit of equations of motion.")
+@click.option("--model", metavar="NAME", help="With --vehicle; default: the vehicle's own, else single_track.")
+@columns_option
+@click.option(
+    "--held-out",
+    multiple=True,
+    metavar="RECORDING",
+    help="A recording that chooses nothing, to say on how far the gap closes; repeatable.",
+)
+@click.option("--out", metavar="DIR", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
+@click.option("--report", metavar="FILE", help="PDF report; with --out, DIR/gap.pdf unless given.")
+@click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
+@click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
+@json_option
+def gap(
+    recordings: Sequence[str],
+    vehicle: str | None,
+    fit_file: str | None,
+    model: str | None,
+    columns: str,
+    held_out: Sequence[str],
+    out: str | None,
+    report: str | None,
+    apply: str | None,
+    check: bool,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Say where the simulation of each RECORDING departs from the vehicle, why, and how much of that closes.
+
+    \b
+    greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv
+    greybox gap lap7.csv --fit run/fit.json --columns roboracer --report gap.pdf
+    greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
+    greybox simulate lap9.csv --vehicle car_closed.toml
+
+    How far the gap closes is only known on recordings that chose nothing: name some with --held-out.
+    """  # fmt: skip
+    targets = targets_of(out, report, apply, kept=[*recordings, *held_out, *filter(None, (vehicle, fit_file))])
+    asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
+    with progress() as say:
+        found = _found(asked, seed, say)
+    made = Made(
+        vehicle=asked.vehicle.name,
+        command=shlex.join(["greybox", *sys.argv[1:]]),
+        seed=seed,
+        version=__version__,
+        data=(
+            *(data_record(own, "train") for own in asked.recordings),
+            *(data_record(own, "validate") for own in asked.held_out),
+        ),
+    )
+    closed = closed_vehicle(asked.vehicle, found)
+    for warning in warnings_of(closed, found, apply):
+        click.echo(f"warning: {warning}", err=True)
+    text = as_json_text(found, made, [target for _, target in targets])
+    if as_json:
+        sys.stdout.write(text)
+    else:
+        show(console(), found)
+    for kind, target in targets:
+        write(kind, target, found, closed, made, text)
+        if not as_json:
+            console().print(f"written  {target}")
+    if check and found.gap_detected:
+        sys.exit(1)
+
+
+def diagnosed(
+    recordings: Sequence[str | Path],
+    vehicle: str | Path | Vehicle | None = None,
+    fit: str | Path | None = None,
+    held_out: Sequence[str | Path] = (),
+    columns: str | Path | None = None,
+    say: Say | None = None,
+    *,
+    model: str | None = None,
+    seed: int = 0,
+) -> Gap:
+    """What `greybox gap` finds, without its printing.
+
+    Parameters
+    ----------
+    recordings, held_out : files that are diagnosed, and files that choose nothing.
+    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; or the file of a fit: one of them.
+    columns : column map; canonical names unless given.
+    say : told of progress.
+    model : with a vehicle, in place of its own.
+    seed : of everything random.
+
+    Raises
+    ------
+    BadInput : a file, or what is asked of it, cannot be used.
+    """
+    return _found(_asked(recordings, vehicle, fit, held_out, columns, model), seed, say or _silent)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is diagnosed: the nominal model, what is stated of the vehicle, recordings."""
+
+    model: MotionModel
+    vehicle: Vehicle
+    recordings: list[Recording]
+    held_out: list[Recording]
+
+
+def _asked(
+    recordings: Sequence[str | Path],
+    vehicle: str | Path | Vehicle | None,
+    fit: str | Path | None,
+    held_out: Sequence[str | Path],
+    columns: str | Path | None,
+    model: str | None,
+) -> _Asked:
+    """Everything that was named, read and found fit to be diagnosed."""
+    nominal, stated = _nominal(vehicle, fit, model)
+    if not recordings:
+        raise BadInput("There is no recording to diagnose; name at least one file.")
+    own, others = ([read(file, columns or "canonical") for file in files] for files in (recordings, held_out))
+    must_be_recorded(nominal, [*own, *others])
+    for recording in (*own, *others):
+        if not any(name in recording for name in nominal.outputs):
+            raise BadInput(
+                f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; "
+                "map the columns that hold them in the column map (--columns)."
+            )
+    seen = {recording.source.sha256: recording.source.path for recording in own}
+    for source in (recording.source for recording in others):
+        if source.sha256 in seen:
+            raise BadInput(
+                f"{source.path} is held out, but it is the same data as {seen[source.sha256]}, which is diagnosed; "
+                "hold another one out."
+            )
+    return _Asked(nominal, stated, own, others)
+
+
+def _nominal(
+    vehicle: str | Path | Vehicle | None, fit: str | Path | None, model: str | None
+) -> tuple[MotionModel, Vehicle]:
+    """The model that is diagnosed, and what is stated of its vehicle."""
+    if (vehicle is None) == (fit is None):
+        more = "." if vehicle is None else "; not both."
+        raise BadInput(f"Which simulation? Name the vehicle with --vehicle, or a fit with --fit{more}")
+    nominal: Model
+    if fit is not None:
+        if model is not None:
+            raise BadInput(f"--model {model}: a fit brings its own model; leave --model away, or name --vehicle.")
+        loaded = load(fit, build)
+        nominal, stated = loaded.model, fitted_vehicle(loaded, str(fit))
+    else:
+        found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+        assert found is not None
+        own = found.model is not None and model in (None, found.model.name)
+        nominal, stated = model_of(found) if own or model is None else build(model, vehicle=found), found
+    if not isinstance(nominal, MotionModel):
+        raise BadInput(
+            f"{nominal.name} is a model with memory; a gap is diagnosed in equations of motion. "
+            "Name one with --model: single_track or lateral."
+        )
+    return nominal, stated
+
+
+def _found(asked: _Asked, seed: int, say: Say) -> Gap:
+    """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
+    from ..gap.diagnosis import diagnose
+
+    options: dict[str, Any] = {"seed": seed} if seed else {}
+    found = diagnose(
+        asked.model, asked.recordings, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say, **options
+    )
+    more = doubts(asked.model, asked.vehicle, asked.recordings)
+    return replace(found, doubts=(*found.doubts, *(sentence for sentence in more if sentence not in found.doubts)))
+
+
+def _silent(line: str, passing: bool = False) -> None:
+    del line, passing

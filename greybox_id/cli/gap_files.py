@@ -1,0 +1,77 @@
+"""Files that a diagnosis leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..datasets.vehicle_text import write_vehicle
+from ..errors import BadInput
+from ..files import ensure_writable, write_atomically
+from ..gap import Gap
+from ..gap.closed_vehicle import not_held
+from ..reports.gap.content import Made
+from ..vehicle import Vehicle
+
+IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
+"""Kind of file -> its name in the folder of --out."""
+
+
+def targets_of(
+    out: str | None, report: str | None, apply: str | None, kept: Sequence[str] = ()
+) -> list[tuple[str, Path]]:
+    """What is to be written where, as (kind, file), checked before long work.
+
+    Parameters
+    ----------
+    out, report, apply : options of these names.
+    kept : files that are read, which must not be written over.
+
+    Raises
+    ------
+    BadInput : a file is named wrongly, cannot be written, or is read as well.
+    """
+    if report is not None and Path(report).suffix.lower() != ".pdf":
+        raise BadInput(f"{report}: a report is a .pdf file; name it so with --report.")
+    if apply is not None and Path(apply).suffix.lower() not in (".toml", ".json"):
+        raise BadInput(f"{apply}: a vehicle file ends in .toml or .json; name it so with --apply.")
+    found = [(kind, Path(out) / name) for kind, name in IN_FOLDER.items()] if out is not None else []
+    if report is not None or out is not None:
+        found.append(("report", Path(report) if report is not None else Path(out or "") / "gap.pdf"))
+    if apply is not None:
+        found.append(("vehicle", Path(apply)))
+    read = {Path(file).resolve() for file in kept}
+    for _, target in found:
+        if target.resolve() in read:
+            raise BadInput(f"{target} is read by this command and would be written over; name another place.")
+    for folder in dict.fromkeys(target.parent for _, target in found):
+        ensure_writable(folder)
+    return found
+
+
+def write(kind: str, target: Path, gap: Gap, closed: Vehicle, made: Made, text: str) -> None:
+    """Write one of the files, atomically."""
+    # Pictures load the plotting library: without them, and for --help, it is done without.
+    if kind == "json":
+        write_atomically(target, text)
+    elif kind == "vehicle":
+        write_vehicle(closed, target)
+    elif kind == "picture":
+        from ..reports.gap.page import write_picture
+
+        write_picture(gap, target)
+    else:
+        from ..reports.gap.pdf import write_report
+
+        write_report(gap, made, target)
+
+
+def warnings_of(closed: Vehicle, gap: Gap, apply: str | None) -> list[str]:
+    """What is to be known of the closed vehicle."""
+    lost = not_held(closed, gap)
+    said = []
+    if lost:
+        said.append(f"a vehicle file has no place for {', '.join(lost)}: the closed vehicle takes what is usual.")
+    if apply is not None and not gap.applied:
+        said.append(f"no effect was found to apply: {apply} describes the vehicle as it was.")
+    return said

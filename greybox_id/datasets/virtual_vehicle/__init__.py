@@ -1,0 +1,35 @@
+"""A vehicle that exists in simulation only, to examine what is said of the gap between a model and reality.
+
+    car = random_vehicle(7)
+    recording, truth = drive(car, "mixed", effects={"tyre_relaxation": 0.4})
+
+`EFFECTS` are the effects of the vocabulary, `OUTSIDE` those that are not in it; any of them compose. `toleranced` draws
+a true vehicle about what `vehicle_file_text` states. It shares no code with the package's models, nor, in other
+`forms`, their functional forms.
+"""
+
+from .car import VirtualCar
+from .classes import random_vehicle
+from .drive import Truth, drive, replay
+from .effects import EFFECTS, OUTSIDE
+from .entries import Entry
+from .forms import Forms
+from .manoeuvres import MANOEUVRES
+from .tolerances import Tolerances, toleranced, tolerances, vehicle_file_text
+
+__all__ = [
+    "EFFECTS",
+    "MANOEUVRES",
+    "OUTSIDE",
+    "Entry",
+    "Forms",
+    "Tolerances",
+    "Truth",
+    "VirtualCar",
+    "drive",
+    "random_vehicle",
+    "replay",
+    "toleranced",
+    "tolerances",
+    "vehicle_file_text",
+]

@@ -1,0 +1,101 @@
+"""What a recording cannot tell apart, found by simulating the other cause under the same commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+
+from ..errors import BadInput
+from ..parameter import Array
+from .vocabulary import always_alike, partners
+
+TELLS = 4.0
+"""Squared differences, in noise variances, from which on a recording tells two causes apart."""
+HOPELESS = 400.0
+"""What a first look leaves above this, no better magnitude brings below `TELLS`."""
+STEPS = 3
+"""Simulations in search of the partner's best magnitude."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A recording, or a part of it that may rule a cause out before all of it is looked at.
+
+    Attributes
+    ----------
+    simulate : effects -> noise-free readings in noise sds; deterministic.
+    product : inner product of two changes of readings; what tolerances would take up does not count.
+    """
+
+    simulate: Callable[[Mapping[str, float]], Array]
+    product: Callable[[Array, Array], float]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect as a possible cause.
+
+    Attributes
+    ----------
+    null : its magnitude where it is not there.
+    at : deviation from null -> magnitude.
+    probe : a deviation that shows.
+    sides : "up", "down" or "both": deviations it may have.
+    """
+
+    null: float
+    at: Callable[[float], float]
+    probe: float
+    sides: str
+
+
+def indistinguishable(
+    present: Mapping[str, float], causes: Mapping[str, Cause], views: Sequence[View], also: Sequence[str] = ()
+) -> dict[str, tuple[str, ...]]:
+    """Effect that is there -> effects that explain the recording as well, in its place.
+
+    Those of `vocabulary.ALWAYS_ALIKE` are named without a look. For the others the readings' change is projected on
+    the partner's sensitivity, and the partner simulated where that puts it.
+
+    Parameters
+    ----------
+    present : magnitudes of what is there.
+    causes : the effects that may take its place, by name.
+    views : of the recording; a partner must explain each of them.
+    also : partners to try besides the usual ones.
+    """
+    found = {}
+    for name in present:
+        rest = {other: value for other, value in present.items() if other != name}
+        tried = [p for p in dict.fromkeys((*partners(name), *also)) if p in causes and p not in present]
+        alike = [
+            p for p in tried
+            if isfinite(causes[p].null) and all(_left(p, causes[p], rest, present, view) < TELLS for view in views)
+        ]  # fmt: skip
+        found[name] = (*(p for p in always_alike(name) if p not in present), *alike)
+    return found
+
+
+def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mapping[str, float], view: View) -> float:
+    """Squared differences that a partner at its best magnitude leaves."""
+    without = view.simulate(rest)
+    change = view.simulate(present) - without
+    all_of_it = view.product(change, change)
+    best, tried = inf, cause.probe if cause.sides != "down" else -cause.probe
+    for step in range(STEPS + 1):
+        try:
+            moved = view.simulate({**rest, partner: cause.at(tried)}) - without
+        except BadInput:  # the motion blew up
+            return best
+        own, both = view.product(moved, moved), view.product(moved, change)
+        if step > 0:
+            best = min(best, all_of_it - 2.0 * both + own)
+        if best < TELLS or own <= 0.0 or (step > 1 and best > HOPELESS):
+            break
+        if step == 0 and all_of_it - both**2 / own > max(HOPELESS, 0.2 * all_of_it):
+            break
+        tried *= both / own
+        if (tried < 0 and cause.sides == "up") or (tried > 0 and cause.sides == "down"):
+            break
+    return best

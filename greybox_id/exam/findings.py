@@ -1,0 +1,153 @@
+"""One case's answer beside its diagnosis: what was right and what was wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import inf, isfinite, nan
+from typing import Any
+
+from ..errors import BadInput
+from .answers import Answer
+
+UNKNOWN = 0.5
+"""A diagnosis whose unknown probability is above this says that the cause is unknown."""
+NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
+
+
+@dataclass(frozen=True)
+class Size:
+    """A magnitude beside the true one.
+
+    Attributes
+    ----------
+    effect : name.
+    error : distance from the truth over the truth's from its null; over the truth where that null is infinite.
+    covered : whether the truth lies in the stated interval.
+    """
+
+    effect: str
+    error: float
+    covered: bool
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What came of one case. What a diagnosis that ended in an error could get wrong, it got wrong.
+
+    Attributes
+    ----------
+    answer : the truth.
+    error : sentence of a diagnosis that ended in one; "" else.
+    detected : whether a gap was named; for nulls an error is a false alarm.
+    unknown : whether it said that the cause is unknown.
+    unknown_probability : that it stated.
+    choices : effect -> probability, as ranked; none where no gap was named.
+    first, first_strictly : the first choice is right, up to what cannot be told apart, and by name.
+    among_three : every effect that is there stands among the first three, up to what cannot be told apart.
+    sizes : of effects that are there and rank as high as there are effects, by name.
+    told : probability of every effect that was ranked, and whether it is there.
+    claimed, verified : how far the gap closes, by its own account and on the recording that was held out; NaN where
+        nothing was applied.
+    cpu : CPU seconds; NaN where they are not known.
+    """
+
+    answer: Answer
+    error: str
+    detected: bool
+    unknown: bool
+    unknown_probability: float
+    choices: Mapping[str, float]
+    first: bool
+    first_strictly: bool
+    among_three: bool
+    sizes: tuple[Size, ...]
+    told: tuple[tuple[float, bool], ...]
+    claimed: float
+    verified: float
+    cpu: float
+
+    @property
+    def wrong(self) -> str:
+        """What was wrong, in a word; "" where nothing was."""
+        if self.error:
+            return "error"
+        kind = self.answer.kind
+        if kind == "real":
+            return ""
+        if kind == "null":
+            return "false alarm" if self.detected else ""
+        if not self.detected:
+            return "not detected"
+        if kind == "outside":
+            return "" if self.unknown else "not called unknown"
+        if kind == "double":
+            return "" if self.among_three else "not both among the first three"
+        return "" if self.first else ("second or third" if self.among_three else "not among the first three")
+
+
+def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan) -> Finding:
+    """Join an answer and a diagnosis.
+
+    Raises
+    ------
+    BadInput : the diagnosis lacks what it must say.
+    """
+    cpu = (diagnosis.get("cost") or {}).get("cpu_s")
+    cpu = nan if cpu is None else float(cpu)
+    library = answer.kind in ("single", "double")
+    if "error" in diagnosis:
+        null = answer.kind == "null"
+        return Finding(
+            answer, str(diagnosis["error"]), null, library, nan, {}, False, False, False, (), (), nan, nan, cpu
+        )
+    if lacking := [key for key in NEEDED if key not in diagnosis]:
+        raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
+    ranking = [own for own in diagnosis["ranking"] if isinstance(own, Mapping)]
+    detected = bool(diagnosis["gap_detected"])
+    names = [str(own["effect"]) for own in ranking] if detected else []
+    first = names[0] if names else ""
+    return Finding(
+        answer=answer,
+        error="",
+        detected=detected,
+        unknown=float(diagnosis["unknown_probability"]) > UNKNOWN,
+        unknown_probability=float(diagnosis["unknown_probability"]),
+        choices={name: float(own["probability"]) for name, own in zip(names, ranking, strict=False)},
+        first=any(first in answer.alike(name) for name in answer.effects),
+        first_strictly=first in answer.effects,
+        among_three=_named(answer, names[:3]),
+        sizes=tuple(_size(answer, own) for own in ranking[: len(answer.effects)] if own["effect"] in answer.effects)
+        if detected and library
+        else (),
+        told=tuple((float(own["probability"]), own["effect"] in answer.effects) for own in ranking),
+        claimed=_closed(diagnosis["gap"]) if diagnosis["applied"] else nan,
+        verified=verified if diagnosis["applied"] else nan,
+        cpu=cpu,
+    )
+
+
+def _named(answer: Answer, names: Sequence[str]) -> bool:
+    """Whether every effect is named, each by a name of its own."""
+    if len(names) < len(answer.effects):
+        return False
+    return any(
+        all(name in answer.alike(effect) for effect, name in zip(answer.effects, chosen, strict=True))
+        for chosen in permutations(names, len(answer.effects))
+    )
+
+
+def _size(answer: Answer, ranked: Mapping[str, Any]) -> Size:
+    name = str(ranked["effect"])
+    true, null = answer.effects[name], answer.nulls[name]
+    found = ranked["magnitude"]
+    apart = abs(float(found) - true) if found is not None and isfinite(float(found)) else inf
+    low, high = (-inf if ranked["interval"][0] is None else float(ranked["interval"][0]), ranked["interval"][1])
+    high = inf if high is None else float(high)
+    return Size(name, apart / (abs(true) if null == inf else abs(true - null)), low <= true <= high)
+
+
+def _closed(closure: Mapping[str, Any]) -> float:
+    own = closure.get("closed")
+    return nan if own is None else float(own)

@@ -1,0 +1,116 @@
+"""Making an examination: cases that are handed out, answers that are sealed."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import pandas as pd
+
+from .. import __version__
+from ..datasets.virtual_vehicle import EFFECTS, OUTSIDE
+from ..errors import BadInput
+from ..files import ensure_writable, replacing, write_atomically
+from ..fitting import Say
+from ..recording import Recording
+from .answers import Answer, Tier, write_answer
+from .folder import CASES, SEALED
+from .plan import Planned, plan
+from .seal import seal
+from .world import made
+
+
+@dataclass(frozen=True)
+class Exam:
+    """An examination that was made.
+
+    Attributes
+    ----------
+    folder : where.
+    tier : see `answers.Tier`.
+    counts : kind of case -> how many.
+    seal : its sum; whoever keeps it can tell later whether answers were replaced.
+    hidden : cases an effect of which hardly shows.
+    """
+
+    folder: Path
+    tier: Tier
+    counts: dict[str, int]
+    seal: str
+    hidden: int
+
+
+def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, jobs: int, say: Say) -> Exam:
+    """Make an examination in a new folder.
+
+    Parameters
+    ----------
+    folder : to be made, or empty.
+    seed : says which examination.
+    tier : "clean" or "workshop".
+    cases, nulls : how many with something the matter, and with nothing; nulls default to a sixth of the others.
+    jobs : processes at a time.
+    say : is told of every case.
+
+    Raises
+    ------
+    BadInput : there is something in the folder already, or nothing can be written to it.
+    """
+    prepare(folder)
+    planned = plan(cases, cases // 6 if nulls is None else nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
+    answers = []
+    for answer in _written(planned, folder, min(jobs, len(planned))):
+        answers.append(answer)
+        say(f"{len(answers)}/{len(planned)} made", passing=len(answers) % 20 > 0)
+    return finish(folder, tier, seed, answers)
+
+
+def _written(planned: Sequence[Planned], folder: Path, jobs: int) -> Iterator[Answer]:
+    """Answers, as cases are written."""
+    if jobs <= 1:
+        yield from (_write(own, folder) for own in planned)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        waiting = [pool.submit(_write, own, folder) for own in planned]
+        try:
+            yield from (done.result() for done in as_completed(waiting))
+        finally:  # also where the user interrupts
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def prepare(folder: Path) -> None:
+    """Make sure that a folder is new or empty, and can be written to."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BadInput(f"{folder} is not empty. Name a new folder with --out; no examination is written over.")
+    ensure_writable(folder)
+
+
+def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
+    """Write what the examination is, and seal it."""
+    counts = dict(Counter(answer.kind for answer in answers))
+    body = {"tier": tier, "seed": seed, "version": __version__, "counts": counts}
+    write_atomically(folder / SEALED / "exam.json", json.dumps(body, indent=1) + "\n")
+    hidden = sum(bool(answer.effects) and answer.kind != "real" and not answer.sizable for answer in answers)
+    return Exam(folder, tier, {str(kind): count for kind, count in counts.items()}, seal(folder), hidden)
+
+
+def _write(planned: Planned, folder: Path) -> Answer:
+    case = made(planned)
+    write_recording(case.recording, folder / CASES / planned.case / "recording.csv")
+    write_atomically(folder / CASES / planned.case / "vehicle.toml", case.vehicle_file)
+    write_recording(case.held_out, folder / SEALED / planned.case / "held_out.csv")
+    write_answer(case.answer, folder / SEALED / planned.case / "answer.json")
+    return case.answer
+
+
+def write_recording(recording: Recording, file: Path) -> None:
+    """Write a recording as CSV that the column map "canonical" reads."""
+    table = pd.DataFrame(dict(sorted(recording.signals.items())))
+    table.insert(0, "time", recording.time.round(9))
+    with replacing(file) as beside:
+        table.to_csv(beside, index=False, float_format="%.9g")

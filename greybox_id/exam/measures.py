@@ -1,0 +1,148 @@
+"""What an examination measures, and the bars it sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite, isnan, nan
+
+import numpy as np
+
+from .answers import Tier
+from .findings import Finding, Size
+from .statistics import calibration_error, median, wilson
+
+Bar = tuple[float, float]
+"""Least and most that is good enough."""
+
+_NAMES = {
+    "false_alarms": "false alarms on nulls",
+    "detection": "gaps above a tenth of the noise that are detected",
+    "first": "single effect: first choice right, up to what cannot be told apart",
+    "first_strictly": "single effect: first choice right by name",
+    "among_three": "single effect: among the first three",
+    "doubles": "two effects: both among the first three",
+    "unknown": "outside the vocabulary: called unknown",
+    "wrongly_unknown": "within the vocabulary: called unknown",
+    "magnitude": "magnitude: relative error, median",
+    "coverage": "magnitude: 95 % intervals that hold the truth",
+    "closed": "gap closed, held out: median",
+    "claim": "error of the gap's claimed closing: median",
+    "calibration": "calibration error of probabilities",
+    "cpu": "CPU seconds a case, mean",
+}
+
+_BARS: Mapping[str, Mapping[str, Bar]] = {
+    "clean": {
+        "false_alarms": (0.0, 0.02), "detection": (0.99, 1.0), "first": (0.98, 1.0), "first_strictly": (0.94, 1.0),
+        "among_three": (0.99, 1.0), "doubles": (0.96, 1.0), "unknown": (0.85, 1.0), "wrongly_unknown": (0.0, 0.04),
+        "magnitude": (0.0, 0.01), "coverage": (0.90, 0.98), "closed": (0.99, inf), "claim": (0.0, 0.02),
+        "calibration": (0.0, 0.02), "cpu": (0.0, 10.0),
+    },
+    "workshop": {
+        "false_alarms": (0.0, 0.05), "detection": (0.97, 1.0), "first": (0.95, 1.0), "first_strictly": (0.91, 1.0),
+        "among_three": (0.98, 1.0), "doubles": (0.94, 1.0), "unknown": (0.80, 1.0), "wrongly_unknown": (0.0, 0.05),
+        "magnitude": (0.0, 0.05), "coverage": (0.88, 0.98), "closed": (0.97, inf), "claim": (0.0, 0.05),
+        "calibration": (0.0, 0.03), "cpu": (0.0, 10.0),
+    },
+}  # fmt: skip
+
+_ROUNDING = 1e-9
+STRETCH = 2.0
+"""CPU seconds a case that would be better still."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One line of the score.
+
+    Attributes
+    ----------
+    key, name : for programs and for people.
+    value, interval : with 95 % interval; NaN where there is none.
+    of : how many it was measured on.
+    bar : least and most that is good enough; None where none is set.
+    """
+
+    key: str
+    name: str
+    value: float
+    interval: tuple[float, float]
+    of: int
+    bar: Bar | None
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the value is good enough; None where that cannot be said."""
+        if self.bar is None or not isfinite(self.value):
+            return None
+        return self.bar[0] - _ROUNDING <= self.value <= self.bar[1] + _ROUNDING
+
+
+def measures(found: Sequence[Finding], tier: Tier) -> tuple[Measure, ...]:
+    """Every line of the score of one tier."""
+    kinds = {
+        kind: [own for own in found if own.answer.kind == kind] for kind in ("null", "single", "double", "outside")
+    }
+    library = kinds["single"] + kinds["double"]
+    sizes = [size for own in library for size in own.sizes]
+    applied = [own for own in library + kinds["outside"] if isfinite(own.claimed) and not isnan(own.verified)]
+    told = [pair for own in found for pair in own.told]
+    cpu = [own.cpu for own in found if isfinite(own.cpu)]
+    values = {
+        "false_alarms": _share(own.detected for own in kinds["null"]),
+        "detection": _share(own.detected for own in found if own.answer.sizable),
+        "first": _share(own.first for own in kinds["single"]),
+        "first_strictly": _share(own.first_strictly for own in kinds["single"]),
+        "among_three": _share(own.among_three for own in kinds["single"]),
+        "doubles": _share(own.among_three for own in kinds["double"]),
+        "unknown": _share(own.unknown for own in kinds["outside"]),
+        "wrongly_unknown": _share(own.unknown for own in library),
+        "magnitude": _median([size.error for size in sizes]),
+        "coverage": _share(size.covered for size in sizes),
+        "closed": _median([own.verified for own in applied if own.answer.kind in ("single", "double")]),
+        "claim": _median([abs(own.claimed - own.verified) for own in applied]),
+        "calibration": _plain(calibration_error(told), told),
+        "cpu": _plain(float(np.mean(cpu)) if cpu else nan, cpu),
+    }
+    bars = _BARS.get(tier, {})
+    return tuple(Measure(key, _NAMES[key], *own, bars.get(key)) for key, own in values.items())
+
+
+_Value = tuple[float, tuple[float, float], int]
+
+
+def _share(which: Iterable[bool]) -> _Value:
+    hits = list(which)
+    return (sum(hits) / len(hits) if hits else nan), wilson(sum(hits), len(hits)), len(hits)
+
+
+def _median(values: Sequence[float]) -> _Value:
+    return *median(values), len(values)
+
+
+def _plain(value: float, of: Sequence[object]) -> _Value:
+    return value, (nan, nan), len(of)
+
+
+def confusions(found: Sequence[Finding]) -> dict[str, dict[str, int]]:
+    """Effect that is there -> first choice -> how often; of cases with one effect, of the vocabulary or outside."""
+    table: dict[str, Counter[str]] = {}
+    for own in found:
+        if own.answer.kind in ("single", "outside"):
+            (true,) = own.answer.effects
+            first = next(iter(own.choices), "error" if own.error else "nothing" if own.detected else "no gap")
+            if own.answer.kind == "outside" and own.unknown:
+                first = "unknown"
+            table.setdefault(true, Counter())[first] += 1
+    return {true: dict(choices.most_common()) for true, choices in sorted(table.items())}
+
+
+def sizes_by_effect(found: Sequence[Finding]) -> dict[str, tuple[Size, ...]]:
+    """Effect -> its magnitudes as found."""
+    table: dict[str, tuple[Size, ...]] = {}
+    for own in found:
+        for size in own.sizes:
+            table[size.effect] = (*table.get(size.effect, ()), size)
+    return dict(sorted(table.items()))

@@ -1,0 +1,60 @@
+"""How far a gap really closes: the closed model on the recording that was held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from importlib import import_module
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..datasets.read import read
+from ..datasets.vehicle_file import vehicle
+from ..errors import GreyboxError
+from ..models.registry import build, model_of
+from ..motion_model import MotionModel
+from .folder import CLOSED
+
+Verify = Callable[[Path, Path, Mapping[str, Any]], float]
+"""Folder of a case, recording held out, diagnosis -> share of the gap that closes; -inf where simulation fails."""
+
+
+def plain_model(model: MotionModel) -> dict[str, Any]:
+    """A model as plain data, second parameters of effects included, for which vehicle files have no place."""
+    return {
+        "name": model.name,
+        "settings": dict(model.settings),
+        "effects": list(model.effects),
+        "values": {parameter.name: np.asarray(parameter.array).tolist() for parameter in model.parameters},
+    }
+
+
+def model_from(plain: Mapping[str, Any]) -> MotionModel:
+    """The model that `plain_model` wrote down."""
+    model = build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"]))
+    assert isinstance(model, MotionModel)
+    values = plain["values"]
+    return model.with_parameters(*(replace(own, value=np.asarray(values[own.name])) for own in model.parameters))
+
+
+def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -> float:
+    """Share of the gap that closes on a recording held out.
+
+    Parameters
+    ----------
+    case : folder with vehicle.toml and closed.toml.
+    held_out : recording of the same true vehicle.
+    diagnosis : its "closed_model" is what `plain_model` makes of the closed model; without it closed.toml counts.
+    """
+    stated = vehicle(case / "vehicle.toml")
+    before = model_of(stated)
+    plain = diagnosis.get("closed_model")
+    try:
+        after = model_from(plain) if plain else model_of(vehicle(case / CLOSED))
+        closure = import_module("greybox_id.gap.closing").closure(before, after, [read(held_out)], stated.noise)
+    except GreyboxError:
+        return -inf
+    return float(closure.closed)

@@ -1,0 +1,162 @@
+"""One case made: a vehicle drawn, driven twice, and what its recording can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any, get_args
+
+import numpy as np
+
+from ..datasets.virtual_vehicle import (
+    EFFECTS,
+    OUTSIDE,
+    Forms,
+    Truth,
+    VirtualCar,
+    drive,
+    random_vehicle,
+    toleranced,
+    tolerances,
+    vehicle_file_text,
+)
+from ..datasets.virtual_vehicle.entries import Kind as Class
+from ..errors import BadInput
+from ..recording import Recording
+from .aliases import Cause, indistinguishable
+from .answers import ENOUGH, SIZABLE, Answer
+from .plan import Planned
+from .replays import Replays
+
+PERIODS = (0.010, 0.012, 0.015, 0.016, 0.020)
+"""Between rows, s."""
+DURATION, HELD_OUT = (60.0, 120.0), (40.0, 60.0)
+COLOUR, OUTLIERS = (0.2, 0.6), (0.001, 0.004)
+"""Of the workshop's noise: share that is correlated, share of readings that are far off."""
+DRAWS = 8
+"""Draws of magnitudes and vehicle until every effect shows."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A case as it is handed out, and what is kept back.
+
+    Attributes
+    ----------
+    recording, vehicle_file : handed out.
+    held_out, answer : kept back.
+    """
+
+    recording: Recording
+    vehicle_file: str
+    held_out: Recording
+    answer: Answer
+
+
+def made(planned: Planned) -> Made:
+    """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
+
+    Raises
+    ------
+    BadInput : none of the draws can be simulated.
+    """
+    last: _Case | None = None
+    for attempt in range(DRAWS):
+        try:
+            case = _Case(planned, attempt)
+            fair = case.shows and not (planned.kind == "outside" and any(case.aliases.values()))
+        except BadInput:  # beyond all bounds
+            if last is None and attempt == DRAWS - 1:
+                raise
+            continue
+        last = case
+        if fair:
+            break
+    assert last is not None
+    return last.made()
+
+
+class _Case:
+    """One draw of vehicle, magnitudes and drive."""
+
+    def __init__(self, planned: Planned, attempt: int) -> None:
+        self.planned = planned
+        self.rng = rng = np.random.default_rng((planned.seed, attempt, 1153))
+        kinds: tuple[Class, ...] = get_args(Class)
+        drawn = random_vehicle(int(rng.integers(2**31)), kinds[planned.number % len(kinds)])
+        self.stated = replace(drawn, name=drawn.kind)  # its own name tells the seed
+        if "velocity_lever_arm" in planned.effects and not self.stated.measures_v_y:
+            self.stated = replace(self.stated, noise={**self.stated.noise, "v_y": self.stated.noise["v_x"]})
+        workshop = planned.tier == "workshop"
+        self.tolerances = tolerances(self.stated) if workshop else None
+        self.car = toleranced(self.stated, rng) if workshop else self.stated
+        self.drawn = {name: self.stated.magnitude(name, rng) for name in planned.effects}
+        self.rate = 1.0 / float(rng.choice(PERIODS))
+        self.spoilt = {}
+        if workshop:
+            self.spoilt = {"colour": float(rng.uniform(*COLOUR)), "outliers": float(rng.uniform(*OUTLIERS))}
+        seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        forms = "other" if workshop else "nominal"
+        self.recording, self.truth = self._driven(DURATION, self.drawn, forms, seed)
+        wind = {name: own for name, own in self.truth.effects.items() if name == "wind_direction"}
+        self.effects = {**self.drawn, **wind}
+        self.again = Replays(self.recording, self.truth, seed, self.tolerances)
+
+    def _driven(
+        self, duration: tuple[float, float], effects: Mapping[str, float], forms: str | Forms, seed: int
+    ) -> tuple[Recording, Truth]:
+        seconds = float(self.rng.uniform(*duration))
+        return drive(self.car, "mixed", seconds, self.rate, effects, forms, seed, **self.spoilt)
+
+    def made(self) -> Made:
+        """The case with its answer."""
+        held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
+        answer = Answer(
+            case=self.planned.case,
+            kind=self.planned.kind,
+            tier=self.planned.tier,
+            effects={name: self.truth.effects.get(name, own) for name, own in self.drawn.items()},
+            nulls={name: {**EFFECTS, **OUTSIDE}[name].null for name in self.drawn},
+            aliases=self.aliases if self.shows else {},
+            size=self.again.size(self.effects, {}),
+            evidence=self.again.evidence(self.effects, {}),
+            seed=self.planned.seed,
+            car=_plain(self.car),
+            about={
+                "rate": self.rate,
+                "rows": len(self.recording),
+                "held_out_rows": len(held_out),
+                "drawn": self.effects,
+                "forms": asdict(self.truth.forms),
+                **self.spoilt,
+            },
+        )
+        return Made(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
+
+    @cached_property
+    def shows(self) -> bool:
+        """Whether every effect makes a difference beside the others, and more than tolerances would."""
+        for name in self.drawn:
+            rest = {other: own for other, own in self.effects.items() if other != name}
+            if max(self.again.size(self.effects, rest).values()) <= SIZABLE:
+                return False
+            if self.again.evidence(self.effects, rest) <= ENOUGH:
+                return False
+        return True
+
+    @cached_property
+    def aliases(self) -> dict[str, tuple[str, ...]]:
+        """What the recording cannot tell apart."""
+        causes = {
+            name: Cause(entry.null, entry.at, entry.sizes(self.car.size, self.car.kind)[0], entry.sides)
+            for name, entry in EFFECTS.items()
+            if name != "velocity_lever_arm" or self.car.measures_v_y
+        }
+        alike = [other for name in self.drawn if name in OUTSIDE for other in OUTSIDE[name].resembles]
+        return indistinguishable(self.drawn, causes, self.again.views(self.drawn), alike)
+
+
+def _plain(car: VirtualCar) -> dict[str, Any]:
+    body = {name: getattr(car, name) for name in ("kind", "drive_channel", "steer_max", "top_speed")}
+    return body | {name: dict(getattr(car, name)) for name in ("parameters", "noise", "small")}

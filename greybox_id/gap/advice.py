@@ -1,0 +1,55 @@
+"""What a recording could not tell, and the manoeuvre that would."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ..effect import Effect
+
+MANOEUVRES = {
+    frozenset({"steering", "timing"}): "a step steer at constant speed",
+    frozenset({"steering"}): "step steers of several sizes at constant speed",
+    frozenset({"drive", "road"}): "the same straight in both directions, then a coast-down from top speed",
+    frozenset({"drive"}): "full braking and full acceleration on a straight, then a coast-down from top speed",
+    frozenset({"tyres", "body"}): "a slow spiral up to the limit, then a step steer",
+    frozenset({"tyres", "steering"}): "a slow spiral up to the limit at two speeds",
+    frozenset({"tyres"}): "a slow spiral up to the limit",
+    frozenset({"body"}): "a sweep of steering frequencies, then braking in a turn",
+    frozenset({"road", "sensors"}): "the same stretch in both directions, and half a minute at rest on level ground",
+    frozenset({"sensors"}): "half a minute at rest on level ground, then steady circles to both sides",
+    frozenset({"sensors", "steering"}): "steady circles to both sides, and half a minute at rest",
+    frozenset({"timing"}): "step steers and hard brakings",
+    frozenset({"road"}): "the same straight in both directions",
+}
+"""Groups of effects that were not told apart -> what tells them apart."""
+
+
+def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
+    """The manoeuvre that tells effects apart."""
+    groups = frozenset(effects[name].group for name in names if name in effects)
+    return MANOEUVRES.get(groups, "a mixed manoeuvre with step steers, hard brakings and a spiral up to the limit")
+
+
+def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[str, Effect]) -> tuple[str, ...]:
+    """Sentences on what would tell more.
+
+    Parameters
+    ----------
+    sets : effects that were not told apart, each set with the likeliest first.
+    weak : effects this recording does not excite.
+    effects : by name.
+    """
+    found = []
+    for own in sets:
+        first, *others = own
+        if _same(own):
+            found.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
+        else:
+            found.append(f"To tell {first} from {', '.join(others)}: drive {to_drive(own, effects)}.")
+    if weak:
+        found.append(f"To see {', '.join(weak[:4])} at all: drive {to_drive(weak[:1], effects)}.")
+    return tuple(found)
+
+
+def _same(names: Sequence[str]) -> bool:
+    return set(names) in ({"accel_bias_x", "imu_mount_pitch"}, {"accel_bias_y", "imu_mount_roll"})

@@ -1,0 +1,182 @@
+"""Directions in which a diagnosis moves a model's parameters: nuisances, which are believed, and candidates, which are not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import inf, isinf, pi
+from types import SimpleNamespace
+
+import numpy as np
+
+from ..effect import Effect
+from ..motion_model import MotionModel
+from ..parameter import Array, Parameter
+
+FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
+"""Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
+SHIFTS = (0.5, 2.0)
+"""The same for delays and latencies, for which simulation cuts time anew."""
+DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
+SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
+"""By unit, of a second parameter's usual value."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter that moves, in a coordinate that is finite at its null value.
+
+    Attributes
+    ----------
+    name, unit : the parameter's.
+    index : in the parameter vector.
+    inverse : whether the coordinate is one over the value, for limits whose null is infinity.
+    null, low, high : coordinates.
+    mean, sd : what is believed of the coordinate; sd infinite where nothing is.
+    scale : how large a step is.
+    shift : whether it moves instants.
+    gradual : whether its derivative at the null tells about it.
+    """
+
+    name: str
+    unit: str
+    index: int
+    inverse: bool
+    null: float
+    low: float
+    high: float
+    mean: float
+    sd: float
+    scale: float
+    shift: bool = False
+    gradual: bool = True
+
+    @property
+    def abrupt(self) -> bool:
+        """Whether a small magnitude already does something that its derivative at the null does not tell.
+
+        The least delay has a reading taken before the command of its row, instead of just after.
+        """
+        return self.shift or not self.gradual
+
+    def value(self, coordinate: float) -> float:
+        """The parameter's value."""
+        if not self.inverse:
+            return coordinate
+        return inf if coordinate <= 0 else 1 / coordinate
+
+    def free(self) -> Axis:
+        """The same without a belief."""
+        return replace(self, mean=self.null, sd=inf)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be the cause.
+
+    Attributes
+    ----------
+    effect : its name.
+    axes : its magnitude first, then second parameters.
+    starts : coordinates that the search begins from; empty where the derivative at the null tells all.
+    gradual : whether what a small magnitude does tells what a larger one will.
+    """
+
+    effect: str
+    axes: tuple[Axis, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
+    gradual: bool = True
+
+
+def nuisances(model: MotionModel, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
+    """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
+    sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
+    found = []
+    for index, parameter in _scalars(model):
+        if not parameter.fixed and parameter.prior is not None:
+            axis = _axis(parameter, index, parameter.name in shifting)
+            sd, mean = float(np.asarray(parameter.prior.sd)), parameter.prior.mean
+            at = axis.null if mean is None else float(np.asarray(mean))
+            found.append(replace(axis, mean=at, sd=sd, scale=sd, gradual=parameter.name not in sudden))
+    return tuple(found)
+
+
+def candidates(model: MotionModel, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Candidate, ...]:
+    """Effects of the model that may be the cause.
+
+    Parameters
+    ----------
+    model : with all of the effects.
+    effects : those of which the magnitude may differ from where it stands in the model.
+    shifting : parameters that move instants.
+    """
+    places = {parameter.name: (index, parameter) for index, parameter in _scalars(model)}
+    found = []
+    for name, effect in effects.items():
+        index, parameter = places[effect.parameter.name]
+        main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
+        seconds = [_second(*reversed(places[other.name])) for other in effect.others]
+        gradual = effect.gradual and not main.shift
+        if gradual and not seconds:
+            found.append(Candidate(name, (main,)))
+            continue
+        if any(own.unit == "rad" for own in seconds):  # with a direction, the magnitude has no sign
+            main = replace(main, low=max(main.low, 0.0))
+        typical = 1 / effect.typical if main.inverse else effect.typical
+        if gradual:
+            firsts = [main.null + 0.3 * (typical - main.null)]
+        else:
+            firsts = [main.null + f * (typical - main.null) for f in (SHIFTS if main.shift else FACTORS)]
+        ways = [
+            DIRECTIONS if own.unit == "rad" else tuple(own.null * f for f in SECONDS.get(own.unit, (1.0,)))
+            for own in seconds
+        ]
+        starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
+        found.append(Candidate(name, (main, *seconds), starts, gradual))
+    return tuple(found)
+
+
+def shifting(model: MotionModel) -> frozenset[str]:
+    """Parameters that move instants, by asking every shift what it depends on."""
+    asked: set[str] = set()
+
+    class Asked(SimpleNamespace):
+        def __getattr__(self, name: str) -> float:
+            asked.add(name)
+            return 0.0
+
+    for _, by in (*model.delays, *model.latencies):
+        by(Asked())
+    return frozenset(asked)
+
+
+def _scalars(model: MotionModel) -> list[tuple[int, Parameter]]:
+    found, index = [], 0
+    for parameter in model.parameters:
+        if parameter.shape == ():
+            found.append((index, parameter))
+        index += parameter.size
+    return found
+
+
+def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None = None) -> Axis:
+    value, (low, high) = float(parameter.array), parameter.bounds
+    inverse = isinf(value)
+    if inverse:
+        null, low, high = 0.0, 0.0, 1 / float(np.asarray(low))
+    else:
+        null, low, high = value, float(np.asarray(low)), float(np.asarray(high))
+    scale = abs(1 / typical if inverse else typical - null) if typical is not None else abs(value) or 1.0
+    return Axis(parameter.name, parameter.unit, index, inverse, null, low, high, null, inf, scale, shift)
+
+
+def _second(parameter: Parameter, index: int) -> Axis:
+    """A second parameter: free within a factor, or in any direction."""
+    axis = _axis(parameter, index, False)
+    return replace(axis, scale=0.1 if axis.unit == "rad" else 0.1 * abs(axis.null))
+
+
+def coordinates(axes: Sequence[Axis]) -> Array:
+    """Where axes stand at their null."""
+    return np.array([axis.null for axis in axes])

@@ -1,0 +1,168 @@
+"""The test bench of a diagnosis: one model with everything it may lack, simulated many times over the same recordings.
+
+All candidates are in one model, at their null values, so that one compiled kernel serves every hypothesis. Simulations
+lie side by side in lanes; delays and latencies that are zero, and stay so, cut no segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..engine.motion.chain import chained
+from ..engine.motion.lanes import Interval, Lanes, lay
+from ..engine.motion.runs import MotionRun, motion_runs
+from ..engine.motion.schedule import Schedule, schedule
+from ..engine.motion.simulator import Simulator
+from ..engine.motion.stiffness import longest_segment
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+
+SETTLING = 0.2
+"""First stretch of a run that does not count, s."""
+LANES = 8
+"""Simulations that run at once."""
+
+
+class Bench:
+    """Simulates whole runs freely.
+
+    Parameters
+    ----------
+    model : with all candidates.
+    recordings : what to simulate; N rows in all.
+
+    Attributes
+    ----------
+    runs : the recordings' unbroken runs.
+    measured : (N, outputs) readings, NaN where there is none.
+    rows : slices of the N rows, per run.
+    counted : (N, outputs) readings that are there and not in the first moments of a run, of which a late sensor has none.
+    loose : states whose starts are read, with noise.
+    """
+
+    def __init__(self, model: MotionModel, recordings: Sequence[Recording]) -> None:
+        self.model = model
+        self.simulator = Simulator(model, compiled=None)
+        self.runs: list[MotionRun] = [run for recording in recordings for run in motion_runs(model, recording)]
+        edges = np.concatenate(([0], np.cumsum([len(run) for run in self.runs])))
+        self.rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.measured = np.vstack([run.measured for run in self.runs])
+        self.counted = np.isfinite(self.measured)
+        for run, rows in zip(self.runs, self.rows, strict=True):
+            self.counted[rows] &= (run.time - run.time[0] >= SETTLING)[:, None]
+        self.time = np.concatenate([run.time for run in self.runs])
+        self.inputs = np.vstack([run.inputs for run in self.runs])
+        self.longest = longest_segment(self.simulator.trace, self.runs, model.values)
+        self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
+        self._readings = [self._starting_readings(run) for run in self.runs]
+        self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
+        self._laid: dict[tuple[tuple[float, ...], ...], Lanes] = {}
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Outputs, in order."""
+        return self.model.outputs
+
+    @property
+    def sample_time(self) -> float:
+        """Usual step, s."""
+        return float(np.median([run.sample_time for run in self.runs]))
+
+    def simulate(self, P: Array) -> Array:
+        """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
+        shifts = [tuple(self.simulator.shifts(p)) for p in P]
+        found = np.empty((len(P), *self.measured.shape))
+        order = sorted(range(len(P)), key=lambda k: [s != 0 for s in shifts[k]])  # alike ones share a call's segments
+        per_call = max(1, LANES // len(self.runs))
+        for first in range(0, len(P), per_call):
+            own = order[first : first + per_call]
+            lanes = self._lanes(tuple(shifts[k] for k in own))
+            p = np.repeat(P[own], len(self.runs), axis=0)
+            z0 = np.vstack([self._start(P[k])[0] for k in own])
+            with np.errstate(all="ignore"):
+                _, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads)
+            found[own] = lanes.gathered(y).reshape(len(own), *self.measured.shape)
+        return found
+
+    def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
+        """A simulation and its derivatives.
+
+        Parameters
+        ----------
+        p : (parameters,).
+        columns : parameters to differentiate by.
+
+        Returns
+        -------
+        y : (N, outputs).
+        J : (N, outputs, columns).
+        S : (N, outputs, runs * loose) by the starts of every run.
+        """
+        moving, shifts = self._moving(columns), self.simulator.shifts(p)
+        plans = [schedule(self.simulator.trace, run, shifts, self.longest, moving) for run in self.runs]
+        intervals = [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)]
+        whole, cut = lay(plans, intervals), lay(plans, intervals, max(1, LANES // len(plans)))
+        z0, by_p = self._start(p)
+        chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
+        with np.errstate(all="ignore"):
+            z, y = kernel.simulate(z0, whole.segments, p, whole.reads)
+            _, Z_end, _, Y = kernel.linearise(z[cut.interval, cut.offset], cut.segments, p, cut.reads, chosen)
+            G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose))
+            lanes, reads, outputs, _ = Y.shape
+            J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
+            J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
+        J = np.nan_to_num(cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0))
+        loose = len(self.loose)
+        S = np.zeros((*self.measured.shape, len(self.runs) * loose))
+        for k, rows in enumerate(self.rows):
+            S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
+        return whole.gathered(y), J[:, :, : len(chosen)], S
+
+    def _moving(self, columns: Sequence[int]) -> list[bool]:
+        """Which shifts any of the parameters moves."""
+        timing = self.simulator.trace.timing
+        if self.simulator.trace.shift_count == 0:
+            return []
+        pattern = np.zeros((self.simulator.trace.shift_count, self.model.size), dtype=bool)
+        sparsity = timing.jac_sparsity(0, 0)
+        rows, cols = sparsity.get_triplet()
+        pattern[rows, cols] = True
+        return [bool(np.any(pattern[k, list(columns)])) for k in range(len(pattern))]
+
+    def _lanes(self, shifts: tuple[tuple[float, ...], ...]) -> Lanes:
+        """Lanes of so many simulations, laid out anew only when a delay moved."""
+        if shifts not in self._laid:
+            plans = [plan for own in shifts for plan in self._scheduled(own)]
+            lengths = [len(run) for _ in shifts for run in self.runs]
+            if len(self._laid) > 4:
+                self._laid.clear()
+            self._laid[shifts] = lay(plans, [Interval(k, 0, rows) for k, rows in enumerate(lengths)])
+        return self._laid[shifts]
+
+    def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
+        if shifts not in self._schedules:
+            if len(self._schedules) > 8:
+                self._schedules.clear()
+            still = [False] * len(shifts)
+            self._schedules[shifts] = [
+                schedule(self.simulator.trace, run, np.array(shifts), self.longest, still) for run in self.runs
+            ]
+        return self._schedules[shifts]
+
+    def _start(self, p: Array) -> tuple[Array, Array]:
+        """(runs, nz) states at the runs' starts and their derivative by the parameters."""
+        found = [
+            self.simulator.start(names, values[None, :], run.inputs[:1], p)
+            for run, (names, values) in zip(self.runs, self._readings, strict=True)
+        ]
+        return np.vstack([z for z, _ in found]), np.concatenate([by_p for _, by_p in found])
+
+    def _starting_readings(self, run: MotionRun) -> tuple[tuple[str, ...], Array]:
+        """States that are read and where they start: the mean of the first readings, which are noisy."""
+        names = run.states_read(self.model)
+        columns = [self.model.outputs.index(name) for name in names]
+        first = np.array([run.measured[np.flatnonzero(np.isfinite(run.measured[:, c]))[:1], c][0] for c in columns])
+        return names, first

@@ -1,0 +1,142 @@
+"""A diagnosis as a vehicle: its file then carries the effects that close the gap, and every command takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import takewhile
+from math import isfinite
+
+from ..errors import BadInput
+from ..fit import Fit
+from ..models.registry import build, model_of
+from ..motion_model import MotionModel
+from ..parameter import Parameter
+from ..vehicle import ChosenModel, Stated, Vehicle
+from .gap import Gap, Ranked
+
+NORMAL = 1.959964
+"""Half of a 95 % interval, in standard deviations."""
+CLOSED = ", gap closed"
+"""Behind the name of a vehicle."""
+BY = "greybox gap"
+"""Who says so."""
+
+
+def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
+    """The vehicle whose model is the closed one: nominal model, applied effects, and what moved beside them.
+
+    Parameters
+    ----------
+    vehicle : what was stated before the diagnosis.
+    gap : the diagnosis; without a closed model, magnitudes are those of its ranking.
+
+    Returns
+    -------
+    Vehicle
+        `model_of` makes the closed model of it. An applied effect carries its magnitude, and the standard deviation
+        that its interval tells; it is no tolerance any more. Numbers that the closed model has otherwise than stated
+        are replaced, and keep what else was stated of them.
+    """
+    own = vehicle.model
+    closed = gap.closed
+    before = own.effects if own is not None else {}
+    ranked = {one.effect: one for one in gap.ranking}
+    if closed is None:
+        settings = own.settings if own is not None and own.name == gap.model else {}
+        known = before if own is not None and own.name == gap.model else {}
+        added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked}
+        chosen = ChosenModel(gap.model, settings, {**known, **added})
+        values = dict(vehicle.values)
+    else:
+        added = {}
+        for name in closed.effects:
+            value = float(closed[name].array)
+            if name in gap.applied and name in ranked:
+                added[name] = replace(_magnitude(ranked[name]), value=value)
+            elif isfinite(value):
+                added[name] = replace(before.get(name, Stated(source=BY)), value=value)
+        chosen = ChosenModel(closed.name, closed.settings, added)
+        values = {**vehicle.values, **_moved(vehicle, closed)}
+    tolerated = {name: own for name, own in vehicle.effects.items() if name not in chosen.effects}
+    return replace(
+        vehicle,
+        name=f"{vehicle.name.removesuffix(CLOSED)}{CLOSED}" if gap.applied else vehicle.name,
+        values=values,
+        effects=tolerated,
+        model=chosen,
+        path=None,
+    )
+
+
+def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
+    """Parameters of the closed model that the closed vehicle has no place for: second parameters of effects."""
+    if gap.closed is None:
+        return ()
+    again = model_of(vehicle)
+    return tuple(
+        own.name
+        for own in gap.closed.parameters
+        if own.shape == () and own.name in again and float(own.array) != float(again[own.name].array)
+    )
+
+
+def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
+    """A fit as a vehicle: estimates with their standard deviations, and its effects as part of its model.
+
+    The residuals of a fit hold whatever its model lacks, so nothing is said of the sensors' noise.
+
+    Parameters
+    ----------
+    fit : of equations of motion.
+    name : for people.
+
+    Raises
+    ------
+    BadInput : the model is one with memory, which has no vehicle's parameters.
+    """
+    model = fit.model
+    if not isinstance(model, MotionModel):
+        raise BadInput(
+            f"{name} fits {model.name}, a model with memory; a gap is diagnosed in equations of motion. "
+            "Fit single_track or lateral, or name a vehicle with --vehicle."
+        )
+    usual = build(model.name, model.settings)
+
+    def stated(parameter: Parameter) -> Stated:
+        sd = float(fit.sd[parameter.name]) if parameter.name in fit.sd and not parameter.fixed else 0.0
+        low, high = parameter.bounds if parameter.name in usual else (None, None)
+        same = parameter.name not in usual or usual[parameter.name].bounds == parameter.bounds
+        limits = (None, None) if same else (low, high)
+        return Stated(float(parameter.array), sd if isfinite(sd) and sd > 0 else None, *limits, source="greybox fit")
+
+    return Vehicle(
+        name=name,
+        values={own.name: stated(own) for own in _base(model)},
+        model=ChosenModel(model.name, model.settings, {effect: stated(model[effect]) for effect in model.effects}),
+        about=f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}.",
+    )
+
+
+def _base(model: MotionModel) -> Iterable[Parameter]:
+    """The model's own parameters; effects append theirs."""
+    own = takewhile(lambda parameter: parameter.name not in model.effects, model.parameters)
+    return [parameter for parameter in own if parameter.shape == ()]
+
+
+def _moved(vehicle: Vehicle, closed: MotionModel) -> dict[str, Stated]:
+    """Numbers that the closed model has otherwise than the vehicle states, or its model takes for granted."""
+    nominal = build(closed.name, closed.settings, vehicle=vehicle)
+    found = {}
+    for parameter in _base(closed):
+        value = float(parameter.array)
+        if parameter.name in nominal and value != float(nominal[parameter.name].array):
+            found[parameter.name] = replace(vehicle.values.get(parameter.name, Stated()), value=value, source=BY)
+    return found
+
+
+def _magnitude(ranked: Ranked) -> Stated:
+    """An effect's magnitude, with its standard deviation where its interval is finite."""
+    low, high = ranked.interval
+    sd = (high - low) / (2 * NORMAL)
+    return Stated(ranked.magnitude, sd if isfinite(sd) and sd > 0 else None, source=BY)

@@ -1,0 +1,142 @@
+"""How far a gap closes: errors before and after, over what noise alone would leave.
+
+Stated tolerances are refitted in both, and what they cost is charged to both, so that a fitted nuisance never passes for
+a gap that closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..effect import Effect
+from ..errors import BadInput
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..signals import unit_of
+from ..vehicle import Vehicle
+from .axes import nuisances, shifting
+from .bench import Bench
+from .colour import sound, white_noise
+from .gap import Closure, Errors
+from .preparing import prepare_plain
+from .search import Hypothesis, Search
+from .stated_noise import stated_noise
+
+BLOCK, DRAWS = 2.0, 400
+"""Seconds in a block of the bootstrap, and how often it draws."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Errors of a model with its tolerances refitted.
+
+    Attributes
+    ----------
+    e : (N, channels) prediction minus reading.
+    charge : what the tolerances cost, twice their negative log-belief.
+    """
+
+    e: Array
+    charge: float
+
+
+def closure(
+    before: MotionModel,
+    after: MotionModel,
+    recordings: Sequence[Recording],
+    vehicle: Vehicle,
+    effects: Mapping[str, Effect],
+) -> Closure:
+    """How far a gap closes on recordings that chose nothing.
+
+    Parameters
+    ----------
+    before, after : the model as stated, and with effects at their magnitudes.
+    recordings : on which both are simulated.
+    vehicle : what is stated: tolerances and sensor noise.
+    effects : by name, for the vehicle's tolerances.
+    """
+    first, bench = refitted_tolerances(before, recordings, vehicle, effects)
+    then, _ = refitted_tolerances(after, recordings, vehicle, effects)
+    sd, told = stated_noise(bench, vehicle, then.e)
+    good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)
+    names = tuple(recording.name for recording in recordings)
+    return closed_by(first, then, sd, good, bench, names)
+
+
+def refitted_tolerances(
+    model: MotionModel, recordings: Sequence[Recording], vehicle: Vehicle, effects: Mapping[str, Effect]
+) -> tuple[Misfit, Bench]:
+    """Errors of a model whose tolerances are refitted to recordings."""
+    prepared = prepare_plain(model, recordings, effects, vehicle)
+    bench = Bench(prepared.everything, prepared.seen(recordings))
+    own = nuisances(prepared.everything, effects, shifting(prepared.everything))
+    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
+    if not np.all(np.isfinite(start)):
+        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
+    sd, _ = stated_noise(bench, vehicle, start)
+    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
+    search.about(None)
+    found = search.refit([search.start_of(search.at_means())])
+    return misfit(search, found[0]), bench
+
+
+def misfit(search: Search, found: Hypothesis) -> Misfit:
+    """What a hypothesis leaves."""
+    return Misfit(found.e, search.charge(found))
+
+
+def closed_by(before: Misfit, after: Misfit, sd: Array, good: Array, bench: Bench, names: tuple[str, ...]) -> Closure:
+    """The closure that two misfits are.
+
+    Parameters
+    ----------
+    before, after : on the same readings.
+    sd : (channels,) of noise.
+    good : (N, channels) readings that count.
+    bench : whose recordings these are.
+    names : of the recordings.
+    """
+    count = max(int(np.sum(good)), 1)
+    first, then = (np.sum(np.where(good, own.e / sd, 0.0) ** 2, axis=1) for own in (before, after))
+    rows = np.sum(good, axis=1)
+    edges = _blocks(bench)
+    sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
+    charges = np.array([before.charge, after.charge])
+
+    floor = min(1.0, (float(np.sum(then)) + charges[1]) / count)  # noise has no more than is left
+
+    def share(total: Array) -> float:
+        E0, E1 = (total[:2] + charges) / total[2]
+        return float((E0 - E1) / max(E0 - floor, 1e-9))
+
+    rng = np.random.default_rng(0)
+    drawn = [share(np.sum(sums[rng.integers(len(sums), size=len(sums))], axis=0)) for _ in range(DRAWS)]
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
+    closed = (E0 - E1) / max(E0 - floor, 1e-9)
+    return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
+
+
+def _errors(before: Misfit, after: Misfit, sd: Array, good: Array, bench: Bench) -> tuple[Errors, ...]:
+    """Free-run errors per channel."""
+    found = []
+    for c, channel in enumerate(bench.channels):
+        own = good[:, c]
+        if np.any(own):
+            a, b = (float(np.sqrt(np.mean(each.e[own, c] ** 2))) for each in (before, after))
+            found.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
+    return tuple(found)
+
+
+def _blocks(bench: Bench) -> list[tuple[int, int]]:
+    """Rows [a, b) of blocks."""
+    length = max(1, round(BLOCK / bench.sample_time))
+    return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
+
+
+__all__ = ["Misfit", "closed_by", "closure", "misfit", "refitted_tolerances", "replace"]

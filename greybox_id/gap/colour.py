@@ -1,0 +1,143 @@
+"""Noise of the channels: its size, and how much of it carries on from row to row.
+
+Residuals of every channel are taken for an autoregressive process of low order. Whitened by it, they count as often as
+they say something new, and slow misfits of a model's form, which look like coloured noise, do not drown what is fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from ..parameter import Array
+
+MOST_ORDER = 6
+"""Highest order tried; the order is chosen by BIC."""
+SPIKE, AROUND = 6.0, 5
+"""A reading further than so many robust standard deviations from the median of so many rows about it is an outlier."""
+
+
+@dataclass(frozen=True)
+class Colour:
+    """How residuals are whitened.
+
+    Attributes
+    ----------
+    sd : (channels,) standard deviation of the innovations.
+    ar : per channel, its autoregressive coefficients.
+    rows : slices of unbroken runs.
+    usable : (N, channels) whether an innovation is one: its reading and those it follows from are there and sound.
+    """
+
+    sd: Array
+    ar: tuple[Array, ...]
+    rows: tuple[slice, ...]
+    usable: NDArray[np.bool_]
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        found = np.empty(values.shape)
+        for c, a in enumerate(self.ar):
+            own = values[:, c]
+            if len(a):
+                own = np.concatenate([lfilter([1.0, *-a], [1.0], own[rows], axis=0) for rows in self.rows])
+            found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
+        return found
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of the residuals themselves, for a process that goes on for long."""
+        return np.array([s * np.sqrt(_gain(a)) for s, a in zip(self.sd, self.ar, strict=True)])
+
+    @property
+    def readings(self) -> int:
+        """How many innovations count."""
+        return int(np.sum(self.usable))
+
+
+def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Colour:
+    """Noise without memory."""
+    return Colour(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
+
+
+def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = MOST_ORDER) -> Colour:
+    """The noise that residuals are.
+
+    Parameters
+    ----------
+    residuals : (N, channels), anything where they are not good.
+    good : (N, channels).
+    rows : slices of unbroken runs.
+    most : highest order tried.
+    """
+    sd, ar, usable = [], [], np.zeros_like(good)
+    for c in range(residuals.shape[1]):
+        s, a = _fitted(np.where(good[:, c], residuals[:, c], 0.0), good[:, c], rows, most)
+        sd.append(s)
+        ar.append(a)
+        usable[:, c] = _all_there(good[:, c], rows, len(a))
+    return Colour(np.array(sd), tuple(ar), tuple(rows), usable)
+
+
+def sound(residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice]) -> NDArray[np.bool_]:
+    """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
+    good = counted & np.isfinite(residuals)
+    for c in range(residuals.shape[1]):
+        for own in rows:
+            e = np.where(good[own, c], residuals[own, c], np.nan)
+            if np.count_nonzero(np.isfinite(e)) <= 2 * AROUND:
+                continue
+            padded = np.pad(e, AROUND // 2, mode="edge")
+            with np.errstate(all="ignore"):
+                off = e - np.nanmedian(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+            spread = 1.4826 * np.nanmedian(np.abs(off[np.isfinite(off) & (off != 0)])) if np.any(off != 0) else 0.0
+            good[own, c] &= ~(np.abs(off) > SPIKE * max(spread, 1e-300))
+    return good
+
+
+def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int) -> tuple[float, Array]:
+    """Innovations' standard deviation and coefficients of the order that BIC prefers."""
+    usable = _all_there(good, rows, most)
+    count = int(np.sum(usable))
+    if count < 20 * (most + 1):
+        there = e[good]
+        return float(np.sqrt(np.mean(there**2))) if len(there) else 1.0, np.empty(0)
+    lagged = np.zeros((len(e), most + 1))
+    for own in rows:
+        for lag in range(most + 1):
+            lagged[own.start + lag : own.stop, lag] = e[own.start : own.stop - lag]
+    A = lagged[usable]
+    G = A.T @ A
+    best: tuple[float, float, Array] | None = None
+    for order in range(most + 1):
+        a = np.linalg.solve(G[1 : order + 1, 1 : order + 1], G[1 : order + 1, 0]) if order else np.empty(0)
+        variance = max(float(G[0, 0] - a @ G[1 : order + 1, 0]) / count, 1e-300)
+        score = count * np.log(variance) + order * np.log(count)
+        if best is None or score < best[0] - 1e-9:
+            best = (score, variance, a)
+    assert best is not None
+    return float(np.sqrt(best[1])), best[2]
+
+
+def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> NDArray[np.bool_]:
+    """Rows that are good, and so many before them."""
+    found = np.zeros_like(good)
+    for own in rows:
+        there = good[own].copy()
+        for lag in range(1, order + 1):
+            there[lag:] &= good[own][:-lag]
+            there[:lag] = False
+        found[own] = there
+    return found
+
+
+def _gain(a: Array) -> float:
+    """Variance of a process over that of its innovations; bounded, for a process that hardly ever forgets."""
+    if len(a) == 0:
+        return 1.0
+    response = lfilter([1.0], [1.0, *-a], np.append(1.0, np.zeros(2000)))
+    return float(np.sum(np.minimum(response**2, 1e6)))

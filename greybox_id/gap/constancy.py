@@ -1,0 +1,72 @@
+"""Is a magnitude the same everywhere? That of a true cause is; an impostor's changes with speed, acceleration and time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..parameter import Array
+from .search import Hypothesis, Search
+
+PARTS = 3
+LEAST = 1e-4
+"""Share of a magnitude's information below which a part says nothing of it."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a magnitude differs between parts of a recording.
+
+    Attributes
+    ----------
+    along : what the parts are parts of.
+    relative : weighted standard deviation of the parts' magnitudes over the magnitude.
+    p_value : how often so much would come from noise.
+    parts : (PARTS,) magnitudes as coordinates, from low to high; NaN where a part says nothing.
+    """
+
+    along: str
+    relative: float
+    p_value: float
+    parts: tuple[float, ...]
+
+
+def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array]) -> list[Spread]:
+    """Magnitudes of a hypothesis' first effect in thirds of what orders the rows, the others held.
+
+    Parameters
+    ----------
+    search, found : the hypothesis and what refitted it.
+    orders : name -> (N,) by which rows are sorted.
+    """
+    r = search.colour.white(found.e[:, :, None])[:, :, 0]
+    W = search.colour.white(found.J[:, :, :1])[:, :, 0]
+    informs, pulls = np.sum(W**2, axis=1), np.sum(W * r, axis=1)
+    axis, total = found.axes[0], float(np.sum(informs))
+    if total <= 0:
+        return []
+    result = []
+    for along, values in orders.items():
+        edges = _thirds(values, informs)
+        I = np.array([np.sum(informs[part]) for part in edges])
+        told = LEAST * total < I
+        offs = np.array([-np.sum(pulls[part]) for part in edges])
+        offs = np.where(told, offs / np.where(told, I, 1.0), np.nan)
+        mean = np.nansum(offs * I) / np.sum(I[told]) if np.any(told) else 0.0
+        Q = float(np.nansum(I * (offs - mean) ** 2))
+        size = abs(found.m[0] - axis.null) + 1e-300
+        relative = float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(I[told])) / size) if np.any(told) else 0.0
+        p = float(chi2.sf(Q, max(int(np.sum(told)) - 1, 1)))
+        result.append(Spread(along, relative, p, tuple(float(found.m[0] + off) for off in offs)))
+    return result
+
+
+def _thirds(values: Array, informs: Array) -> list[Array]:
+    """Rows in parts of equal information, by value."""
+    order = np.argsort(values, kind="stable")
+    filled = np.cumsum(informs[order])
+    part = np.minimum((PARTS * filled / max(filled[-1], 1e-300)).astype(int), PARTS - 1)
+    return [order[part == k] for k in range(PARTS)]

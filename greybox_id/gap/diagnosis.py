@@ -1,0 +1,335 @@
+"""The verb `diagnose`: from recordings and a model to a `Gap`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ..checks import Severity, check
+from ..effect import Effect
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..vehicle import Vehicle
+from .advice import advice
+from .axes import Axis, candidates, nuisances, shifting
+from .bench import Bench
+from .closing import closed_by, closure, misfit
+from .colour import sound, white_noise
+from .evidence import Evidence, evidence, p_value, probability
+from .gap import Closure, Gap, Ranked
+from .preparing import Prepared, prepare
+from .regimes import signals, where
+from .search import Hypothesis, Search
+from .selection import Selection, select
+from .stated_noise import stated_noise
+from .strip import strip
+from .unknown import Signs, signs, unknown_probability
+from .variance import Scatter, dropped, jitter, repeats
+
+RANKED = 8
+"""Effects that are listed at most."""
+PRESENT = 0.5
+SURE = 0.01
+"""A gap is detected where noise alone would look so less often."""
+ALIKE = 3.0
+"""Effects whose likelihoods, tempered, differ by less than this are not told apart."""
+WIDER = 1.6
+"""How much wider intervals are where the equations are rough."""
+NOISE_ALONE = {False: 0.03, True: 0.15}
+"""Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
+
+
+def diagnose(
+    model: MotionModel,
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    *,
+    vehicle: Vehicle | None = None,
+    held_out: Sequence[Recording] = (),
+    say: Callable[..., None] | None = None,
+    seed: int = 0,
+) -> Gap:
+    """Say where a simulation departs from a vehicle, which effect causes it, and how far the gap shrinks with it.
+
+    Parameters
+    ----------
+    model : the simulation, at its nominal values.
+    recordings : of the vehicle.
+    effects : what the model may lack, by name.
+    vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. A number stated without
+        an sd is exact.
+    held_out : recordings that choose nothing, on which the closure is verified.
+    say : told of progress.
+    seed : kept for the record; nothing here is drawn that a result depends on.
+
+    Raises
+    ------
+    BadInput : a recording lacks what the model reads, or no effect acts on the model.
+    """
+    del seed
+    tell = say or (lambda line, **_: None)
+    with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
+        found = examine(model, recordings, effects, vehicle, tell)
+        return answer(found, held_out, tell)
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Everything a diagnosis found, before it is put in words.
+
+    Attributes
+    ----------
+    prepared, bench, selection, evidence : what was simulated, refitted and weighed.
+    best : the hypothesis that weighs most; the base where nothing outweighs it.
+    sd, told : (channels,) sensor noise, and whether it was stated.
+    good : (N, channels) readings that count.
+    held : (N,) rows held stale.
+    rough : whether tolerances are stated.
+    scatter : effects of variance that were found.
+    closed : how far the gap closes on these recordings.
+    signs : of something unknown.
+    """
+
+    model: MotionModel
+    recordings: tuple[Recording, ...]
+    effects: Mapping[str, Effect]
+    vehicle: Vehicle | None
+    prepared: Prepared
+    bench: Bench
+    selection: Selection
+    evidence: Evidence
+    best: Hypothesis
+    sd: Array
+    told: bool
+    good: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+    rough: bool
+    scatter: Mapping[str, Scatter]
+    closed: Closure
+    signs: Signs
+    seen: Mapping[str, Array]
+    y: Array
+
+
+def examine(
+    model: MotionModel,
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    vehicle: Vehicle | None,
+    tell: Callable[..., None],
+) -> Examined:
+    """Refit and weigh what may explain recordings."""
+    prepared = prepare(model, recordings, effects, vehicle)
+    tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
+    bench = Bench(prepared.everything, prepared.seen(recordings))
+    moving = shifting(prepared.everything)
+    believed = nuisances(prepared.everything, effects, moving)
+    own = candidates(prepared.everything, prepared.effects, moving)
+    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
+    sd, told = stated_noise(bench, vehicle, start)
+    held = repeats(bench)
+    stale = dropped(held)
+    good = sound(start, bench.counted, bench.rows)
+    if stale is not None:
+        good &= ~held[:, None]
+    search = Search(bench, believed, white_noise(sd, good, bench.rows))
+    tell(f"refitting {len(believed)} tolerances and what may be missing")
+    selection = select(search, own, good)
+    rough = any(not axis.abrupt for axis in believed)
+    weighed = evidence(selection, rough)
+    best = selection.base
+    if selection.tried and max(weighed.scores) > 0:
+        best = selection.tried[int(np.argmax(weighed.scores))]
+    sd, told = stated_noise(bench, vehicle, best.e)
+    if not told:
+        sd = np.minimum(sd, search.colour.stationary_sd)
+    y = np.where(bench.counted, best.e + bench.measured, 0.0)
+    seen = signals(bench, y)
+    closed = closed_by(
+        misfit(search, selection.base), misfit(search, best), sd, good, bench, tuple(own.name for own in recordings)
+    )
+    scatter = {"dropped_samples": stale} if stale is not None else {}
+    jittered = jitter(bench, best.e, y, sd, good)
+    if jittered is not None:
+        scatter["timestamp_jitter"] = jittered
+    own_signs = signs(search, selection.base, best, closed, seen)
+    return Examined(
+        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
+        rough, scatter, closed, own_signs, seen, y,
+    )  # fmt: skip
+
+
+def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
+    """What a diagnosis says of what it found."""
+    selection, weighed = found.selection, found.evidence
+    ranking = _ranking(found)
+    best_gain = max((selection.base.cost - own.cost for own in selection.tried), default=0.0)
+    p = p_value(weighed.temper * best_gain, 1, len(found.prepared.effects))
+    scattered = [name for name, own in found.scatter.items() if _present(own, found) > PRESENT]
+    unexplained = found.told and found.signs.excess > NOISE_ALONE[found.rough]
+    detected = bool(found.best.candidates) or bool(scattered) or unexplained
+    unknown = unknown_probability(found.signs, found.rough) if detected and not scattered else 0.02
+    applied = tuple(found.best.names)
+    closed = _closed_model(found)
+    verified = None
+    if held_out and found.vehicle is not None:
+        tell(f"verifying on {len(held_out)} recordings that were held out")
+        verified = closure(found.model, closed, held_out, found.vehicle, found.effects)
+    excess = np.sum(
+        np.where(found.good, (selection.base.e / found.sd) ** 2 - (found.best.e / found.sd) ** 2, 0.0), axis=1
+    )
+    if not applied:
+        excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
+    ratio = np.array([
+        np.sqrt(np.mean((selection.base.e[own, c] / found.sd[c]) ** 2)) if np.any(own := found.good[:, c]) else np.nan
+        for c in range(len(found.sd))
+    ])  # fmt: skip
+    place = where(found.bench, excess, ratio, found.seen, selection.promised, found.effects)
+    weak, absorbed = _weak(found)
+    sets = [(own.effect, *own.indistinguishable_from) for own in ranking[:2] if own.indistinguishable_from]
+    counted = np.where(found.good, 1.0, 0.0)
+    return Gap(
+        model=found.model.name,
+        recordings=tuple(own.name for own in found.recordings),
+        doubts=tuple(
+            f"{own.name}: {finding.sentence}"
+            for own in found.recordings
+            for finding in check(own)
+            if finding.severity is Severity.DISTRUST
+        ),
+        gap_detected=detected,
+        p_value=p if not unexplained else min(p, SURE / 10),
+        unknown_probability=unknown,
+        unknown=_shape(found, place.channel) if unknown > PRESENT else "",
+        where=place if detected else replace(place, channel="", regime="any"),
+        ranking=tuple(ranking),
+        applied=applied,
+        gap=found.closed,
+        held_out=verified,
+        not_excited=weak,
+        absorbed=absorbed,
+        advice=advice(sets, list(weak), found.effects),
+        closed=closed,
+        strip=strip(found.bench, selection.base.e * counted, found.best.e * counted, found.sd, found.seen),
+    )
+
+
+def _ranking(found: Examined) -> list[Ranked]:
+    """Effects by their probability."""
+    selection, weighed = found.selection, found.evidence
+    tried = selection.tried
+    names = list(dict.fromkeys(name for own in tried for name in own.names))
+    ranked = []
+    for name in names:
+        holding = [k for k, own in enumerate(tried) if name in own.names]
+        most = tried[max(holding, key=lambda k: weighed.scores[k])]
+        rest = min((own.cost for own in (selection.base, *tried) if set(own.names) == set(most.names) - {name}),
+                   default=selection.base.cost)  # fmt: skip
+        magnitude, interval = _magnitude(found, most, name)
+        ranked.append(
+            Ranked(
+                name,
+                probability(weighed, tried, name),
+                magnitude,
+                _axis_of(most, name).unit,
+                interval,
+                _alike(found, name),
+                rest - most.cost,
+            )  # fmt: skip
+        )
+    for name, own in found.scatter.items():
+        unit = found.effects[name].parameter.unit if name in found.effects else "1"
+        span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
+        ranked.append(Ranked(name, _present(own, found), own.magnitude, unit, span, (), own.gain))
+    return sorted(ranked, key=lambda own: (-round(own.probability, 6), -own.gain))[:RANKED]
+
+
+def _present(own: Scatter, found: Examined) -> float:
+    score = found.evidence.temper * own.gain - 7.0
+    return float(1 / (1 + np.exp(-np.clip(score, -30, 30))))
+
+
+def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:
+    return next(own.axes[0] for own in hypothesis.candidates if own.effect == name)
+
+
+def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[float, tuple[float, float]]:
+    """Magnitude of one effect in a hypothesis, with its 95 % interval."""
+    axis, at = _axis_of(hypothesis, name), 0
+    for own in hypothesis.candidates:
+        if own.effect == name:
+            break
+        at += len(own.axes)
+    variance = found.selection.search.covariance(hypothesis)[at, at]
+    half = 1.96 * float(np.sqrt(max(variance, 0.0))) * (WIDER if found.rough else 1.0)
+    ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
+    return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
+
+
+def _alike(found: Examined, name: str) -> tuple[str, ...]:
+    """Effects that explain as much in this one's place."""
+    tried, scores = found.selection.tried, found.evidence.scores
+    holding = [k for k, own in enumerate(tried) if name in own.names]
+    k = max(holding, key=lambda j: scores[j])
+    others = set(tried[k].names) - {name}
+    alike = []
+    for j, own in enumerate(tried):
+        new = set(own.names) - others
+        if j != k and len(own.names) == len(tried[k].names) and others < set(own.names) | {""} and len(new) == 1:
+            (other,) = new
+            if other != name and abs(scores[j] - scores[k]) < ALIKE and scores[k] > 0:
+                alike.append(other)
+    return tuple(dict.fromkeys(alike))
+
+
+def _closed_model(found: Examined) -> MotionModel:
+    """The model as it was, with the applied effects at their magnitudes; tolerances stay where they are stated."""
+    model, best = found.model, found.best
+    for candidate in best.candidates:
+        effect = found.effects[candidate.effect]
+        at = sum(len(own.axes) for own in best.candidates[: best.candidates.index(candidate)])
+        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at:], strict=False)]
+        if candidate.effect not in model.effects:
+            model = model + effect.at(values[0])
+        names = [axis.name for axis in candidate.axes]
+        model = model.with_parameters(
+            *(replace(model[n].with_value(v), fixed=True) for n, v in zip(names, values, strict=True))
+        )
+    return model
+
+
+def _weak(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Effects this recording does not excite, with what would be seen, and those that tolerances take up."""
+    weak, absorbed = {}, []
+    for own in found.selection.promised:
+        name, axis = own.candidate.effect, own.candidate.axes[0]
+        typical = found.effects[name].typical
+        size = abs((1 / typical if axis.inverse else typical) - axis.null)
+        if name in found.best.names or not isfinite(own.sd) or 2 * own.sd < size:
+            continue
+        if own.told < 0.05:
+            absorbed.append(name)
+        elif not axis.inverse:
+            weak[name] = f"±{2 * own.sd:.2g} {axis.unit}".replace(" 1", "").strip()
+    return weak, tuple(absorbed)
+
+
+def _shape(found: Examined, channel: str) -> str:
+    own = found.signs
+    parts = [f"most in {channel}"] if channel else []
+    if found.best.candidates and own.spread > 0.05:
+        parts.append(
+            f"{found.best.names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}"
+        )
+    if own.left > 0.05:
+        parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
+    return "; ".join(parts) or "its shape is none that is known here"
+
+
+__all__ = ["Examined", "answer", "diagnose", "examine", "inf"]

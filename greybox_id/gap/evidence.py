@@ -1,0 +1,73 @@
+"""From likelihoods to probabilities: which effects are present, and is there anything at all.
+
+Every refitted hypothesis gets a weight: the likelihood it gains, tempered, less what each further effect costs. Where
+tolerances are stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in
+proportion to how much was read; tempering takes that into account. An effect's probability is the weight of the
+hypotheses that hold it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from .search import Hypothesis
+from .selection import Selection
+
+COST, SECOND_PARAMETER = 7.0, 3.0
+"""Log-odds against an effect before anything was read, and against a second parameter of it."""
+ROUGH = 1e-3
+"""Log-likelihood per reading that misfits of a rough model's form gain."""
+EXACT = 10.0
+"""Gains are taken as they are where that is well below so much."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What hypotheses weigh.
+
+    Attributes
+    ----------
+    temper : what gains are multiplied with.
+    weights : of `selection.tried`, and the base last; they add up to one.
+    scores : of `selection.tried`, over the base's.
+    """
+
+    temper: float
+    weights: tuple[float, ...]
+    scores: tuple[float, ...]
+
+
+def evidence(selection: Selection, rough: bool) -> Evidence:
+    """Weigh hypotheses.
+
+    Parameters
+    ----------
+    selection : hypotheses refitted on the same noise.
+    rough : whether tolerances are stated.
+    """
+    slack = ROUGH * selection.search.colour.readings if rough else 0.0
+    temper = EXACT / (EXACT + slack)
+    scores = [temper * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
+    total = np.array([*scores, 0.0])
+    weights = np.exp(total - np.max(total))
+    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
+
+
+def price(hypothesis: Hypothesis) -> float:
+    """What a hypothesis costs for being complicated."""
+    return sum(COST + SECOND_PARAMETER * (len(own.axes) - 1) for own in hypothesis.candidates)
+
+
+def probability(found: Evidence, tried: Sequence[Hypothesis], effect: str) -> float:
+    """That an effect is present."""
+    own = [weight for weight, each in zip(found.weights, tried, strict=False) if effect in each.names]
+    return float(min(sum(own), 1.0))
+
+
+def p_value(gain: float, axes: int, candidates: int) -> float:
+    """How often the best of so many candidates gains so much from noise alone (Bonferroni)."""
+    return float(min(1.0, candidates * chi2.sf(2 * max(gain, 0.0), max(axes, 1))))

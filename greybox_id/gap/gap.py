@@ -1,0 +1,179 @@
+"""The answer of a diagnosis: where simulation and vehicle part, which effect causes it, how far it shrinks with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from ..motion_model import MotionModel
+from ..parameter import Array
+
+CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
+"""What a diagnosis looks at, in this order."""
+
+REGIMES = (
+    *("any", "straight", "lateral", "high_lateral", "transient", "acceleration", "braking", "combined", "high_speed"),
+    "time_drift",
+)
+"""Where a gap may lie, in words of driving."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a gap lies.
+
+    Attributes
+    ----------
+    channel : the channel that departs most; one of `CHANNELS`, "" where there is no gap.
+    regime : the regime it prefers; one of `REGIMES`.
+    equations : equation, actuator or sensor ("M_z", "steering", "sensor a_y" ...) -> its share of the gap, largest first.
+    time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.
+    channels : channel -> root mean square of its errors over that of its noise.
+    regimes : regime -> (share of the time, share of the gap).
+    """
+
+    channel: str = ""
+    regime: str = "any"
+    equations: Mapping[str, float] = field(default_factory=dict)
+    time: Mapping[str, float] = field(default_factory=dict)
+    channels: Mapping[str, float] = field(default_factory=dict)
+    regimes: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect as a cause.
+
+    Attributes
+    ----------
+    effect : its name.
+    probability : that it is present.
+    magnitude, unit, interval : its estimate, its unit, 95 % interval.
+    indistinguishable_from : effects this recording cannot tell it from.
+    gain : of the log-likelihood over the model without it, beside the other applied effects.
+    """
+
+    effect: str
+    probability: float
+    magnitude: float
+    unit: str
+    interval: tuple[float, float]
+    indistinguishable_from: tuple[str, ...] = ()
+    gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one channel at one horizon, root mean squares in the channel's unit.
+
+    Attributes
+    ----------
+    channel, unit : what is predicted.
+    horizon : s predicted from measured states; None for the free run.
+    before, after : of the model as it was, and with the applied effects.
+    floor : of a model that fits as well as noise lets it.
+    """
+
+    channel: str
+    unit: str
+    horizon: float | None
+    before: float
+    after: float
+    floor: float
+
+
+@dataclass(frozen=True)
+class Closure:
+    """How far a gap shrinks.
+
+    Attributes
+    ----------
+    before, after, floor : mean square of the errors over that of the noise, all channels alike; the floor is one where
+        the noise was stated or told exactly.
+    closed : (before - after) / (before - floor); negative where the effect makes predictions worse.
+    closed_interval : 95 %, from paired blocks.
+    recordings : names of those it was measured on.
+    errors : per channel and horizon.
+    """
+
+    before: float
+    after: float
+    floor: float
+    closed: float
+    closed_interval: tuple[float, float]
+    recordings: tuple[str, ...] = ()
+    errors: tuple[Errors, ...] = ()
+
+
+@dataclass(frozen=True)
+class Strip:
+    """What a picture of a gap along time and path is drawn from, per block of time.
+
+    Attributes
+    ----------
+    time : (n,) s, blocks' middles.
+    before, after : (n,) mean square of the errors over the noise's.
+    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
+    frequency : (k,) Hz.
+    spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
+    map : "v_x" and "a_y": (cells + 1,) edges; "gap": (v_x cells, a_y cells) share of the gap, NaN where never driven.
+    """
+
+    time: Array
+    before: Array
+    after: Array
+    x: Array
+    y: Array
+    frequency: Array
+    spectrum_before: Mapping[str, Array]
+    spectrum_after: Mapping[str, Array]
+    map: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What a diagnosis says.
+
+    Attributes
+    ----------
+    model : name of the model that was diagnosed.
+    recordings : names of what it was diagnosed on.
+    doubts : sentences on the data, which come before everything else.
+    gap_detected, p_value : is there more than noise and stated tolerances; how often noise alone would look so.
+    unknown_probability : that something outside the named effects is there.
+    unknown : its shape in a sentence; "" where nothing is unknown.
+    where : see `Where`.
+    ranking : the effects that may be the cause, most probable first.
+    applied : effects that the closed model has.
+    gap : how far the gap shrinks on the diagnosed recordings themselves.
+    held_out : the same on recordings never used for choosing; None where none were given.
+    not_excited : effect -> how small it could be without showing here (twice its standard deviation), with unit.
+    absorbed : effects that stated tolerances or free parameters would take up.
+    advice : sentences on what could not be told, and the manoeuvre that would tell it.
+    closed : the model with the applied effects at their magnitudes.
+    strip : for pictures.
+    """
+
+    model: str
+    recordings: tuple[str, ...]
+    doubts: tuple[str, ...]
+    gap_detected: bool
+    p_value: float
+    unknown_probability: float
+    unknown: str
+    where: Where
+    ranking: tuple[Ranked, ...]
+    applied: tuple[str, ...]
+    gap: Closure
+    held_out: Closure | None
+    not_excited: Mapping[str, str]
+    absorbed: tuple[str, ...]
+    advice: tuple[str, ...]
+    closed: MotionModel | None = None
+    strip: Strip | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the closed model and the picture, as plain data."""
+        body = asdict(replace(self, closed=None, strip=None))
+        return {key: value for key, value in body.items() if key not in ("closed", "strip")}

@@ -1,0 +1,68 @@
+"""A weak observer: a simulated state is drawn, slowly, towards its reading.
+
+Speed is the integral of every force there was; a simulation of two minutes drifts away from a vehicle that is a little
+heavier, and then drives other corners than the vehicle did. Drawn towards the reading with a rate far below the
+motion's own, it stays on the vehicle's path, and what draws it shows in the residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType, SimpleNamespace
+
+import numpy as np
+
+from ..model import Symbol
+from ..motion_model import MotionModel, Quantities
+from ..parameter import Array
+from ..recording import Recording
+
+SEEN = "{}_seen"
+"""Name of the input that carries the reading."""
+
+
+def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
+    """The model with an observer of one state that is read, past all its sensors and latencies.
+
+    Parameters
+    ----------
+    model : with all its effects: sensors and latencies that are added later are not taken back.
+    state : a state that is an output.
+    rate : 1/s, of the observer's correction.
+    """
+    seen = SEEN.format(state)
+
+    def corrected(q: Quantities) -> Mapping[str, Symbol]:
+        read = SimpleNamespace(**{name: getattr(q.x, name, getattr(q, name, None)) for name in model.outputs})
+        for sensor in model.sensors:
+            vars(read).update(sensor(read, q))
+        return {state: getattr(q.rates, state) + rate * (getattr(q.u, seen) - getattr(read, state))}
+
+    late = tuple((seen, _ahead(by)) for name, by in model.latencies if name == state)
+    return replace(
+        model,
+        inputs=(*model.inputs, seen),
+        delays=(*model.delays, *late),
+        extra_rates=(*model.extra_rates, corrected),
+        aliases=MappingProxyType({**model.aliases, seen: (seen,)}),
+    )
+
+
+def with_seen(recording: Recording, state: str) -> Recording:
+    """The recording with the input that the observer reads: the reading, straight between rows that have one."""
+    reading = recording[state]
+    filled = np.array(reading)
+    for start, stop in recording.runs:
+        own = slice(start, stop)
+        there = np.isfinite(reading[own])
+        if np.any(there):
+            filled[own] = np.interp(recording.time[own], recording.time[own][there], reading[own][there])
+    return recording.with_signals(**{SEEN.format(state): filled})
+
+
+def _ahead(by: object) -> object:
+    return lambda p: -by(p)  # type: ignore[operator]
+
+
+__all__ = ["Array", "observed", "with_seen"]

@@ -1,0 +1,123 @@
+"""Where a gap lies: channel, regime of driving, equation, time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..effect import Effect
+from ..parameter import Array
+from .bench import Bench
+from .gap import Where
+from .shortlist import Promise
+
+LIFT, SHARE = 1.5, 0.4
+"""A regime is named where it holds so much more of the gap than of the time, and so much of it at all."""
+EQUATIONS = {
+    "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",
+    "sensors": "sensors", "timing": "timing",
+}  # fmt: skip
+"""Group of effects -> the part of the equations they act on."""
+
+
+def signals(bench: Bench, y: Array) -> dict[str, Array]:
+    """What regimes are told by, per row: from readings where there are any, else as simulated."""
+    found = {}
+    for c, channel in enumerate(bench.channels):
+        read = bench.measured[:, c]
+        found[channel] = np.where(np.isfinite(read), read, np.nan_to_num(y[:, c]))
+    for k, name in enumerate(bench.model.inputs):
+        found[name] = bench.inputs[:, k]
+    return {name: _smooth(values, bench) for name, values in found.items()}
+
+
+def regimes(bench: Bench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
+    """Which rows each regime holds."""
+    count = len(bench.measured)
+    nothing = np.zeros(count)
+    v, a_y, a_x = (seen.get(name, nothing) for name in ("v_x", "a_y", "a_x"))
+    steer = seen.get("steer", nothing)
+    across, along = np.abs(a_y) / _top(a_y), a_x / _top(a_x)
+    rate = np.abs(np.concatenate([np.gradient(steer[rows]) for rows in bench.rows]))
+    place = np.arange(count) / max(count, 1)
+    return {
+        "straight": across < 0.15,
+        "lateral": across > 0.3,
+        "high_lateral": across > 0.7,
+        "transient": rate > np.quantile(rate, 0.75),
+        "acceleration": along > 0.3,
+        "braking": along < -0.3,
+        "combined": (across > 0.3) & (np.abs(along) > 0.3),
+        "high_speed": v > np.quantile(v, 0.75),
+        "time_drift": place > 2 / 3,
+    }
+
+
+def where(
+    bench: Bench,
+    excess: Array,
+    ratio: Array,
+    seen: Mapping[str, Array],
+    promised: Sequence[Promise],
+    effects: Mapping[str, Effect],
+) -> Where:
+    """Where the gap lies.
+
+    Parameters
+    ----------
+    bench : whose rows.
+    excess : (N,) squared errors over the noise's, less what noise and the explanation leave.
+    ratio : (channels,) root mean square of errors over that of noise; NaN where nothing was read.
+    seen : as of `signals`.
+    promised : what every single effect would gain.
+    effects : by name.
+    """
+    total = max(float(np.sum(excess)), 1e-12)
+    shares = {
+        name: (float(np.mean(own)), float(np.sum(excess[own])) / total) for name, own in regimes(bench, seen).items()
+    }
+    lifted = {name: share / max(time, 1e-3) for name, (time, share) in shares.items() if share > SHARE and time > 0.02}
+    best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"
+    channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
+    gains: dict[str, float] = {}
+    for own in promised:
+        group = EQUATIONS.get(effects[own.candidate.effect].group, effects[own.candidate.effect].group)
+        gains[group] = max(gains.get(group, 0.0), own.gain)
+    everything = sum(gains.values()) or 1.0
+    return Where(
+        channel=max(channels, key=lambda name: channels[name]) if channels else "",
+        regime=best if lifted and lifted[best] > LIFT else "any",
+        equations={k: v / everything for k, v in sorted(gains.items(), key=lambda item: -item[1])},
+        time=_stretch(bench, excess),
+        channels=channels,
+        regimes=shares,
+    )
+
+
+def _stretch(bench: Bench, excess: Array) -> dict[str, float]:
+    """The shortest stretch of time that holds half of the gap."""
+    held = np.concatenate(([0.0], np.cumsum(np.maximum(excess, 0.0))))
+    if held[-1] <= 0:
+        return {}
+    ends = np.searchsorted(held, held[:-1] + held[-1] / 2)
+    starts = np.flatnonzero(ends < len(held))
+    first = int(starts[np.argmin(ends[starts] - starts)])
+    last = min(int(ends[first]), len(bench.time) - 1)
+    return {
+        "from": float(bench.time[first]),
+        "to": float(bench.time[last]),
+        "share": (last - first + 1) / len(bench.time),
+    }
+
+
+def _smooth(values: Array, bench: Bench) -> Array:
+    """A moving mean over a fifth of a second: regimes are not told by noise."""
+    length = max(1, round(0.2 / bench.sample_time))
+    kernel = np.ones(length) / length
+    return np.concatenate([np.convolve(values[rows], kernel, mode="same") for rows in bench.rows])
+
+
+def _top(values: Array) -> float:
+    return float(max(np.quantile(np.abs(values), 0.99), 1e-9))

@@ -1,0 +1,77 @@
+"""What the picture of a gap is drawn from: time and path, spectrum, and the map of speed and lateral acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import welch
+
+from ..parameter import Array
+from .bench import Bench
+from .gap import Strip
+
+BLOCK, CELLS = 1.0, 8
+"""Seconds in a block of time; cells of the map along each side."""
+
+
+def strip(bench: Bench, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
+    """The picture's data.
+
+    Parameters
+    ----------
+    bench : whose rows.
+    before, after : (N, channels) residuals, zero where nothing counts.
+    sd : (channels,) of noise.
+    seen : signals per row.
+    """
+    channels = np.maximum(np.sum(bench.counted, axis=1), 1)
+    first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
+    length = max(1, round(BLOCK / bench.sample_time))
+    blocks = [slice(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
+    x, y = _path(bench, seen)
+    frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
+    longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
+    window = min(256, longest.stop - longest.start)
+    for c, channel in enumerate(bench.channels):
+        if not np.any(bench.counted[longest, c]):
+            continue
+        for own, spectrum in zip((before, after), spectra, strict=True):
+            frequency, density = welch(own[longest, c] / sd[c], fs=1 / bench.sample_time, nperseg=window)
+            spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
+    return Strip(
+        time=np.array([float(np.mean(bench.time[own])) for own in blocks]),
+        before=np.array([float(np.mean(first[own])) for own in blocks]),
+        after=np.array([float(np.mean(then[own])) for own in blocks]),
+        x=np.array([float(np.mean(x[own])) for own in blocks]) if len(x) else x,
+        y=np.array([float(np.mean(y[own])) for own in blocks]) if len(y) else y,
+        frequency=frequency,
+        spectrum_before=spectra[0],
+        spectrum_after=spectra[1],
+        map=_map(first - then, seen),
+    )
+
+
+def _path(bench: Bench, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+    if "v_x" not in seen or "yaw_rate" not in seen:
+        return np.empty(0), np.empty(0)
+    x, y = np.zeros(len(bench.measured)), np.zeros(len(bench.measured))
+    for run, rows in zip(bench.runs, bench.rows, strict=True):
+        steps = np.append(np.diff(run.time), 0.0)
+        yaw = np.cumsum(seen["yaw_rate"][rows] * steps)
+        x[rows] = np.cumsum(seen["v_x"][rows] * np.cos(yaw) * steps)
+        y[rows] = np.cumsum(seen["v_x"][rows] * np.sin(yaw) * steps)
+    return x, y
+
+
+def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
+    if "v_x" not in seen or "a_y" not in seen:
+        return {}
+    v, a = seen["v_x"], seen["a_y"]
+    edges = [np.linspace(*np.quantile(own, [0.001, 0.999]), CELLS + 1) for own in (v, a)]
+    if any(own[-1] <= own[0] for own in edges):
+        return {}
+    rows, _, _ = np.histogram2d(v, a, edges)
+    total, _, _ = np.histogram2d(v, a, edges, weights=gap)
+    share = np.where(rows > 0, total / max(float(np.sum(np.abs(total))), 1e-12), np.nan)
+    return {"v_x": edges[0], "a_y": edges[1], "gap": share}

@@ -1,0 +1,75 @@
+"""Is something at work that has no name here? Told by what named effects leave, and by magnitudes that do not stay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+
+from ..parameter import Array
+from .constancy import Spread, spreads
+from .gap import Closure
+from .leftover import left_gain
+from .search import Hypothesis, Search
+
+SURE = 1e-3
+"""A spread counts where noise alone would hardly show it so often."""
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What speaks for something unknown.
+
+    Attributes
+    ----------
+    left : share of the gap that is left, by how much residuals exceed stated noise.
+    excess : mean square of what is left over that of noise, less one.
+    structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
+    spread : by which share the magnitude differs between parts of the recording.
+    along : what those are parts of.
+    gain : log-likelihood that the named effects gain.
+    """
+
+    left: float
+    excess: float
+    structure: float
+    spread: float
+    along: str
+    gain: float
+
+
+def signs(search: Search, base: Hypothesis, best: Hypothesis, closed: Closure, seen: Mapping[str, Array]) -> Signs:
+    """Collect what speaks for something unknown beside the best hypothesis."""
+    gained, expected = left_gain(search, best, seen)
+    over = max(gained - expected, 0.0)
+    gain = base.cost - best.cost
+    rest = closed.after - closed.floor
+    spread = 0.0
+    along = ""
+    if best.candidates:
+        orders = {
+            "speed": seen.get("v_x"), "lateral acceleration": _size(seen.get("a_y")),
+            "longitudinal acceleration": seen.get("a_x"), "time": np.arange(len(best.e), dtype=float),
+        }  # fmt: skip
+        known: list[Spread] = spreads(search, best, {name: own for name, own in orders.items() if own is not None})
+        told = [own for own in known if own.p_value < SURE]
+        if told:
+            most = max(told, key=lambda own: own.relative)
+            spread, along = min(most.relative, 2.0), most.along
+    left = float(np.clip(rest / max(closed.before - closed.floor, 0.02), 0.0, 2.0))
+    return Signs(left, float(rest), over / max(over + gain, 1e-9), spread, along, gain)
+
+
+def unknown_probability(own: Signs, rough: bool) -> float:
+    """The probability that something unknown is at work."""
+    if rough:
+        x = -4.0 + 6.0 * own.left + 8.0 * own.structure + 8.0 * min(own.spread, 0.6)
+    else:
+        x = -5.0 + 20.0 * own.left + 30.0 * own.structure + 30.0 * min(own.spread, 0.4)
+    return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
+
+
+def _size(values: Array | None) -> Array | None:
+    return None if values is None else np.abs(values)

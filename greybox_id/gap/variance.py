@@ -1,0 +1,102 @@
+"""Effects that change no expected reading but how readings scatter: repeated rows, and jitter of the sampling instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from ..parameter import Array
+from .bench import Bench
+
+FEWEST_CHANNELS = 2
+"""Channels that must repeat together: one alone may be quantised."""
+SOME = 3
+"""So many repeats are no accident, where readings have noise."""
+STEP = 0.5
+"""A reading that changes by so many noise sds from row to row is no line between them: its rate is not known."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What readings' scatter tells.
+
+    Attributes
+    ----------
+    magnitude : share of rows, or seconds.
+    sd : of it.
+    gain : in log-likelihood.
+    """
+
+    magnitude: float
+    sd: float
+    gain: float
+
+
+def repeats(bench: Bench) -> NDArray[np.bool_]:
+    """(N,) rows at which all sensors repeat the row before exactly."""
+    found = np.zeros(len(bench.measured), dtype=bool)
+    read = np.any(np.isfinite(bench.measured), axis=0)
+    if np.count_nonzero(read) < FEWEST_CHANNELS:
+        return found
+    for rows in bench.rows:
+        own = bench.measured[rows][:, read]
+        same = np.all((own[1:] == own[:-1]) | ~np.isfinite(own[1:]), axis=1) & np.any(np.isfinite(own[1:]), axis=1)
+        moving = np.any(own[1:] != 0, axis=1)
+        found[rows.start + 1 : rows.stop] = same & moving
+    return found
+
+
+def dropped(held: NDArray[np.bool_]) -> Scatter | None:
+    """Rows held stale; None where there are none."""
+    count = int(np.sum(held))
+    if count < SOME:
+        return None
+    share = count / len(held)
+    return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
+
+
+def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
+    """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
+
+    Parameters
+    ----------
+    bench : whose rows.
+    e, y : (N, channels) residuals of the best model, and its readings.
+    sd : (channels,) of noise where nothing changes.
+    good : (N, channels) readings that count.
+    """
+    rates, known = np.zeros_like(y), np.zeros_like(good)
+    for run, rows in zip(bench.runs, bench.rows, strict=True):
+        if rows.stop - rows.start < 3:
+            continue
+        forward = np.diff(y[rows], axis=0) / np.diff(run.time)[:, None]
+        rates[rows.start + 1 : rows.stop - 1] = (forward[1:] + forward[:-1]) / 2
+        bend = np.abs(np.diff(y[rows], 2, axis=0))
+        known[rows.start + 1 : rows.stop - 1] = bend < STEP * sd
+    use = good & known
+    a = np.where(use, rates / sd, 0.0)
+    z = np.where(use, e / sd, 0.0)
+    h, g = np.sum(a**2, axis=1), np.sum(a * z, axis=1)
+    count = np.sum(use, axis=1)
+
+    def loss(log_variance: float) -> float:
+        v = np.exp(log_variance)
+        squares = np.sum(z**2, axis=1) - v * g**2 / (1 + v * h)
+        scale = np.sum(squares) / max(np.sum(count), 1)  # noise is as large as it must be beside it
+        return float(0.5 * np.sum(np.log1p(v * h)) + 0.5 * np.sum(count) * np.log(max(scale, 1e-300)))
+
+    without = 0.5 * np.sum(count) * np.log(max(float(np.sum(z**2)) / max(int(np.sum(count)), 1), 1e-300))
+    if not np.any(h > 0):
+        return None
+    low, high = np.log(1e-5**2), np.log(0.05**2)
+    best = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
+    gain = float(without - best.fun)
+    if gain <= 0:
+        return None
+    at, step = float(best.x), 0.05
+    curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
+    tau = float(np.exp(at / 2))
+    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain)

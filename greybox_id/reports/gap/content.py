@@ -1,0 +1,206 @@
+"""What the report of a diagnosis says, as plain data for the template."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import inf, isfinite
+from typing import Any
+
+from ...gap import Closure, Gap, Ranked
+from ...models.effects import EFFECTS
+from ...provenance import DataRecord
+from ..content import Table
+from ..numbers import listed, number, percent, pretty_unit, signal_words
+from .quantities import interval_words, magnitude_words
+from .words import REGIMES, capital, how_far, on_these, probability_words, verdict, whole_percent
+
+LEAST, FIRST = 0.05, 2
+"""Effects less probable than this have no sentences of their own unless they are applied or among the first."""
+MOST_EVIDENCE, MOST_RANKED = 5, 12
+"""Effects that have sentences, and a row in the table."""
+ROLES = {"train": "diagnosed", "validate": "held out"}
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a diagnosis was made with.
+
+    Attributes
+    ----------
+    vehicle : its name.
+    command : what reproduces it.
+    seed, version : of everything random; greybox-id's own.
+    data : recordings, those held out in the role "validate".
+    """
+
+    vehicle: str
+    command: str
+    seed: int
+    version: str
+    data: tuple[DataRecord, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapContent:
+    """Everything a report of a diagnosis says.
+
+    Attributes
+    ----------
+    model, about : title, and what is diagnosed.
+    verdict : (lead, sentence) pairs.
+    doubts : sentences on the data.
+    ranking : the effects; evidence : sentences on the likely ones.
+    apart : what could not be told, and the manoeuvre that would tell.
+    silent, absorbed : sentences on what would not show, and on what tolerances would take up.
+    closures : how far, on which recordings; judged : in a sentence each.
+    errors : (title, table) pairs.
+    equations, channels, regimes : where.
+    recordings, provenance : files, and (what, value) pairs.
+    """
+
+    model: str
+    about: str
+    verdict: tuple[tuple[str, str], ...]
+    doubts: tuple[str, ...]
+    ranking: Table
+    evidence: tuple[tuple[str, str], ...]
+    apart: tuple[str, ...]
+    silent: str
+    absorbed: str
+    closures: Table
+    judged: tuple[str, ...]
+    errors: tuple[tuple[str, Table], ...]
+    equations: Table
+    channels: Table
+    regimes: Table
+    recordings: Table
+    provenance: tuple[tuple[str, str], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data for the template."""
+        return asdict(self)
+
+
+def gap_content(gap: Gap, made: Made) -> GapContent:
+    """What a report of a diagnosis says."""
+    both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
+    own = gap.where
+    return GapContent(
+        model=gap.model,
+        about=f"Where the simulation of {made.vehicle} departs from {listed([*gap.recordings])}, and why",
+        verdict=tuple(verdict(gap)),
+        doubts=gap.doubts,
+        ranking=_ranking(gap),
+        evidence=tuple(_evidence(gap)),
+        apart=gap.advice,
+        silent=_silent(gap),
+        absorbed=_absorbed(gap),
+        closures=Table(("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both)),
+        judged=tuple(f"{capital(how_far(gap, *one))}." for one in both),
+        errors=tuple(
+            (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one))
+            for one, held_out in reversed(both)
+            if one.errors
+        ),
+        equations=Table(("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items())),
+        channels=Table(
+            ("channel", "error over noise"), tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items())
+        ),
+        regimes=Table(
+            ("regime", "of the time", "of the gap"),
+            tuple((REGIMES.get(k, k), percent(t), percent(g)) for k, (t, g) in own.regimes.items()),
+        ),
+        recordings=_recordings(made.data),
+        provenance=(
+            ("version", f"greybox-id {made.version}"),
+            ("command", made.command or "not recorded (diagnosed from Python)"),
+            ("seed", str(made.seed)),
+        ),
+    )
+
+
+def _ranking(gap: Gap) -> Table:
+    rows = tuple(
+        (
+            str(k), own.effect, magnitude_words(own), interval_words(own), probability_words(own.probability),
+            number(own.gain), "yes" if own.effect in gap.applied else "",
+        )
+        for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
+    )  # fmt: skip
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows)
+
+
+def _evidence(gap: Gap) -> list[tuple[str, str]]:
+    """The likely effects, each with its sentences."""
+    likely = [
+        own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
+    ][:MOST_EVIDENCE]
+    best = max((own.gain for own in gap.ranking), default=0.0)
+    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in likely]
+
+
+def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
+    about = EFFECTS[own.effect].parameter.about if own.effect in EFFECTS else ""
+    said = [
+        f"{capital(about)}: {magnitude_words(own)}." if about else f"{magnitude_words(own)}.",
+        f"With it the log-likelihood gains {number(own.gain)}"
+        + (f", {number(best - own.gain)} less than with the best." if own.gain < best else "."),
+    ]
+    if _touches_null(own):
+        said.append("Its interval reaches to where it is not there at all.")
+    if own.indistinguishable_from:
+        said.append(f"It cannot be told from {listed([*own.indistinguishable_from])} on {on_these(gap.recordings)}.")
+    return said
+
+
+def _touches_null(own: Ranked) -> bool:
+    known = EFFECTS.get(own.effect)
+    return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
+
+
+def _silent(gap: Gap) -> str:
+    if not gap.not_excited:
+        return ""
+    named = listed([f"{name} up to {size}" for name, size in gap.not_excited.items()])
+    return f"So much could be there without showing in these recordings (twice the standard deviation): {named}."
+
+
+def _absorbed(gap: Gap) -> str:
+    if not gap.absorbed:
+        return ""
+    return f"Stated tolerances or free parameters would take up {listed([*gap.absorbed])}: no gap is left to show it."
+
+
+def _row(closure: Closure, held_out: bool) -> tuple[str, ...]:
+    names = f"{listed([*closure.recordings])} ({'held out' if held_out else 'diagnosed'})"
+    low, high = (whole_percent(end) for end in closure.closed_interval)
+    share = f"{whole_percent(closure.closed)} % [{low}, {high}]" if isfinite(closure.closed) else "–"
+    return (names, number(closure.before), number(closure.after), number(closure.floor), share)
+
+
+def _errors(closure: Closure) -> Table:
+    """Before → after (floor), a row for each channel, a column for each horizon."""
+    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: inf if h is None else h)
+    by = {(own.channel, own.horizon): own for own in closure.errors}
+    rows = []
+    for channel in dict.fromkeys(own.channel for own in closure.errors):
+        found = [by.get((channel, horizon)) for horizon in horizons]
+        unit = next(own.unit for own in found if own is not None)
+        cells = (
+            "–" if e is None else f"{number(e.before, 2)} → {number(e.after, 2)} ({number(e.floor, 2)})" for e in found
+        )
+        rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
+    return Table(("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)), tuple(rows))
+
+
+def _recordings(data: Sequence[DataRecord]) -> Table:
+    head = ("role", "recording", "sha256", "column map", "runs", "samples", "duration")
+    rows = tuple(
+        (
+            ROLES.get(d.role, d.role), d.path.replace("\\", "/").rsplit("/", 1)[-1] or d.name,
+            d.sha256[:12] or "in memory", d.columns or "–", str(d.runs), str(d.samples), f"{d.duration:.2f} s",
+        )
+        for d in data
+    )  # fmt: skip
+    return Table(head, rows)

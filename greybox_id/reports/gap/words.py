@@ -1,0 +1,209 @@
+"""What a diagnosis says, in sentences that hold for any numbers. The terminal and the report share them."""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+
+from ...gap import Closure, Gap, Ranked
+from ..numbers import listed, number, percent
+from .quantities import magnitude_words
+
+REGIMES = {
+    "any": "anywhere alike",
+    "straight": "driving straight on",
+    "lateral": "in turns",
+    "high_lateral": "in hard turns",
+    "transient": "while the steering moves",
+    "acceleration": "while accelerating",
+    "braking": "while braking",
+    "combined": "turning while braking or accelerating",
+    "high_speed": "at high speed",
+    "time_drift": "as the drive goes on",
+}
+"""Regime -> where that is, as the end of a sentence."""
+MOST_SHARES = 3
+"""Equations named as the gap's place."""
+LEAST_SHARE = 0.1
+"""Smaller shares of the gap are not named."""
+MOST_DOUBTS = 3
+"""Doubts told before everything else; the rest is counted."""
+CONCENTRATED = 1.2
+"""A regime is worth naming with shares when it holds so many times its share of the time."""
+
+
+def p_words(p: float) -> str:
+    """How often noise alone would look so."""
+    if not isfinite(p):
+        return "p not known"
+    return "p\u00a0<\u00a00.001" if p < 0.001 else f"p\u00a0=\u00a0{number(p, 2)}"
+
+
+def whether(gap: Gap) -> str:
+    """Is there a gap?"""
+    if not gap.gap_detected:
+        return (
+            f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
+            f"{_largest(gap)}."
+        )
+    return f"The simulation departs from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
+
+
+def _largest(gap: Gap) -> str:
+    """The channel that departs most, as the end of a sentence."""
+    channels = {name: ratio for name, ratio in gap.where.channels.items() if isfinite(ratio)}
+    if not channels:
+        size = sqrt(gap.gap.before) if gap.gap.before > 0 else float("nan")
+        return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
+    name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda own: channels[own])
+    times = f"{number(channels[name], 2)} times its noise"
+    if gap.gap_detected:
+        return f": in free run the error of {name} is {times}"
+    return f"; the largest error in free run, that of {name}, is {times}"
+
+
+def where(gap: Gap) -> str:
+    """Where it lies: equation, regime, time; "" where there is no gap."""
+    if not gap.gap_detected:
+        return ""
+    said = [clause for clause in (_equations(gap), _regime(gap), _time(gap)) if clause]
+    return "; ".join(said)
+
+
+def _equations(gap: Gap) -> str:
+    shares = sorted(gap.where.equations.items(), key=lambda own: -own[1])
+    named = [f"{name} {percent(share)}" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
+    return listed(named) or gap.where.channel
+
+
+def _regime(gap: Gap) -> str:
+    own = gap.where
+    time, share = own.regimes.get(own.regime, (float("nan"), float("nan")))
+    if own.regime == "any":
+        return REGIMES["any"]
+    place = REGIMES.get(own.regime, own.regime)
+    if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
+        return f"{percent(share)} of it in {percent(time)} of the time, {place}"
+    return place
+
+
+def _time(gap: Gap) -> str:
+    own = gap.where.time
+    if not {"from", "to"} <= own.keys():
+        return ""
+    share = f", {percent(own['share'])} of the time" if isfinite(own.get("share", float("nan"))) else ""
+    return f"half of it between {own['from']:.4g} and {own['to']:.4g} s{share}"
+
+
+def told_apart(gap: Gap, ranked: Ranked) -> str:
+    """What an effect cannot be told from: by rank where that is ranked, by name otherwise."""
+    if not ranked.indistinguishable_from:
+        return ""
+    place = {own.effect: k for k, own in enumerate(gap.ranking, 1)}
+    ranks = sorted(place[name] for name in ranked.indistinguishable_from if name in place)
+    names = [name for name in ranked.indistinguishable_from if name not in place]
+    return f"cannot be told from {listed([*map(str, ranks), *names])} on {on_these(gap.recordings)}"
+
+
+def on_these(recordings: tuple[str, ...]) -> str:
+    """One recording or several, as the end of a sentence."""
+    return "this recording" if len(recordings) < 2 else "these recordings"
+
+
+def which(gap: Gap) -> str:
+    """The first effects in a sentence; "" where there is no gap to explain."""
+    if not gap.gap_detected:
+        return ""
+    if not gap.ranking:
+        return "no named effect stands out"
+    first = [own for own in gap.ranking if own.effect in gap.applied] or [gap.ranking[0]]
+    said = [f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})" for own in first]
+    others = dict.fromkeys(name for own in first for name in own.indistinguishable_from)
+    apart = f"; cannot be told from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
+    return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(said)}{apart}"
+
+
+def verdict(gap: Gap) -> list[tuple[str, str]]:
+    """The whole answer: a lead and a sentence each; doubts on the data come first."""
+    closure, held_out = judged(gap)
+    said = [
+        *(("Doubt", doubt) for doubt in gap.doubts[:MOST_DOUBTS]),
+        ("", f"and {more} more doubts" if (more := len(gap.doubts) - MOST_DOUBTS) > 0 else ""),
+        ("Gap", whether(gap)),
+        ("Where", where(gap)),
+        ("Which", which(gap)),
+        ("How far", f"{how_far(gap, closure, held_out)}; {levels(closure)}"),
+        ("Left", left(gap)),
+    ]
+    return [(lead, sentence) for lead, sentence in said if sentence]
+
+
+def applied_words(gap: Gap) -> str:
+    """The effects that the closed model has."""
+    return listed([*gap.applied])
+
+
+def judged(gap: Gap) -> tuple[Closure, bool]:
+    """The closure that counts, and whether its recordings chose nothing."""
+    return (gap.held_out, True) if gap.held_out is not None else (gap.gap, False)
+
+
+def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
+    """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
+    names = listed([*closure.recordings]) or listed([*gap.recordings])
+    chose = ", which chose " + ("it" if len(gap.applied) == 1 else "them") if gap.applied else ""
+    place = f"on {names}{' (held out)' if held_out else chose}"
+    if not gap.applied:
+        if not gap.gap_detected:
+            return f"nothing to close {place}"
+        return f"nothing was added to the model: the excess stays as it is {place}"
+    share, (low, high) = closure.closed, closure.closed_interval
+    if not isfinite(share):
+        return f"with {applied_words(gap)}: there is no excess over the floor {place} that could close"
+    bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
+    if share < 0:
+        told = "" if high < 0 else "; whether at all cannot be told here"
+        return (
+            f"adding {applied_words(gap)} makes predictions worse by {whole_percent(-share)} % of the excess "
+            f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{told}"
+        )
+    told = "" if not low <= 0 else "; that it closes at all cannot be told here"
+    return f"with {applied_words(gap)} the excess closes by {whole_percent(share)} % {bounds} {place}{told}"
+
+
+def levels(closure: Closure) -> str:
+    """Mean squares over the noise's, all channels alike."""
+    return (
+        f"mean square error {number(closure.before)} → {number(closure.after)} times that of the noise, "
+        f"floor {number(closure.floor)}"
+    )
+
+
+def left(gap: Gap) -> str:
+    """What stays unexplained."""
+    closure, _ = judged(gap)
+    clauses = [gap.unknown.rstrip(".")] if gap.unknown else []
+    if gap.gap_detected and gap.applied and isfinite(closure.closed):
+        share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
+        clauses.append(f"{share} of the excess unexplained")
+    probability = probability_words(gap.unknown_probability)
+    return "; ".join([*clauses, f"something outside the named effects is there with probability {probability}"])
+
+
+def capital(sentence: str) -> str:
+    """The sentence with a capital at its start."""
+    return sentence[:1].upper() + sentence[1:]
+
+
+def probability_words(value: float) -> str:
+    """A probability to two decimals, never certain."""
+    if not isfinite(value):
+        return "not known"
+    return "above 0.99" if value > 0.99 else "below 0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def whole_percent(share: float) -> str:
+    """A share in whole percent, without its sign of percent."""
+    if not isfinite(share):
+        return number(share)
+    rounded = round(100 * share)
+    return f"−{-rounded}" if rounded < 0 else f"{rounded}"

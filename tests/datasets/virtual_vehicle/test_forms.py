@@ -1,0 +1,71 @@
+"""Other functional forms: as good a description of the same vehicle, and effects mean the same in them."""
+
+import numpy as np
+import pytest
+
+from greybox_id.datasets.virtual_vehicle import Forms, drive, random_vehicle, replay
+from greybox_id.datasets.virtual_vehicle.forms import CHOICES, NOMINAL, other
+from greybox_id.errors import BadInput
+from greybox_id.recording import Recording
+
+SINGLE = [(what, choice) for what, choices in CHOICES.items() for choice in choices[1:]]
+EVERYTHING = {
+    "tyre_relaxation": 0.3, "combined_slip": 0.7, "load_sensitivity": 0.15, "tyre_temperature": 0.2,
+    "steering_lag": 0.04, "steering_rate_limit": 0.5, "steering_backlash": 0.003, "motor_saturation": 1.8,
+    "roll_dynamics": 0.004, "wind_gust": 6.0, "wind_direction": 1.0, "sensor_latency_imu": 0.02,
+}  # fmt: skip
+
+
+def driven(forms, effects=None, seconds=15.0):
+    car = random_vehicle(12, "car")
+    recording, truth = drive(car, "mixed", seconds, seed=3, noise=0.0)
+    start = {name: float(truth.states[name][0]) for name in ("v_x", "v_y", "yaw_rate")}
+    return replay(car, recording, start, effects or {}, forms)[1].readings
+
+
+@pytest.mark.parametrize(("what", "choice"), SINGLE)
+def test_each_form_is_near_that_of_models_and_not_the_same(what, choice):
+    plain, found = driven(NOMINAL, EVERYTHING), driven(Forms(**{what: choice}), EVERYTHING)
+    off = {name: np.sqrt(np.mean((found[name] - plain[name]) ** 2)) / np.std(plain[name]) for name in plain}
+    assert max(off.values()) > 1e-5
+    assert max(off["yaw_rate"], off["a_y"]) < 0.12
+
+
+@pytest.mark.parametrize("tyre", CHOICES["tyre"][1:])
+@pytest.mark.parametrize("kind", ["racer", "car", "truck", "sports"])
+def test_tyres_are_laid_on_the_magic_formula(tyre, kind):
+    """At a given slip, within a few percent of the peak force."""
+    car = random_vehicle(31, kind)
+    _, truth = drive(car, "laps", 15.0, forms=Forms(tyre=tyre), seed=1, noise=0.0)
+    p, states = car.parameters, truth.states
+    for axle, wheels in (("f", ("fl", "fr")), ("r", ("rl", "rr"))):
+        slip = p[f"B_{axle}"] * states[f"alpha_{wheels[0]}"]
+        bent = slip - p[f"E_{axle}"] * (slip - np.arctan(slip))
+        load = sum(states[f"F_z_{wheel}"] for wheel in wheels)
+        nominal = p[f"D_{axle}"] * load * np.sin(p[f"C_{axle}"] * np.arctan(bent))
+        assert np.max(np.abs(states[f"F_y{axle}"] - nominal)) < 0.07 * p[f"D_{axle}"] * np.mean(load)
+
+
+def test_another_form_of_everything_is_drawn():
+    drawn = other(np.random.default_rng(1))
+    assert all(getattr(drawn, what) != choices[0] for what, choices in CHOICES.items())
+    _, truth = drive(random_vehicle(2), duration=2.0, forms="other", seed=4)
+    assert truth.forms != NOMINAL
+    with pytest.raises(BadInput, match="one of"):
+        Forms(tyre="square")
+    with pytest.raises(BadInput, match="not"):
+        drive(random_vehicle(2), duration=2.0, forms="strange")
+
+
+def test_a_lag_of_second_order_is_as_late_as_one_of_first():
+    car = random_vehicle(12, "car")
+    time = np.arange(300) / 100.0
+    ramp = Recording("ramp", time, {"steer": 0.01 * time, car.drive_channel: np.zeros(300)})
+    for form in ("first_order", "second_order"):
+        _, truth = replay(car, ramp, {"v_x": 20.0}, {"steering_lag": 0.05}, Forms(steering_lag=form))
+        assert 0.01 * time[-1] - truth.states["steer"][-1] == pytest.approx(0.01 * (0.05 + 0.005), rel=0.12)
+
+
+def test_rotating_wheels_carry_the_force_that_is_asked_for():
+    found, plain = (driven(forms) for forms in (Forms(wheels="rotating"), NOMINAL))
+    assert np.sqrt(np.mean((found["a_x"] - plain["a_x"]) ** 2)) < 0.1 * np.std(plain["a_x"])

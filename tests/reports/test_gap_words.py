@@ -1,0 +1,118 @@
+"""What a diagnosis says holds for any numbers."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from made_gaps import CASES, DELAY, aliased, clear, none, unknown
+
+from greybox_id.gap import Ranked
+from greybox_id.provenance import DataRecord
+from greybox_id.reports.gap.content import Made, gap_content
+from greybox_id.reports.gap.quantities import interval_words, magnitude_words
+from greybox_id.reports.gap.words import how_far, left, told_apart, verdict, where, whether
+
+INF, NAN = float("inf"), float("nan")
+
+
+@pytest.mark.parametrize(
+    ("effect", "magnitude", "unit", "interval", "said"),
+    [
+        ("steering_delay", 0.031, "s", (0.0251, 0.0369), "31 ± 3 ms"),
+        ("steering_lag", 0.018, "s", (0.005, 0.06), "18 ms [5, 60]"),
+        ("motor_lag", 1.2, "s", (1.0, 1.4), "1.20 ± 0.10 s"),
+        ("steering_offset", -0.0123, "rad", (-0.0143, -0.0103), "−12.3 ± 1.0 mrad"),
+        ("grip_scale", 0.84, "1", (0.8, 0.88), "× 0.840 ± 0.020"),
+        ("combined_slip", 0.6, "1", (0.2, 1.0), "0.60 ± 0.20"),
+        ("steering_rate_limit", 0.62, "rad/s", (0.55, INF), "0.620 rad/s [0.550, ∞]"),
+        ("steering_rate_limit", 0.62, "rad/s", (-INF, INF), "0.620 rad/s"),
+        ("aero_drag", 0.21, "N s^2/m^2", (0.21, 0.21), "0.210 N s²/m² [0.210, 0.210]"),
+        ("steering_delay", 0.031, "s", (NAN, NAN), "31.0 ms"),
+        ("never_heard_of", 3.0, "N", (2.0, 4.0), "3.0 ± 0.5 N"),
+    ],
+)
+def test_magnitudes_have_units_of_handy_size(effect, magnitude, unit, interval, said):
+    assert magnitude_words(Ranked(effect, 0.5, magnitude, unit, interval)) == said
+
+
+def test_intervals_have_the_unit_of_their_estimate():
+    assert interval_words(DELAY) == "[25.1, 36.9] ms"
+
+
+def test_whether_there_is_a_gap():
+    assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
+    assert whether(none()).startswith("No gap: ")
+    assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
+    bare = clear(where=replace(clear().where, channels={}), p_value=NAN)
+    assert whether(bare) == "The simulation departs from the vehicle: its errors are 2.0 times the noise (p not known)."
+
+
+def test_where_is_silent_without_a_gap_and_names_shares_with_one():
+    assert where(none()) == ""
+    said = where(clear())
+    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it in 22 % of the time, while the steering moves")
+    assert said.endswith("half of it between 31.5 and 40 s, 14 % of the time")
+    everywhere = clear(where=replace(clear().where, regime="any", time={}))
+    assert where(everywhere) == "steering 78 % and M_z 15 %; anywhere alike"
+    thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))
+    assert where(thin) == "yaw_rate; at high speed"  # 25 % of the gap in 30 % of the time is no share to name
+
+
+def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
+    gap = unknown()
+    assert told_apart(gap, gap.ranking[0]) == "cannot be told from 2 and accel_bias_y on this recording"
+    assert told_apart(replace(gap, recordings=("a", "b")), gap.ranking[1]).endswith("on these recordings")
+    assert told_apart(gap, DELAY) == ""
+
+
+@pytest.mark.parametrize(
+    ("closed", "interval", "said"),
+    [
+        (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
+        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); that it closes at all cannot be told here"),
+        (-0.12, (-0.3, 0.04), "adding steering_delay makes predictions worse by 12 % of the excess [−4, 30]"),
+        (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
+        (NAN, (NAN, NAN), "there is no excess over the floor on lap8 (held out) that could close"),
+        (-0.001, (-0.3, 0.3), "worse by 0 % of the excess [−30, 30]"),
+    ],
+)
+def test_how_far_is_honest(closed, interval, said):
+    gap = clear()
+    assert said in how_far(gap, replace(gap.held_out, closed=closed, closed_interval=interval), True)
+
+
+def test_nothing_applied_closes_nothing():
+    gap = clear(applied=())
+    assert how_far(gap, gap.gap, False) == "nothing was added to the model: the excess stays as it is on lap7"
+    assert how_far(none(), none().gap, False) == "nothing to close on lap7"
+
+
+def test_what_is_left_never_exceeds_everything_and_is_never_certain():
+    assert left(clear()).startswith("16 % of the excess unexplained; ")
+    assert "all of the excess unexplained" in left(unknown())
+    assert left(clear(unknown_probability=1.0)).endswith("probability above 0.99")
+    assert left(clear(unknown_probability=0.0)).endswith("probability below 0.01")
+
+
+def test_doubts_come_first_and_many_are_counted():
+    assert [lead for lead, _ in verdict(aliased())] == ["Doubt", "Doubt", "Gap", "Where", "Which", "How far", "Left"]
+    many = verdict(clear(doubts=tuple(f"doubt {k}" for k in range(5))))
+    assert many[3] == ("", "and 2 more doubts")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_report_holds_words_only(case):
+    record = DataRecord("validate", "lap8", "runs/lap8.csv", "b3" * 32, "canonical", 3000, 1, 60.0)
+    said = gap_content(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
+    assert said.recordings.rows[0][:2] == ("held out", "lap8.csv")
+    assert dict(said.provenance)["command"] == "greybox gap lap7.csv"
+    for table in (said.ranking, said.closures, said.equations, said.channels, said.regimes):
+        assert all(len(row) == len(table.head) and all(isinstance(cell, str) for cell in row) for row in table.rows)
+    assert not re.search(r"\b(nan|inf|None)\b", str(said.as_dict()))
+
+
+def test_the_runner_up_is_always_discussed():
+    said = gap_content(clear(), Made("car", "", 0, "0.1.0"))
+    (first, _), (second, words) = said.evidence
+    assert (first, second) == ("steering_delay", "steering_lag")
+    assert "gains 190, 24.0 less than with the best. It cannot be told from steering_delay" in words
