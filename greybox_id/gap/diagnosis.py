@@ -21,12 +21,13 @@ from .axes import Axis, candidates, nuisances, shifting
 from .bench import Bench
 from .closing import closed_by, closure, misfit
 from .colour import sound, white_noise
-from .evidence import Evidence, evidence, p_value, probability
+from .evidence import COST, Evidence, evidence, p_value, probability, tempering
 from .gap import Closure, Gap, Ranked
+from .observer import PULLED
 from .preparing import Prepared, prepare
 from .regimes import signals, where
 from .search import Hypothesis, Search
-from .selection import Selection, select
+from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
 from .strip import strip
 from .unknown import Signs, signs, unknown_probability
@@ -41,6 +42,8 @@ ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
 WIDER = 1.6
 """How much wider intervals are where the equations are rough."""
+FAR_OFF, FIRM = 30.0, 2.0
+"""Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
 NOISE_ALONE = {False: 0.03, True: 0.15}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
@@ -140,8 +143,9 @@ def examine(
         good &= ~held[:, None]
     search = Search(bench, believed, white_noise(sd, good, bench.rows))
     tell(f"refitting {len(believed)} tolerances and what may be missing")
-    selection = select(search, own, good)
     rough = any(not axis.abrupt for axis in believed)
+    worth = COST / tempering(int(np.sum(good)), rough)
+    selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
     weighed = evidence(selection, rough)
     best = selection.base
     if selection.tried and max(weighed.scores) > 0:
@@ -163,6 +167,16 @@ def examine(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,
     )  # fmt: skip
+
+
+def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
+    """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
+    name = PULLED.format("yaw_rate")
+    off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
+    if name not in bench.model or off < FAR_OFF:
+        return None
+    index = [parameter.name for parameter in bench.model.parameters].index(name)
+    return Firmly(index, FIRM)
 
 
 def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:

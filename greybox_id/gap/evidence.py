@@ -49,12 +49,16 @@ def evidence(selection: Selection, rough: bool) -> Evidence:
     selection : hypotheses refitted on the same noise.
     rough : whether tolerances are stated.
     """
-    slack = ROUGH * selection.search.colour.readings if rough else 0.0
-    temper = EXACT / (EXACT + slack)
+    temper = tempering(selection.search.colour.readings, rough)
     scores = [temper * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
+
+
+def tempering(readings: int, rough: bool) -> float:
+    """What gains in log-likelihood are multiplied with."""
+    return EXACT / (EXACT + (ROUGH * readings if rough else 0.0))
 
 
 def price(hypothesis: Hypothesis) -> float:

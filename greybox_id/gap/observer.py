@@ -14,12 +14,14 @@ from types import MappingProxyType, SimpleNamespace
 import numpy as np
 
 from ..model import Symbol
-from ..motion_model import MotionModel, Quantities
-from ..parameter import Array
+from ..motion_model import MotionModel, Quantities, Shift
+from ..parameter import Parameter
 from ..recording import Recording
 
 SEEN = "{}_seen"
 """Name of the input that carries the reading."""
+PULLED = "observer_{}"
+"""Name of the parameter that is the observer's rate."""
 
 
 def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
@@ -29,7 +31,7 @@ def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
     ----------
     model : with all its effects: sensors and latencies that are added later are not taken back.
     state : a state that is an output.
-    rate : 1/s, of the observer's correction.
+    rate : 1/s, of the observer's correction; a parameter of the model from then on.
     """
     seen = SEEN.format(state)
 
@@ -37,11 +39,15 @@ def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
         read = SimpleNamespace(**{name: getattr(q.x, name, getattr(q, name, None)) for name in model.outputs})
         for sensor in model.sensors:
             vars(read).update(sensor(read, q))
-        return {state: getattr(q.rates, state) + rate * (getattr(q.u, seen) - getattr(read, state))}
+        pull = getattr(q.p, own.name) * (getattr(q.u, seen) - getattr(read, state))
+        return {state: getattr(q.rates, state) + pull}
 
+    own = Parameter(
+        PULLED.format(state), "1/s", rate, (0.0, np.inf), fixed=True, about=f"rate of an observer of {state}"
+    )
     late = tuple((seen, _ahead(by)) for name, by in model.latencies if name == state)
     return replace(
-        model,
+        model.with_parameters(own),
         inputs=(*model.inputs, seen),
         delays=(*model.delays, *late),
         extra_rates=(*model.extra_rates, corrected),
@@ -61,8 +67,5 @@ def with_seen(recording: Recording, state: str) -> Recording:
     return recording.with_signals(**{SEEN.format(state): filled})
 
 
-def _ahead(by: object) -> object:
-    return lambda p: -by(p)  # type: ignore[operator]
-
-
-__all__ = ["Array", "observed", "with_seen"]
+def _ahead(by: Shift) -> Shift:
+    return lambda p: -by(p)

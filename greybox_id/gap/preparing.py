@@ -12,13 +12,11 @@ from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..recording import Recording
 from ..vehicle import Vehicle
-from .observer import observed, with_seen
+from .observer import SEEN, observed, with_seen
 
-OBSERVED, RATE = "v_x", 0.3
-"""The state that a weak observer keeps near its reading, and the observer's rate, 1/s."""
-PASSES = 2
-"""How often equations are gone through for what depends on what it leads to: a third time changes loads by less than
-1 % of what the second did, and costs half as much again."""
+OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
+"""States that an observer keeps near their readings, and its rate, 1/s. That of the yaw rate is raised only where
+simulations would spin otherwise."""
 OF_VARIANCE = ("timestamp_jitter", "dropped_samples")
 """Effects that change no expected reading: what tells them is how readings scatter (variance.py)."""
 
@@ -40,8 +38,11 @@ class Prepared:
 
     def seen(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with what the observer reads."""
-        is_observed = len(self.everything.inputs) > len(self.nominal.inputs)
-        return [with_seen(recording, OBSERVED) for recording in recordings] if is_observed else list(recordings)
+        found = list(recordings)
+        for state in OBSERVED:
+            if SEEN.format(state) in self.everything.inputs:
+                found = [with_seen(recording, state) for recording in found]
+        return found
 
 
 def prepare(
@@ -66,7 +67,6 @@ def prepare(
             everything = everything + replace(effect, parameter=replace(effect.parameter, fixed=True))
     if not concerned:
         raise BadInput(f"Nothing is known that {model.name} may lack: no effect acts on it.")
-    everything = replace(everything, passes=min(everything.passes, PASSES))
     return Prepared(nominal, _observed(everything, recordings), concerned)
 
 
@@ -85,8 +85,9 @@ def _with_beliefs(model: MotionModel, effects: Mapping[str, Effect], vehicle: Ve
 
 def _observed(model: MotionModel, recordings: Sequence[Recording]) -> MotionModel:
     states = [state.name for state in model.states]
-    if OBSERVED in states and OBSERVED in model.outputs and all(OBSERVED in own for own in recordings):
-        return observed(model, OBSERVED, RATE)
+    for state, rate in OBSERVED.items():
+        if state in states and state in model.outputs and all(state in own for own in recordings):
+            model = observed(model, state, rate)
     return model
 
 

@@ -15,15 +15,32 @@ from ..parameter import Array
 from .axes import Candidate
 from .colour import colour
 from .search import Hypothesis, Search, Start
-from .shortlist import Promise, Prospects, from_where_best, promises
+from .shortlist import Promise, from_where_best, promises
 
-SINGLES, PAIRS, PARTNERS, TRIPLES = 4, 3, 4, 3
-"""Refitted: so many singles that promise to be good, and as many new ones once noise is known; pairs of so many of the
-best with so many partners each; so many triples of the best pair."""
-ROUGH = 8
-"""Singles refitted while the noise is not known yet."""
-WORTH = 8.0
-"""A further effect is looked for where it promises to gain this much log-likelihood."""
+SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
+"""Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
+best pair."""
+FEWEST, HOPE = 4, 0.1
+"""Singles that promise less than this share of the best are not refitted, but so many are."""
+ROUGH, MUCH = 6, 0.01
+"""Singles refitted while the noise is not known yet; a second effect is added there where it explains such a share."""
+
+
+@dataclass(frozen=True)
+class Firmly:
+    """An observer that keeps simulations from spinning.
+
+    Attributes
+    ----------
+    index : of its rate in the parameter vector.
+    rate : 1/s.
+    """
+
+    index: int
+    rate: float
+
+    RATHER = 2.0
+    """It stays where a good explanation costs so many times as much without it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +65,9 @@ class Selection:
         return [own for own in self.tried if len(own.candidates) == size]
 
 
-def select(search: Search, candidates: Sequence[Candidate], good: Array) -> Selection:
+def select(
+    search: Search, candidates: Sequence[Candidate], good: Array, worth: float, firmly: Firmly | None = None
+) -> Selection:
     """Refit what may explain the recording.
 
     Parameters
@@ -56,39 +75,79 @@ def select(search: Search, candidates: Sequence[Candidate], good: Array) -> Sele
     search : with white noise of the stated size.
     candidates : what may be the cause.
     good : (N, channels) readings that count.
+    worth : log-likelihood that a further effect must gain.
+    firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
-    search.about(None)
-    base = refitted(search, search.at_means())
-    prospects = Prospects(search, base, candidates)
-    promised = prospects.promises(base)
-    rough = _with_each(search, base, promised[:ROUGH])
-    best = min([base, *rough], key=lambda own: own.cost)
-    likely = from_where_best(promised)
-    more = _with_each(search, best, promises(search, best, likely)[:2]) if best.candidates else []
-    best = min([best, *more], key=lambda own: own.cost)
-    search.recoloured(colour(best.e, good, search.bench.rows))
+    if firmly is not None:
+        search.nominal[firmly.index] = firmly.rate
+    best, known = _rough(search, candidates)
+    if firmly is not None:
+        search.nominal[firmly.index] = 0.0
+        loosely = refitted(search, best)
+        if loosely.cost > firmly.RATHER * best.cost:  # it spins however well it is explained
+            search.nominal[firmly.index] = firmly.rate
+    search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
     search.about(best)
-    base = refitted(search, base)
-    promised = prospects.promises(base)
+    base = refitted(search, search.at_means())
+    promised = promises(search, base, known if firmly is None else candidates)
     likely = from_where_best(promised)
-    known = {own.names[0]: own for own in rough}
-    singles = [refitted(search, own) for own in rough[:SINGLES]]
-    singles += _with_each(search, base, [own for own in promised if own.candidate.effect not in known][:SINGLES])
-    singles.sort(key=lambda own: own.cost)
+    hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
+    singles = _with_each(search, base, hopeful[:SINGLES])
+    if len(best.candidates) == 1:
+        singles = _better(singles, refitted(search, best))
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = refitted(search, best)
+    least = min(own.cost for own in tried.values())
     for parent in singles[:PAIRS]:
-        worth = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > WORTH]
-        if not worth:  # one effect explains what there is
+        needed = max(worth, parent.cost - least + worth)
+        enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
+        new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
+        if not enough and parent is singles[0]:  # one effect explains what there is
             break
-        new = [own for own in worth if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
+        least = min(own.cost for own in tried.values())
     pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=lambda own: own.cost)
-    if pairs and singles[0].cost - pairs[0].cost > WORTH:
-        worth = [own for own in promises(search, pairs[0], likely)[:TRIPLES] if own.gain > WORTH]
-        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], worth)}
+    for pair in pairs[:1]:
+        for own in _without_each(search, pair):
+            if own.cost < tried.get(frozenset(own.names), base).cost:
+                tried[frozenset(own.names)] = own
+                singles = _better(singles, own)
+    if pairs and singles[0].cost - pairs[0].cost > worth:
+        enough = [own for own in promises(search, pairs[0], likely)[:TRIPLES] if own.gain > worth]
+        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
     return Selection(search, base, tuple(sorted(tried.values(), key=lambda own: own.cost)), tuple(promised))
+
+
+def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis, list[Candidate]]:
+    """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
+    search.about(None)
+    base = refitted(search, search.at_means())
+    promised = promises(search, base, candidates)
+    known = from_where_best(promised)
+    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
+    if best.candidates:
+        more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
+        best = min([best, *_with_each(search, best, more)], key=lambda own: own.cost)
+    return best, known
+
+
+def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis without one of its effects, for each, from where it stood."""
+    starts, at = [], 0
+    for candidate in whole.candidates:
+        own = slice(at, at + len(candidate.axes))
+        others = tuple(each for each in whole.candidates if each is not candidate)
+        starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
+        at = own.stop
+    return search.refit(starts)
+
+
+def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
+    """Singles with one that was known before, in place of the same one if it is better."""
+    others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
+    new = others if any(own.names == known.names for own in others) else [*others, known]
+    return sorted(new, key=lambda own: own.cost)
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:
@@ -102,7 +161,7 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
     starts = []
     for own in promised:
         candidate, m = own.candidate, np.append(parent.m, own.start)
-        null = np.append(parent.m, [candidate.axes[0].null, *own.start[1:]])
+        null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *own.start[1:]])
         way_back = (parent, null) if candidate.gradual else None
         starts.append(Start((*parent.candidates, candidate), m, parent.theta, parent.linear, way_back))
     return sorted(search.refit(starts), key=lambda own: own.cost)

@@ -32,52 +32,30 @@ class Promise:
     told: float = 1.0
 
 
-class Prospects:
-    """What single candidates do beside a hypothesis: simulated once, weighed as often as noise is known better.
-
-    Parameters
-    ----------
-    search : what simulates.
-    beside : the hypothesis.
-    candidates : those that it may have.
-    """
-
-    def __init__(self, search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> None:
-        self._search = search
-        new = [candidate for candidate in candidates if candidate.effect not in beside.names]
-        p = search.vector(beside)
-        self._plain = [candidate for candidate in new if not candidate.starts]
-        columns = [candidate.axes[0].index for candidate in self._plain]
-        self._J = search.bench.linearise(p, columns)[1] if columns else np.zeros((*beside.e.shape, 0))
-        self._tried = [(candidate, start) for candidate in new for start in candidate.starts]
-        e = search.residuals([search.placed(p, candidate.axes, start) for candidate, start in self._tried])
-        moved = np.moveaxis(e + (search.first_order(beside) - beside.e), 0, 2)
-        self._sane = np.all(np.isfinite(moved), axis=(0, 1)) & np.any(moved != 0, axis=(0, 1))
-        self._moved = np.where(self._sane, moved, 0.0)
-
-    def promises(self, beside: Hypothesis) -> list[Promise]:
-        """What candidates promise, most promising first; the hypothesis may have been refitted meanwhile."""
-        found: dict[str, Promise] = {}
-        columns = np.concatenate([self._J, self._moved], axis=2)
-        projected = self._search.project(beside.e, columns, beside.theta, beside.linear)
-        numbers = list(zip(*projected, strict=True))
-        for candidate, (gain, step, curve, raw) in zip(self._plain, numbers, strict=False):
-            axis = candidate.axes[0]
-            at = float(np.clip(self._search.where(beside, axis) + step, axis.low, axis.high))
-            sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
-            found[candidate.effect] = Promise(candidate, float(gain), (at,), sd, told)
-        rest = numbers[len(self._plain) :]
-        for (candidate, start), ok, (gain, share, curve, raw) in zip(self._tried, self._sane, rest, strict=True):
-            own = _promised(candidate, start, float(gain), float(share)) if ok else None
-            if own is not None and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
-                sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
-                found[candidate.effect] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
-        return sorted(found.values(), key=lambda promise: -promise.gain)
-
-
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
     """What candidates promise beside a hypothesis, most promising first."""
-    return Prospects(search, beside, candidates).promises(beside)
+    new = [candidate for candidate in candidates if candidate.effect not in beside.names]
+    p, found = search.vector(beside), dict[str, Promise]()
+    plain = [candidate for candidate in new if not candidate.starts]
+    columns = [candidate.axes[0].index for candidate in plain]
+    J = search.bench.linearise(p, columns)[1] if columns else np.zeros((*beside.e.shape, 0))
+    tried = [(candidate, start) for candidate in new for start in candidate.starts]
+    e = search.residuals([search.placed(p, candidate.axes, start) for candidate, start in tried])
+    moved = np.moveaxis(e + (search.first_order(beside) - beside.e), 0, 2)
+    sane = np.all(np.isfinite(moved), axis=(0, 1)) & np.any(moved != 0, axis=(0, 1))
+    both = np.concatenate([J, np.where(sane, moved, 0.0)], axis=2)
+    numbers = list(zip(*search.project(beside.e, both, beside.theta, beside.linear), strict=True))
+    for candidate, (gain, step, curve, raw) in zip(plain, numbers, strict=False):
+        axis = candidate.axes[0]
+        at = float(np.clip(search.where(beside, axis) + step, axis.low, axis.high))
+        sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
+        found[candidate.effect] = Promise(candidate, float(gain), (at,), sd, told)
+    for (candidate, start), ok, (gain, share, curve, raw) in zip(tried, sane, numbers[len(plain) :], strict=True):
+        own = _promised(candidate, start, float(gain), float(share)) if ok else None
+        if own is not None and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
+            sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
+            found[candidate.effect] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
+    return sorted(found.values(), key=lambda promise: -promise.gain)
 
 
 def from_where_best(promised: Sequence[Promise]) -> list[Candidate]:

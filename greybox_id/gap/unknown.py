@@ -16,6 +16,8 @@ from .search import Hypothesis, Search
 
 SURE = 1e-3
 """A spread counts where noise alone would hardly show it so often."""
+SURELY = 4.0
+"""What noise alone may leave, in standard deviations of that, does not count."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ class Signs:
 def signs(search: Search, base: Hypothesis, best: Hypothesis, closed: Closure, seen: Mapping[str, Array]) -> Signs:
     """Collect what speaks for something unknown beside the best hypothesis."""
     gained, expected = left_gain(search, best, seen)
-    over = max(gained - expected, 0.0)
+    over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
     gain = base.cost - best.cost
-    rest = closed.after - closed.floor
+    rest = closed.after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
     if best.candidates:
@@ -58,7 +60,7 @@ def signs(search: Search, base: Hypothesis, best: Hypothesis, closed: Closure, s
         if told:
             most = max(told, key=lambda own: own.relative)
             spread, along = min(most.relative, 2.0), most.along
-    left = float(np.clip(rest / max(closed.before - closed.floor, 0.02), 0.0, 2.0))
+    left = float(np.clip(rest / max(closed.before - 1.0, 0.02), 0.0, 2.0))
     return Signs(left, float(rest), over / max(over + gain, 1e-9), spread, along, gain)
 
 

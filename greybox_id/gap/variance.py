@@ -1,4 +1,4 @@
-"""Effects that change no expected reading but how readings scatter: repeated rows, and jitter of the sampling instant."""
+"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of the instant of reading."""
 
 from __future__ import annotations
 

@@ -31,6 +31,8 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "latency": ("constant", "jittering"),
 }
 """What can be chosen, the form of models first."""
+EFFECTS_ALREADY = ("latency",)
+"""A latency that jitters is an effect of the vocabulary: it is never drawn as a mere form."""
 
 
 @dataclass(frozen=True)
@@ -90,4 +92,5 @@ NOMINAL = Forms()
 
 def other(rng: np.random.Generator) -> Forms:
     """Another form for everything, where there are several one of them."""
-    return Forms(**{name: str(rng.choice(choices[1:])) for name, choices in CHOICES.items()})
+    drawn = {name: str(rng.choice(choices[1:])) for name, choices in CHOICES.items() if name not in EFFECTS_ALREADY}
+    return Forms(**drawn)

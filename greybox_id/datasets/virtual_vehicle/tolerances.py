@@ -12,11 +12,11 @@ from .car import VirtualCar
 from .effects import ALL
 
 _RELATIVE = {
-    "m": 0.005, "I_z": 0.05, "l_f": 0.005, "l_r": 0.005,
-    "B_f": 0.04, "C_f": 0.015, "D_f": 0.025, "B_r": 0.04, "C_r": 0.015, "D_r": 0.025,
-    "c_0": 0.10, "c_2": 0.10, "force_per_unit": 0.02,
+    "m": 0.003, "I_z": 0.02, "l_f": 0.003, "l_r": 0.003,
+    "B_f": 0.015, "C_f": 0.005, "D_f": 0.01, "B_r": 0.015, "C_r": 0.005, "D_r": 0.01,
+    "c_0": 0.04, "c_2": 0.04, "force_per_unit": 0.007,
 }  # fmt: skip
-_ABSOLUTE = {"E_f": 0.05, "E_r": 0.05, "brake_split_front": 0.02}
+_ABSOLUTE = {"E_f": 0.05, "E_r": 0.05, "brake_split_front": 0.01}
 _SOURCES = {
     "m": "scale", "I_z": "estimate from mass and wheelbase", "l_f": "axle loads", "l_r": "axle loads",
     "c_0": "coast-down", "c_2": "coast-down", "force_per_unit": "acceleration runs",
@@ -52,21 +52,21 @@ def tolerances(car: VirtualCar) -> Tolerances:
     small = car.kind == "racer"
     values = {name: share * abs(p[name]) for name, share in _RELATIVE.items()} | dict(_ABSOLUTE)
     if 0.0 < p["drive_split_front"] < 1.0:
-        values["drive_split_front"] = 0.02
+        values["drive_split_front"] = 0.01
     effects = {
-        "steering_lag": 0.004 if small else 0.005,
-        "steering_delay": 0.003,
-        "steering_offset": 0.0015,
-        "steering_ratio": 0.01,
-        "motor_lag": 0.008 if small else 0.01,
-        "road_slope": 0.0015,
-        "road_bank": 0.0015,
+        "steering_lag": 0.002 if small else 0.003,
+        "steering_delay": 0.002,
+        "steering_offset": 0.0006,
+        "steering_ratio": 0.004,
+        "motor_lag": 0.004 if small else 0.006,
+        "road_slope": 0.001,
+        "road_bank": 0.001,
         "yaw_rate_bias": 0.1 * size.yaw_noise,
         "accel_bias_x": 0.12 * size.accel_noise,
         "accel_bias_y": 0.12 * size.accel_noise,
-        "imu_lever_arm": 0.012 * size.length,
-        "sensor_latency_imu": 0.002,
-        "sensor_latency_vx": 0.004,
+        "imu_lever_arm": 0.006 * size.length,
+        "sensor_latency_imu": 0.001,
+        "sensor_latency_vx": 0.002,
     }
     return Tolerances(
         {name: _short(sd) for name, sd in values.items()}, {name: _short(sd) for name, sd in effects.items()}

@@ -110,11 +110,17 @@ class MotionTrace:
         return parts[:a], parts[a:b], parts[b:]
 
     def _evaluate(
-        self, x: list[Symbol], u: Mapping[str, Symbol], p: Namespace, relax: Relax
+        self,
+        x: list[Symbol],
+        u: Mapping[str, Symbol],
+        p: Namespace,
+        relax: Relax,
+        q: NamedQuantities | None = None,
     ) -> tuple[list[Symbol], NamedQuantities]:
+        """Rates and quantities; beginning with those of an instant just before, if given, once through less is enough."""
         model = self.model
-        state, q, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), None, {}
-        for _ in range(model.passes):
+        state, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), {}
+        for _ in range(model.passes if q is None else max(1, model.passes - 1)):
             q = NamedQuantities(model, state, SimpleNamespace(**u), p, relax, before=q)
             rates = dict(model.dynamics(q.x, q.u, q.p, q))
         assert q is not None
@@ -135,12 +141,12 @@ class MotionTrace:
             return {name: begin + share * (end - begin) for name, (begin, end) in lines.items()}
 
         relax = Following(*self._relaxing(relaxed), h)
-        k1, _ = self._evaluate(x, command(0.0), p, relax.first)
-        k2, _ = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.second)
-        k3, _ = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.third)
-        k4, _ = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.fourth)
+        k1, q = self._evaluate(x, command(0.0), p, relax.first)
+        k2, q = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.second, q)
+        k3, q = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.third, q)
+        k4, q = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.fourth, q)
         end = [v + h / 6 * (a + 2 * b + 2 * c + d) for v, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
-        _, q = self._evaluate(end, command(1.0), p, relax.end)
+        _, q = self._evaluate(end, command(1.0), p, relax.end, q)
         followed = [getattr(q, relaxation.quantity) for relaxation in self.model.relaxations]
         return cs.vertcat(*end, *moved, *followed)
 
