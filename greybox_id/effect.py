@@ -35,7 +35,7 @@ class Effect:
     memory_parameter : its magnitude in maps with memory, where that is known or stated differently there.
     others : parameters it needs besides its magnitude, usually held.
     typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
-    gradual : whether its derivative at the null tells about it; that of a lag, a play or a limit vanishes there.
+    gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
     group : steering, drive, tyres, body, road, sensors or timing.
     """
 

@@ -1,4 +1,4 @@
-"""Directions in which a diagnosis moves a model's parameters: nuisances, which are believed, and candidates, which are not."""
+"""Directions in which a diagnosis moves parameters: nuisances, which are believed, and candidates, which are not."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def candidates(model: MotionModel, effects: Mapping[str, Effect], shifting: froz
     for name, effect in effects.items():
         index, parameter = places[effect.parameter.name]
         main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
-        seconds = [_second(*reversed(places[other.name])) for other in effect.others]
+        seconds = [_second(*places[other.name]) for other in effect.others]
         gradual = effect.gradual and not main.shift
         if gradual and not seconds:
             found.append(Candidate(name, (main,)))
@@ -171,7 +171,7 @@ def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None =
     return Axis(parameter.name, parameter.unit, index, inverse, null, low, high, null, inf, scale, shift)
 
 
-def _second(parameter: Parameter, index: int) -> Axis:
+def _second(index: int, parameter: Parameter) -> Axis:
     """A second parameter: free within a factor, or in any direction."""
     axis = _axis(parameter, index, False)
     return replace(axis, scale=0.1 if axis.unit == "rad" else 0.1 * abs(axis.null))

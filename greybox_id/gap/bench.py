@@ -39,7 +39,7 @@ class Bench:
     runs : the recordings' unbroken runs.
     measured : (N, outputs) readings, NaN where there is none.
     rows : slices of the N rows, per run.
-    counted : (N, outputs) readings that are there and not in the first moments of a run, of which a late sensor has none.
+    counted : (N, outputs) readings that are there, but not in a run's first moments, of which a late sensor has none.
     loose : states whose starts are read, with noise.
     """
 

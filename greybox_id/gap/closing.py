@@ -1,15 +1,16 @@
 """How far a gap closes: errors before and after, over what noise alone would leave.
 
-Stated tolerances are refitted in both, and what they cost is charged to both, so that a fitted nuisance never passes for
-a gap that closed.
+Stated tolerances are refitted in both, and what they cost is charged to both, so that a fitted nuisance never passes
+for a gap that closed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..errors import BadInput
@@ -22,8 +23,10 @@ from .axes import nuisances, shifting
 from .bench import Bench
 from .colour import sound, white_noise
 from .gap import Closure, Errors
+from .hypothesis import Hypothesis
 from .preparing import prepare_plain
-from .search import Hypothesis, Search
+from .refit import refit
+from .search import Search
 from .stated_noise import stated_noise
 
 BLOCK, DRAWS = 2.0, 400
@@ -62,7 +65,7 @@ def closure(
     """
     first, bench = refitted_tolerances(before, recordings, vehicle, effects)
     then, _ = refitted_tolerances(after, recordings, vehicle, effects)
-    sd, told = stated_noise(bench, vehicle, then.e)
+    sd, _ = stated_noise(bench, vehicle, then.e)
     good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     return closed_by(first, then, sd, good, bench, names)
@@ -81,7 +84,7 @@ def refitted_tolerances(
     sd, _ = stated_noise(bench, vehicle, start)
     search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
     search.about(None)
-    found = search.refit([search.start_of(search.at_means())])
+    found = refit(search, [search.start_of(search.at_means())])
     return misfit(search, found[0]), bench
 
 
@@ -90,7 +93,9 @@ def misfit(search: Search, found: Hypothesis) -> Misfit:
     return Misfit(found.e, search.charge(found))
 
 
-def closed_by(before: Misfit, after: Misfit, sd: Array, good: Array, bench: Bench, names: tuple[str, ...]) -> Closure:
+def closed_by(
+    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: Bench, names: tuple[str, ...]
+) -> Closure:
     """The closure that two misfits are.
 
     Parameters
@@ -122,7 +127,7 @@ def closed_by(before: Misfit, after: Misfit, sd: Array, good: Array, bench: Benc
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 
-def _errors(before: Misfit, after: Misfit, sd: Array, good: Array, bench: Bench) -> tuple[Errors, ...]:
+def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: Bench) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
     found = []
     for c, channel in enumerate(bench.channels):
@@ -137,6 +142,3 @@ def _blocks(bench: Bench) -> list[tuple[int, int]]:
     """Rows [a, b) of blocks."""
     length = max(1, round(BLOCK / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
-
-
-__all__ = ["Misfit", "closed_by", "closure", "misfit", "refitted_tolerances", "replace"]

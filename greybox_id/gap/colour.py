@@ -112,14 +112,13 @@ def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int)
             lagged[own.start + lag : own.stop, lag] = e[own.start : own.stop - lag]
     A = lagged[usable]
     G = A.T @ A
-    best: tuple[float, float, Array] | None = None
+    best = (np.inf, 1.0, np.empty(0))
     for order in range(most + 1):
         a = np.linalg.solve(G[1 : order + 1, 1 : order + 1], G[1 : order + 1, 0]) if order else np.empty(0)
         variance = max(float(G[0, 0] - a @ G[1 : order + 1, 0]) / count, 1e-300)
         score = count * np.log(variance) + order * np.log(count)
-        if best is None or score < best[0] - 1e-9:
-            best = (score, variance, a)
-    assert best is not None
+        if score < best[0] - 1e-9:
+            best = (float(score), variance, np.asarray(a))
     return float(np.sqrt(best[1])), best[2]
 
 

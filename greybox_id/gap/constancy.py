@@ -1,4 +1,4 @@
-"""Is a magnitude the same everywhere? That of a true cause is; an impostor's changes with speed, acceleration and time."""
+"""Is a magnitude the same everywhere? That of a true cause is; an impostor's changes with speed, load and time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..parameter import Array
-from .search import Hypothesis, Search
+from .hypothesis import Hypothesis
+from .search import Search
 
 PARTS = 3
 LEAST = 1e-4
@@ -51,14 +52,16 @@ def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array]) -> l
     result = []
     for along, values in orders.items():
         edges = _thirds(values, informs)
-        I = np.array([np.sum(informs[part]) for part in edges])
-        told = LEAST * total < I
+        told_by = np.array([np.sum(informs[part]) for part in edges])
+        told = told_by > LEAST * total
         offs = np.array([-np.sum(pulls[part]) for part in edges])
-        offs = np.where(told, offs / np.where(told, I, 1.0), np.nan)
-        mean = np.nansum(offs * I) / np.sum(I[told]) if np.any(told) else 0.0
-        Q = float(np.nansum(I * (offs - mean) ** 2))
+        offs = np.where(told, offs / np.where(told, told_by, 1.0), np.nan)
+        mean = np.nansum(offs * told_by) / np.sum(told_by[told]) if np.any(told) else 0.0
+        Q = float(np.nansum(told_by * (offs - mean) ** 2))
         size = abs(found.m[0] - axis.null) + 1e-300
-        relative = float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(I[told])) / size) if np.any(told) else 0.0
+        relative = (
+            float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(told_by[told])) / size) if np.any(told) else 0.0
+        )
         p = float(chi2.sf(Q, max(int(np.sum(told)) - 1, 1)))
         result.append(Spread(along, relative, p, tuple(float(found.m[0] + off) for off in offs)))
     return result

@@ -3,47 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import inf, isfinite
+from dataclasses import replace
+from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
 from ..effect import Effect
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
-from .axes import Axis, candidates, nuisances, shifting
-from .bench import Bench
-from .closing import closed_by, closure, misfit
-from .colour import sound, white_noise
-from .evidence import COST, Evidence, evidence, p_value, probability, tempering
-from .gap import Closure, Gap, Ranked
-from .observer import PULLED
-from .preparing import Prepared, prepare
-from .regimes import signals, where
-from .search import Hypothesis, Search
-from .selection import Firmly, Selection, select
-from .stated_noise import stated_noise
+from .axes import Axis
+from .closing import closure
+from .evidence import p_value, probability
+from .examining import PRESENT, Examined, examine
+from .gap import Gap, Ranked
+from .hypothesis import Hypothesis
+from .regimes import where
 from .strip import strip
-from .unknown import Signs, signs, unknown_probability
-from .variance import Scatter, dropped, jitter, repeats
+from .unknown import unknown_probability
 
 RANKED = 8
 """Effects that are listed at most."""
-PRESENT = 0.5
 SURE = 0.01
 """A gap is detected where noise alone would look so less often."""
 ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
 WIDER = 1.6
 """How much wider intervals are where the equations are rough."""
-FAR_OFF, FIRM = 30.0, 2.0
-"""Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
+NOTHING_UNKNOWN = 0.01
 NOISE_ALONE = {False: 0.03, True: 0.15}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
@@ -82,113 +72,16 @@ def diagnose(
         return answer(found, held_out, tell)
 
 
-@dataclass(frozen=True)
-class Examined:
-    """Everything a diagnosis found, before it is put in words.
-
-    Attributes
-    ----------
-    prepared, bench, selection, evidence : what was simulated, refitted and weighed.
-    best : the hypothesis that weighs most; the base where nothing outweighs it.
-    sd, told : (channels,) sensor noise, and whether it was stated.
-    good : (N, channels) readings that count.
-    held : (N,) rows held stale.
-    rough : whether tolerances are stated.
-    scatter : effects of variance that were found.
-    closed : how far the gap closes on these recordings.
-    signs : of something unknown.
-    """
-
-    model: MotionModel
-    recordings: tuple[Recording, ...]
-    effects: Mapping[str, Effect]
-    vehicle: Vehicle | None
-    prepared: Prepared
-    bench: Bench
-    selection: Selection
-    evidence: Evidence
-    best: Hypothesis
-    sd: Array
-    told: bool
-    good: NDArray[np.bool_]
-    held: NDArray[np.bool_]
-    rough: bool
-    scatter: Mapping[str, Scatter]
-    closed: Closure
-    signs: Signs
-    seen: Mapping[str, Array]
-    y: Array
-
-
-def examine(
-    model: MotionModel,
-    recordings: Sequence[Recording],
-    effects: Mapping[str, Effect],
-    vehicle: Vehicle | None,
-    tell: Callable[..., None],
-) -> Examined:
-    """Refit and weigh what may explain recordings."""
-    prepared = prepare(model, recordings, effects, vehicle)
-    tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
-    bench = Bench(prepared.everything, prepared.seen(recordings))
-    moving = shifting(prepared.everything)
-    believed = nuisances(prepared.everything, effects, moving)
-    own = candidates(prepared.everything, prepared.effects, moving)
-    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
-    sd, told = stated_noise(bench, vehicle, start)
-    held = repeats(bench)
-    stale = dropped(held)
-    good = sound(start, bench.counted, bench.rows)
-    if stale is not None:
-        good &= ~held[:, None]
-    search = Search(bench, believed, white_noise(sd, good, bench.rows))
-    tell(f"refitting {len(believed)} tolerances and what may be missing")
-    rough = any(not axis.abrupt for axis in believed)
-    worth = COST / tempering(int(np.sum(good)), rough)
-    selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
-    weighed = evidence(selection, rough)
-    best = selection.base
-    if selection.tried and max(weighed.scores) > 0:
-        best = selection.tried[int(np.argmax(weighed.scores))]
-    sd, told = stated_noise(bench, vehicle, best.e)
-    if not told:
-        sd = np.minimum(sd, search.colour.stationary_sd)
-    y = np.where(bench.counted, best.e + bench.measured, 0.0)
-    seen = signals(bench, y)
-    closed = closed_by(
-        misfit(search, selection.base), misfit(search, best), sd, good, bench, tuple(own.name for own in recordings)
-    )
-    scatter = {"dropped_samples": stale} if stale is not None else {}
-    jittered = jitter(bench, best.e, y, sd, good)
-    if jittered is not None:
-        scatter["timestamp_jitter"] = jittered
-    own_signs = signs(search, selection.base, best, closed, seen)
-    return Examined(
-        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
-        rough, scatter, closed, own_signs, seen, y,
-    )  # fmt: skip
-
-
-def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
-    """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
-    name = PULLED.format("yaw_rate")
-    off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
-    if name not in bench.model or off < FAR_OFF:
-        return None
-    index = [parameter.name for parameter in bench.model.parameters].index(name)
-    return Firmly(index, FIRM)
-
-
 def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """What a diagnosis says of what it found."""
     selection, weighed = found.selection, found.evidence
     ranking = _ranking(found)
     best_gain = max((selection.base.cost - own.cost for own in selection.tried), default=0.0)
     p = p_value(weighed.temper * best_gain, 1, len(found.prepared.effects))
-    scattered = [name for name, own in found.scatter.items() if _present(own, found) > PRESENT]
+    scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
     unexplained = found.told and found.signs.excess > NOISE_ALONE[found.rough]
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
-    unknown = unknown_probability(found.signs, found.rough) if detected and not scattered else 0.02
+    unknown = unknown_probability(found.signs, found.rough) if detected else NOTHING_UNKNOWN
     applied = tuple(found.best.names)
     closed = _closed_model(found)
     verified = None
@@ -255,18 +148,13 @@ def _ranking(found: Examined) -> list[Ranked]:
                 interval,
                 _alike(found, name),
                 rest - most.cost,
-            )  # fmt: skip
+            )
         )
-    for name, own in found.scatter.items():
+    for name, (own, present) in found.scatter.items():
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
-        ranked.append(Ranked(name, _present(own, found), own.magnitude, unit, span, (), own.gain))
+        ranked.append(Ranked(name, present, own.magnitude, unit, span, (), own.gain))
     return sorted(ranked, key=lambda own: (-round(own.probability, 6), -own.gain))[:RANKED]
-
-
-def _present(own: Scatter, found: Examined) -> float:
-    score = found.evidence.temper * own.gain - 7.0
-    return float(1 / (1 + np.exp(-np.clip(score, -30, 30))))
 
 
 def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:
@@ -344,6 +232,3 @@ def _shape(found: Examined, channel: str) -> str:
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"
-
-
-__all__ = ["Examined", "answer", "diagnose", "examine", "inf"]

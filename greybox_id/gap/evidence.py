@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from .search import Hypothesis
+from .hypothesis import Hypothesis
 from .selection import Selection
 
 COST, SECOND_PARAMETER = 7.0, 3.0
 """Log-odds against an effect before anything was read, and against a second parameter of it."""
-ROUGH = 1e-3
+ROUGH = 2.5e-3
 """Log-likelihood per reading that misfits of a rough model's form gain."""
 EXACT = 10.0
 """Gains are taken as they are where that is well below so much."""

@@ -27,7 +27,7 @@ class Where:
     ----------
     channel : the channel that departs most; one of `CHANNELS`, "" where there is no gap.
     regime : the regime it prefers; one of `REGIMES`.
-    equations : equation, actuator or sensor ("M_z", "steering", "sensor a_y" ...) -> its share of the gap, largest first.
+    equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of what could be gained.
     time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.
     channels : channel -> root mean square of its errors over that of its noise.
     regimes : regime -> (share of the time, share of the gap).

@@ -9,7 +9,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ..parameter import Array
 from .bench import Bench
-from .search import Hypothesis, Search
+from .hypothesis import Hypothesis
+from .search import Search
 
 LAGS = (0.0, 0.12, 0.4)
 """s."""

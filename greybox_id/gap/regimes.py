@@ -23,11 +23,11 @@ EQUATIONS = {
 
 
 def signals(bench: Bench, y: Array) -> dict[str, Array]:
-    """What regimes are told by, per row: from readings where there are any, else as simulated."""
+    """What regimes are told by, per row: as simulated, for readings share their noise with residuals."""
     found = {}
     for c, channel in enumerate(bench.channels):
-        read = bench.measured[:, c]
-        found[channel] = np.where(np.isfinite(read), read, np.nan_to_num(y[:, c]))
+        read = np.nan_to_num(bench.measured[:, c])
+        found[channel] = np.where(bench.counted[:, c], y[:, c], read)
     for k, name in enumerate(bench.model.inputs):
         found[name] = bench.inputs[:, k]
     return {name: _smooth(values, bench) for name, values in found.items()}

@@ -10,16 +10,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..parameter import Array
 from .axes import Candidate
 from .colour import colour
-from .search import Hypothesis, Search, Start
+from .hypothesis import Hypothesis, Start
+from .refit import SETTLED, refit
+from .search import Search
 from .shortlist import Promise, from_where_best, promises
 
 SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
 """Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
 best pair."""
+AGAIN = 0.55
+"""Cost per reading, where noise alone costs half, from which on nuisances are linearised again."""
 FEWEST, HOPE = 4, 0.1
 """Singles that promise less than this share of the best are not refitted, but so many are."""
 ROUGH, MUCH = 6, 0.01
@@ -66,7 +70,7 @@ class Selection:
 
 
 def select(
-    search: Search, candidates: Sequence[Candidate], good: Array, worth: float, firmly: Firmly | None = None
+    search: Search, candidates: Sequence[Candidate], good: NDArray[np.bool_], worth: float, firmly: Firmly | None = None
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -88,7 +92,15 @@ def select(
             search.nominal[firmly.index] = firmly.rate
     search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
     search.about(best)
-    base = refitted(search, search.at_means())
+    alone = Start((), np.empty(0), best.theta, best.linear)
+    base = min(refit(search, [search.start_of(search.at_means()), alone]), key=lambda own: own.cost)
+    if len(base.theta) and base.cost - best.cost > worth:  # is that a gap, or did nuisances not get there?
+        search.about(base)
+        again = refitted(search, base)
+        if again.cost < base.cost - SETTLED:
+            base = again
+        else:
+            search.about(best)
     promised = promises(search, base, known if firmly is None else candidates)
     likely = from_where_best(promised)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
@@ -100,7 +112,7 @@ def select(
         tried[frozenset(best.names)] = refitted(search, best)
     least = min(own.cost for own in tried.values())
     for parent in singles[:PAIRS]:
-        needed = max(worth, parent.cost - least + worth)
+        needed = max(worth, parent.cost - least - worth)
         enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         if not enough and parent is singles[0]:  # one effect explains what there is
@@ -123,6 +135,9 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
     search.about(None)
     base = refitted(search, search.at_means())
+    if base.cost > AGAIN * search.colour.readings:  # nuisances may have moved far: once more, about where they are
+        search.about(base)
+        base = refitted(search, base)
     promised = promises(search, base, candidates)
     known = from_where_best(promised)
     best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
@@ -140,7 +155,7 @@ def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
         others = tuple(each for each in whole.candidates if each is not candidate)
         starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
         at = own.stop
-    return search.refit(starts)
+    return refit(search, starts)
 
 
 def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
@@ -152,7 +167,7 @@ def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:
     """A hypothesis, from where it stood."""
-    found = search.refit([search.start_of(again)])
+    found = refit(search, [search.start_of(again)])
     return found[0] if found else again
 
 
@@ -164,4 +179,4 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *own.start[1:]])
         way_back = (parent, null) if candidate.gradual else None
         starts.append(Start((*parent.candidates, candidate), m, parent.theta, parent.linear, way_back))
-    return sorted(search.refit(starts), key=lambda own: own.cost)
+    return sorted(refit(search, starts), key=lambda own: own.cost)

@@ -9,7 +9,8 @@ from math import inf
 import numpy as np
 
 from .axes import Candidate
-from .search import Hypothesis, Search
+from .hypothesis import Hypothesis
+from .search import Search
 
 
 @dataclass(frozen=True)

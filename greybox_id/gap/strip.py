@@ -68,10 +68,15 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
     if "v_x" not in seen or "a_y" not in seen:
         return {}
     v, a = seen["v_x"], seen["a_y"]
-    edges = [np.linspace(*np.quantile(own, [0.001, 0.999]), CELLS + 1) for own in (v, a)]
+    edges = [_edges(own) for own in (v, a)]
     if any(own[-1] <= own[0] for own in edges):
         return {}
     rows, _, _ = np.histogram2d(v, a, edges)
     total, _, _ = np.histogram2d(v, a, edges, weights=gap)
     share = np.where(rows > 0, total / max(float(np.sum(np.abs(total))), 1e-12), np.nan)
     return {"v_x": edges[0], "a_y": edges[1], "gap": share}
+
+
+def _edges(values: Array) -> Array:
+    low, high = (float(end) for end in np.quantile(values, [0.001, 0.999]))
+    return np.linspace(low, high, CELLS + 1)

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..parameter import Array
 from .constancy import Spread, spreads
-from .gap import Closure
+from .hypothesis import Hypothesis
 from .leftover import left_gain
-from .search import Hypothesis, Search
+from .search import Search
 
 SURE = 1e-3
 """A spread counts where noise alone would hardly show it so often."""
@@ -32,6 +32,7 @@ class Signs:
     spread : by which share the magnitude differs between parts of the recording.
     along : what those are parts of.
     gain : log-likelihood that the named effects gain.
+    effects : how many they are.
     """
 
     left: float
@@ -40,14 +41,24 @@ class Signs:
     spread: float
     along: str
     gain: float
+    effects: int
 
 
-def signs(search: Search, base: Hypothesis, best: Hypothesis, closed: Closure, seen: Mapping[str, Array]) -> Signs:
-    """Collect what speaks for something unknown beside the best hypothesis."""
+def signs(
+    search: Search, base: Hypothesis, best: Hypothesis, before: float, after: float, seen: Mapping[str, Array]
+) -> Signs:
+    """Collect what speaks for something unknown beside the best hypothesis.
+
+    Parameters
+    ----------
+    search, base, best : hypotheses and what refitted them.
+    before, after : mean square of errors over that of noise.
+    seen : signals per row.
+    """
     gained, expected = left_gain(search, best, seen)
     over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
     gain = base.cost - best.cost
-    rest = closed.after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
+    rest = after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
     if best.candidates:
@@ -60,8 +71,8 @@ def signs(search: Search, base: Hypothesis, best: Hypothesis, closed: Closure, s
         if told:
             most = max(told, key=lambda own: own.relative)
             spread, along = min(most.relative, 2.0), most.along
-    left = float(np.clip(rest / max(closed.before - 1.0, 0.02), 0.0, 2.0))
-    return Signs(left, float(rest), over / max(over + gain, 1e-9), spread, along, gain)
+    left = float(np.clip(rest / max(before - 1.0, 0.02), 0.0, 2.0))
+    return Signs(left, float(rest), over / max(over + gain, 1e-9), spread, along, gain, len(best.candidates))
 
 
 def unknown_probability(own: Signs, rough: bool) -> float:

@@ -1,4 +1,4 @@
-"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of the instant of reading."""
+"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants."""
 
 from __future__ import annotations
 
@@ -28,11 +28,13 @@ class Scatter:
     magnitude : share of rows, or seconds.
     sd : of it.
     gain : in log-likelihood.
+    left : mean square of residuals over that of noise, once it is taken into account.
     """
 
     magnitude: float
     sd: float
     gain: float
+    left: float = 1.0
 
 
 def repeats(bench: Bench) -> NDArray[np.bool_]:
@@ -82,11 +84,14 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     h, g = np.sum(a**2, axis=1), np.sum(a * z, axis=1)
     count = np.sum(use, axis=1)
 
-    def loss(log_variance: float) -> float:
-        v = np.exp(log_variance)
+    def scale(v: float) -> float:
+        """Noise is as large as it must be beside it."""
         squares = np.sum(z**2, axis=1) - v * g**2 / (1 + v * h)
-        scale = np.sum(squares) / max(np.sum(count), 1)  # noise is as large as it must be beside it
-        return float(0.5 * np.sum(np.log1p(v * h)) + 0.5 * np.sum(count) * np.log(max(scale, 1e-300)))
+        return max(float(np.sum(squares)) / max(int(np.sum(count)), 1), 1e-300)
+
+    def loss(log_variance: float) -> float:
+        v = float(np.exp(log_variance))
+        return float(0.5 * np.sum(np.log1p(v * h)) + 0.5 * np.sum(count) * np.log(scale(v)))
 
     without = 0.5 * np.sum(count) * np.log(max(float(np.sum(z**2)) / max(int(np.sum(count)), 1), 1e-300))
     if not np.any(h > 0):
@@ -99,4 +104,4 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
     tau = float(np.exp(at / 2))
-    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain)
+    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain, scale(tau**2))

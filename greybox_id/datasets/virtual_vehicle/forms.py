@@ -31,8 +31,9 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "latency": ("constant", "jittering"),
 }
 """What can be chosen, the form of models first."""
-EFFECTS_ALREADY = ("latency",)
-"""A latency that jitters is an effect of the vocabulary: it is never drawn as a mere form."""
+EFFECTS_ALREADY = ("latency", "stiffness")
+"""A latency that jitters, and a stiffness that grows less than its load, are effects of the vocabulary: they are never
+drawn as mere forms."""
 
 
 @dataclass(frozen=True)

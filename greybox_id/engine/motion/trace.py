@@ -117,7 +117,7 @@ class MotionTrace:
         relax: Relax,
         q: NamedQuantities | None = None,
     ) -> tuple[list[Symbol], NamedQuantities]:
-        """Rates and quantities; beginning with those of an instant just before, if given, once through less is enough."""
+        """Rates and quantities; from those of an instant just before, if given, once through less is enough."""
         model = self.model
         state, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), {}
         for _ in range(model.passes if q is None else max(1, model.passes - 1)):

@@ -88,7 +88,7 @@ tyre_relaxation = effect(
 
 combined_slip = alteration(
     GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "how much of the friction ellipse longitudinal forces take",
-    typical=0.6, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
+    typical=0.6, gradual=False, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
     F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q),
     F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q),
 )  # fmt: skip

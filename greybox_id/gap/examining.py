@@ -1,0 +1,145 @@
+"""What a diagnosis finds out before it says anything: refits, weights, and signs of something unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..effect import Effect
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..vehicle import Vehicle
+from .axes import candidates, nuisances, shifting
+from .bench import Bench
+from .closing import closed_by, misfit
+from .colour import sound, white_noise
+from .evidence import COST, Evidence, evidence, tempering
+from .gap import Closure
+from .hypothesis import Hypothesis
+from .observer import PULLED
+from .preparing import Prepared, prepare
+from .regimes import signals
+from .search import Search
+from .selection import Firmly, Selection, select
+from .stated_noise import stated_noise
+from .unknown import Signs, signs
+from .variance import Scatter, dropped, jitter, repeats
+
+PRESENT = 0.5
+FAR_OFF, FIRM = 30.0, 2.0
+"""Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
+STEEP, HALF = 15.0, 0.4
+"""Jitter is believed where it explains more than so much of what is left."""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Everything a diagnosis found, before it is put in words.
+
+    Attributes
+    ----------
+    prepared, bench, selection, evidence : what was simulated, refitted and weighed.
+    best : the hypothesis that weighs most; the base where nothing outweighs it.
+    sd, told : (channels,) sensor noise, and whether it was stated.
+    good : (N, channels) readings that count.
+    held : (N,) rows held stale.
+    rough : whether tolerances are stated.
+    scatter : effects of variance, and the probability that each is present.
+    closed : how far the gap closes on these recordings.
+    signs : of something unknown.
+    """
+
+    model: MotionModel
+    recordings: tuple[Recording, ...]
+    effects: Mapping[str, Effect]
+    vehicle: Vehicle | None
+    prepared: Prepared
+    bench: Bench
+    selection: Selection
+    evidence: Evidence
+    best: Hypothesis
+    sd: Array
+    told: bool
+    good: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+    rough: bool
+    scatter: Mapping[str, tuple[Scatter, float]]
+    closed: Closure
+    signs: Signs
+    seen: Mapping[str, Array]
+    y: Array
+
+
+def examine(
+    model: MotionModel,
+    recordings: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    vehicle: Vehicle | None,
+    tell: Callable[..., None],
+) -> Examined:
+    """Refit and weigh what may explain recordings."""
+    prepared = prepare(model, recordings, effects, vehicle)
+    tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
+    bench = Bench(prepared.everything, prepared.seen(recordings))
+    moving = shifting(prepared.everything)
+    believed = nuisances(prepared.everything, effects, moving)
+    own = candidates(prepared.everything, prepared.effects, moving)
+    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
+    sd, told = stated_noise(bench, vehicle, start)
+    held = repeats(bench)
+    stale = dropped(held)
+    good = sound(start, bench.counted, bench.rows)
+    if stale is not None:
+        good &= ~held[:, None]
+    search = Search(bench, believed, white_noise(sd, good, bench.rows))
+    tell(f"refitting {len(believed)} tolerances and what may be missing")
+    rough = any(not axis.abrupt for axis in believed)
+    worth = COST / tempering(int(np.sum(good)), rough)
+    selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
+    weighed = evidence(selection, rough)
+    best = selection.base
+    if selection.tried and max(weighed.scores) > 0:
+        best = selection.tried[int(np.argmax(weighed.scores))]
+    sd, told = stated_noise(bench, vehicle, best.e)
+    if not told:
+        sd = np.minimum(sd, search.colour.stationary_sd)
+    y = np.where(bench.counted, best.e + bench.measured, 0.0)
+    seen = signals(bench, y)
+    closed = closed_by(
+        misfit(search, selection.base), misfit(search, best), sd, good, bench, tuple(own.name for own in recordings)
+    )
+    scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
+    jittered, after = jitter(bench, best.e, y, sd, good), closed.after
+    if jittered is not None:
+        explained = (after - jittered.left) / max(after - 1.0, 1e-3)
+        present = _sure(jittered, weighed.temper) * _sigmoid(STEEP * (explained - HALF))
+        scatter["timestamp_jitter"] = (jittered, present)
+        after = jittered.left if present > PRESENT else after
+    own_signs = signs(search, selection.base, best, closed.before, after, seen)
+    return Examined(
+        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
+        rough, scatter, closed, own_signs, seen, y,
+    )  # fmt: skip
+
+
+def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
+    """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
+    name = PULLED.format("yaw_rate")
+    off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
+    if name not in bench.model or off < FAR_OFF:
+        return None
+    index = [parameter.name for parameter in bench.model.parameters].index(name)
+    return Firmly(index, FIRM)
+
+
+def _sure(own: Scatter, temper: float) -> float:
+    """The probability of an effect of variance, by its likelihood."""
+    return _sigmoid(temper * own.gain - COST)
+
+
+def _sigmoid(x: float) -> float:
+    return float(1 / (1 + np.exp(-np.clip(x, -30, 30))))

@@ -1,0 +1,79 @@
+"""The words of a diagnosis' search: hypotheses, where refits of them start, and what projections tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..parameter import Array
+from .axes import Axis, Candidate
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Some candidates at the magnitudes that explain the recording best.
+
+    Attributes
+    ----------
+    candidates : those that are present.
+    m : their coordinates, in the order of their axes.
+    theta : coordinates of the nuisances that move nonlinearly.
+    linear : of those that enter to first order.
+    cost : negative log-likelihood with beliefs, up to a constant.
+    e : (N, channels) residuals, prediction minus reading.
+    J : (N, channels, m) their derivative by m.
+    """
+
+    candidates: tuple[Candidate, ...]
+    m: Array
+    theta: Array
+    linear: Array
+    cost: float
+    e: Array
+    J: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects'."""
+        return tuple(candidate.effect for candidate in self.candidates)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Of all candidates."""
+        return tuple(axis for candidate in self.candidates for axis in candidate.axes)
+
+
+class Projection(NamedTuple):
+    """What single columns would gain, (K,) each.
+
+    Attributes
+    ----------
+    gain : in log-likelihood.
+    step : along each.
+    curve : information on each, nuisances refitted.
+    raw : the same with nuisances held.
+    """
+
+    gain: Array
+    step: Array
+    curve: Array
+    raw: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a refit begins.
+
+    Attributes
+    ----------
+    candidates : of the hypothesis.
+    m, theta, linear : coordinates.
+    origin : a hypothesis without the last candidate, and the coordinates at which the whole equals it: a start that
+        explains less is drawn back towards it. None where there is no way back.
+    """
+
+    candidates: tuple[Candidate, ...]
+    m: Array
+    theta: Array
+    linear: Array
+    origin: tuple[Hypothesis, Array] | None = None

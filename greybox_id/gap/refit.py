@@ -1,0 +1,167 @@
+"""Refitting of hypotheses side by side: Gauss-Newton steps in nuisances and magnitudes, shortened if too long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameter import Array
+from .axes import Axis
+from .hypothesis import Hypothesis, Start
+from .search import Search
+
+ITERATIONS = 7
+SETTLED = 0.02
+"""A refit ends when a step gains less than this much log-likelihood."""
+HOPELESS = 2e-4
+"""Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
+SHORTEST = 0.03
+"""A step that must be shortened further leads nowhere."""
+BESIDE = 1e-3
+"""Distance of the simulation beside a hypothesis, in its magnitude's scale."""
+FAR = 1e-9
+
+
+def refit(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
+    """Refit hypotheses side by side, in their order; those that have no finite residuals are left out."""
+    work = [_Work(search, start) for start in starts]
+    for _ in range(ITERATIONS):
+        active = [own for own in work if not own.done]
+        if not active:
+            break
+        wanted = [p for own in active for p in own.wanted()]
+        e = search.residuals(wanted)
+        first = 0
+        for own in active:
+            count = len(own.wanted())
+            own.take(e[first : first + count])
+            first += count
+    return [own.best for own in work if own.best is not None]
+
+
+class _Work:
+    """One hypothesis on its way."""
+
+    def __init__(self, search: Search, start: Start) -> None:
+        self.search, self.candidates = search, start.candidates
+        self.axes = tuple(axis for candidate in start.candidates for axis in candidate.axes)
+        self._own = {axis.index for axis in self.axes}
+        linear = search.released(np.array(start.linear, dtype=float), self.axes)
+        self.at = (np.array(start.m, dtype=float), np.array(start.theta, dtype=float), linear)
+        self.best: Hypothesis | None = None
+        self._step: Array | None = None
+        self.done, self._share = False, 1.0
+        if start.origin is not None and np.array_equal(linear, start.linear):
+            self._begin_at(*start.origin)
+
+    def _begin_at(self, origin: Hypothesis, m: Array) -> None:
+        """Take the start for a step from the origin, which may be shortened."""
+        nothing = np.zeros((*origin.e.shape, len(m)))
+        self.best = Hypothesis(self.candidates, m, origin.theta, origin.linear, origin.cost, origin.e, nothing)
+        there = np.concatenate([self.at[1], self.at[2], self.at[0]])
+        self._step = there - np.concatenate([origin.theta, origin.linear, m])
+
+    def wanted(self) -> list[Array]:
+        """Parameter vectors to simulate: where it stands, and beside it."""
+        m, theta, _ = self.at
+        search = self.search
+        p = search.placed(search.placed(search.nominal, search.moving, theta), self.axes, m)
+        found = [p]
+        for k, axis in enumerate(self.axes):
+            beside = m.copy()
+            beside[k] += self._beside(axis, m[k])
+            found.append(search.placed(p, self.axes, beside))
+        return found
+
+    @staticmethod
+    def _beside(axis: Axis, at: float) -> float:
+        step = max(BESIDE * axis.scale, BESIDE * abs(at)) if not axis.shift else 1e-4
+        return step if at + step <= axis.high else -step
+
+    def take(self, e: Array) -> None:
+        """Simulations have come back."""
+        search, (m, theta, linear) = self.search, self.at
+        base = e[0] + search.linear_by @ (linear - search.null_linear)
+        r = search.colour.white(base[:, :, None]).ravel()
+        u = np.concatenate([theta, linear])
+        precision = self._precision()
+        cost = 0.5 * float(r @ r) + 0.5 * float(np.sum(precision * (u - search.means) ** 2))
+        if not np.isfinite(cost):
+            cost = np.inf
+        if self.best is not None and not cost <= self.best.cost:
+            self._back()
+            return
+        if not np.isfinite(cost):
+            self.done = True
+            return
+        gained = np.inf if self.best is None else self.best.cost - cost
+        J = (
+            np.stack([(e[1 + k] - e[0]) / self._beside(a, m[k]) for k, a in enumerate(self.axes)], axis=2)
+            if len(self.axes)
+            else np.zeros((*base.shape, 0))
+        )
+        self.best = Hypothesis(self.candidates, m, theta, linear, cost, base, J)
+        if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.colour.readings, 0.0):
+            self.done = True
+            return
+        self._share = 1.0
+        self._step = self._solve(r, J, u, precision)
+        self._go()
+
+    def _precision(self) -> Array:
+        """Beliefs, without those of candidates: a candidate is not held to its tolerance."""
+        return np.where(self.search.among(self._own), 0.0, self.search.precision)
+
+    def _solve(self, r: Array, J: Array, u: Array, precision: Array) -> Array:
+        """A Gauss-Newton step within the bounds: what would leave them is held there, one after the other."""
+        search = self.search
+        W = search.colour.white(J).reshape(-1, J.shape[2]) if J.shape[2] else np.zeros((len(r), 0))
+        cross = search.white.T @ W
+        H = np.block([[search.gram + np.diag(precision), cross], [cross.T, W.T @ W]])
+        g = np.concatenate([search.white.T @ r + precision * (u - search.means), W.T @ r])
+        m = self.at[0]
+        low = np.concatenate([search.low - u, [a.low for a in self.axes] - m])
+        high = np.concatenate([search.high - u, [a.high for a in self.axes] - m])
+        held = np.append(search.among(self._own), np.zeros(len(m), dtype=bool))
+        return bounded_step(H, g, low, high, held)
+
+    def _go(self) -> None:
+        """Step from the best so far."""
+        assert self.best is not None
+        assert self._step is not None
+        n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
+        step = self._share * self._step
+        self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
+
+    def _back(self) -> None:
+        """The step was too long."""
+        self._share /= 3
+        if self._share < SHORTEST or self._step is None:
+            self.done = True
+            return
+        self._go()
+
+
+def bounded_step(H: Array, g: Array, low: Array, high: Array, held: NDArray[np.bool_]) -> Array:
+    """Minimiser of g d + d H d / 2 with low <= d <= high, by holding what would leave; zero where held."""
+    d, free, fixed = np.zeros(len(g)), ~held, np.zeros(len(g))
+    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    for _ in range(len(g) + 1):
+        index = np.flatnonzero(free)
+        if len(index) == 0:
+            break
+        s = scale[index]
+        A = H[np.ix_(index, index)] / np.outer(s, s) + FAR * np.eye(len(index))
+        d = fixed.copy()
+        d[index] = -np.linalg.solve(A, (g[index] + H[index] @ fixed) / s) / s
+        outside = np.maximum(low - d, d - high) * scale
+        outside[~free] = 0.0
+        worst = int(np.argmax(outside))
+        if outside[worst] <= 1e-12:
+            break
+        fixed[worst] = low[worst] if d[worst] < low[worst] else high[worst]
+        free[worst] = False
+        d = fixed.copy()
+    return np.clip(d, np.where(held, 0.0, low), np.where(held, 0.0, high))
