@@ -18,7 +18,7 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import load
 from ..fitting import Say
-from ..gap import Gap
+from ..gap import Gap, diagnose
 from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from ..model import Model
 from ..models.effects import EFFECTS
@@ -79,7 +79,7 @@ def gap(
     targets = targets_of(out, report, apply, kept=[*recordings, *held_out, *filter(None, (vehicle, fit_file))])
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
     with progress() as say:
-        found = _found(asked, seed, say)
+        found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
     made = Made(
         vehicle=asked.vehicle.name,
         command=shlex.join(["greybox", *sys.argv[1:]]),
@@ -201,11 +201,9 @@ def _nominal(
     return nominal, stated
 
 
-def _found(asked: _Asked, seed: int, say: Say) -> Gap:
+def _found(asked: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
     """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
-    from ..gap.diagnosis import diagnose
-
-    options: dict[str, Any] = {"seed": seed} if seed else {}
+    options: dict[str, Any] = {"horizons": horizons} | ({"seed": seed} if seed else {})
     found = diagnose(
         asked.model, asked.recordings, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say, **options
     )

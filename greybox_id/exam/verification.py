@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ import numpy as np
 from ..datasets.read import read
 from ..datasets.vehicle_file import vehicle
 from ..errors import GreyboxError
+from ..gap.closing import closure
+from ..models.effects import EFFECTS
 from ..models.registry import build, model_of
 from ..motion_model import MotionModel
 from .folder import CLOSED
@@ -54,7 +55,9 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
     plain = diagnosis.get("closed_model")
     try:
         after = model_from(plain) if plain else model_of(vehicle(case / CLOSED))
-        closure = import_module("greybox_id.gap.closing").closure(before, after, [read(held_out)], stated.noise)
+        assert isinstance(before, MotionModel)  # exam cases are vehicles in motion
+        assert isinstance(after, MotionModel)
+        found = closure(before, after, [read(held_out)], stated, EFFECTS, horizons=False)
     except GreyboxError:
         return -inf
-    return float(closure.closed)
+    return float(found.closed)

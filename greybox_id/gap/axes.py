@@ -16,8 +16,8 @@ from ..parameter import Array, Parameter
 
 FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
 """Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
-SHIFTS = (0.5, 2.0)
-"""The same for delays and latencies, for which simulation cuts time anew."""
+SHIFTS = (0.47, 1.9)
+"""The same for delays and latencies, for which simulation cuts time anew: none of them a usual sample time."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
 """By unit, of a second parameter's usual value."""

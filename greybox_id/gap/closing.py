@@ -7,7 +7,7 @@ for a gap that closed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from .axes import nuisances, shifting
 from .bench import Bench
 from .colour import sound, white_noise
 from .gap import Closure, Errors
+from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .preparing import prepare_plain
 from .refit import refit
@@ -53,6 +54,7 @@ def closure(
     recordings: Sequence[Recording],
     vehicle: Vehicle,
     effects: Mapping[str, Effect],
+    horizons: bool = True,
 ) -> Closure:
     """How far a gap closes on recordings that chose nothing.
 
@@ -62,13 +64,15 @@ def closure(
     recordings : on which both are simulated.
     vehicle : what is stated: tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
+    horizons : whether errors over fixed horizons are wanted too.
     """
     first, bench = refitted_tolerances(before, recordings, vehicle, effects)
     then, _ = refitted_tolerances(after, recordings, vehicle, effects)
     sd, _ = stated_noise(bench, vehicle, then.e)
     good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
-    return closed_by(first, then, sd, good, bench, names)
+    found = closed_by(first, then, sd, good, bench, names)
+    return replace(found, errors=by_horizon(before, after, recordings, sd)) if horizons else found
 
 
 def refitted_tolerances(

@@ -20,6 +20,7 @@ from .closing import closure
 from .evidence import p_value, probability
 from .examining import PRESENT, Examined, examine
 from .gap import Gap, Ranked
+from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .regimes import where
 from .strip import strip
@@ -33,8 +34,8 @@ ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
 WIDER = 1.6
 """How much wider intervals are where the equations are rough."""
-NOTHING_UNKNOWN = 0.01
-NOISE_ALONE = {False: 0.03, True: 0.15}
+NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
+NOISE_ALONE = {False: 0.03, True: 1.5}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
 
@@ -47,6 +48,7 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     say: Callable[..., None] | None = None,
     seed: int = 0,
+    horizons: bool = False,
 ) -> Gap:
     """Say where a simulation departs from a vehicle, which effect causes it, and how far the gap shrinks with it.
 
@@ -59,6 +61,8 @@ def diagnose(
         an sd is exact.
     held_out : recordings that choose nothing, on which the closure is verified.
     say : told of progress.
+    horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too; on those held out they are
+        always there.
     seed : kept for the record; nothing here is drawn that a result depends on.
 
     Raises
@@ -69,19 +73,25 @@ def diagnose(
     tell = say or (lambda line, **_: None)
     with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         found = examine(model, recordings, effects, vehicle, tell)
-        return answer(found, held_out, tell)
+        said = answer(found, held_out, tell)
+        if not horizons or said.closed is None:
+            return said
+        errors = by_horizon(model, said.closed, recordings, found.sd)
+        return replace(said, gap=replace(said.gap, errors=errors))
 
 
 def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """What a diagnosis says of what it found."""
     selection, weighed = found.selection, found.evidence
-    ranking = _ranking(found)
     best_gain = max((selection.base.cost - own.cost for own in selection.tried), default=0.0)
     p = p_value(weighed.temper * best_gain, 1, len(found.prepared.effects))
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
     unexplained = found.told and found.signs.excess > NOISE_ALONE[found.rough]
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
     unknown = unknown_probability(found.signs, found.rough) if detected else NOTHING_UNKNOWN
+    if detected and not found.best.candidates and not scattered:  # a gap, and no name for it
+        unknown = max(unknown, NAMELESS)
+    ranking = _ranking(found, 1.0 - unknown)
     applied = tuple(found.best.names)
     closed = _closed_model(found)
     verified = None
@@ -127,8 +137,14 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     )
 
 
-def _ranking(found: Examined) -> list[Ranked]:
-    """Effects by their probability."""
+def _ranking(found: Examined, known: float) -> list[Ranked]:
+    """Effects by their probability.
+
+    Parameters
+    ----------
+    found : what was examined.
+    known : probability that the cause has a name: a named effect that stands in for an unknown one is not present.
+    """
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -142,7 +158,7 @@ def _ranking(found: Examined) -> list[Ranked]:
         ranked.append(
             Ranked(
                 name,
-                probability(weighed, tried, name),
+                known * probability(weighed, tried, name),
                 magnitude,
                 _axis_of(most, name).unit,
                 interval,
@@ -153,7 +169,7 @@ def _ranking(found: Examined) -> list[Ranked]:
     for name, (own, present) in found.scatter.items():
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
-        ranked.append(Ranked(name, present, own.magnitude, unit, span, (), own.gain))
+        ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), own.gain))
     return sorted(ranked, key=lambda own: (-round(own.probability, 6), -own.gain))[:RANKED]
 
 

@@ -19,6 +19,9 @@ from .selection import Selection
 
 COST, SECOND_PARAMETER = 7.0, 3.0
 """Log-odds against an effect before anything was read, and against a second parameter of it."""
+NEXT_TO_NOTHING, NEVER = 0.02, 1e6
+"""Share of its typical magnitude below which an abrupt effect is none, but has a reading taken before its row's
+command; and what it then costs."""
 ROUGH = 2.5e-3
 """Log-likelihood per reading that misfits of a rough model's form gain."""
 EXACT = 10.0
@@ -62,8 +65,15 @@ def tempering(readings: int, rough: bool) -> float:
 
 
 def price(hypothesis: Hypothesis) -> float:
-    """What a hypothesis costs for being complicated."""
-    return sum(COST + SECOND_PARAMETER * (len(own.axes) - 1) for own in hypothesis.candidates)
+    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
+    total, at = 0.0, 0
+    for own in hypothesis.candidates:
+        total += COST + SECOND_PARAMETER * (len(own.axes) - 1)
+        axis = own.axes[0]
+        if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < NEXT_TO_NOTHING * axis.scale:
+            total += NEVER
+        at += len(own.axes)
+    return total
 
 
 def probability(found: Evidence, tried: Sequence[Hypothesis], effect: str) -> float:

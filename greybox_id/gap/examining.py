@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
 STEEP, HALF = 15.0, 0.4
 """Jitter is believed where it explains more than so much of what is left."""
+LASTS = 0.35
+"""And where it does not seem to last from row to row."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,9 @@ def examine(
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:
         sd = np.minimum(sd, search.colour.stationary_sd)
+    if best.candidates and _jitters(bench, selection.base, best, sd, good, weighed):
+        best = selection.base
+        weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
     seen = signals(bench, y)
     closed = closed_by(
@@ -115,11 +120,11 @@ def examine(
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
     jittered, after = jitter(bench, best.e, y, sd, good), closed.after
     if jittered is not None:
-        explained = (after - jittered.left) / max(after - 1.0, 1e-3)
-        present = _sure(jittered, weighed.temper) * _sigmoid(STEEP * (explained - HALF))
+        present = _believed(jittered, after, weighed.temper)
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > PRESENT else after
-    own_signs = signs(search, selection.base, best, closed.before, after, seen)
+    scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
+    own_signs = signs(search, selection.base, best, closed.before, after, seen, scattered)
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,
@@ -134,6 +139,23 @@ def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firml
         return None
     index = [parameter.name for parameter in bench.model.parameters].index(name)
     return Firmly(index, FIRM)
+
+
+def _jitters(
+    bench: Bench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], weighed: Evidence
+) -> bool:
+    """Whether jitter alone explains more than the best hypothesis does."""
+    y = np.where(bench.counted, base.e + bench.measured, 0.0)
+    own = jitter(bench, base.e, y, sd, good)
+    if own is None or own.gain < base.cost - best.cost:
+        return False
+    return _believed(own, float(np.mean((base.e / sd)[good] ** 2)), weighed.temper) > PRESENT
+
+
+def _believed(own: Scatter, after: float, temper: float) -> float:
+    """The probability of jitter: it must explain most of what is left, `after`, and must not last."""
+    explained = (after - own.left) / max(after - 1.0, 1e-3)
+    return _sure(own, temper) * _sigmoid(STEEP * (explained - HALF)) * _sigmoid(2 * STEEP * (LASTS - own.lasting))
 
 
 def _sure(own: Scatter, temper: float) -> float:

@@ -21,6 +21,8 @@ SHORTEST = 0.03
 """A step that must be shortened further leads nowhere."""
 BESIDE = 1e-3
 """Distance of the simulation beside a hypothesis, in its magnitude's scale."""
+SHIFTED, ON_A_ROW = 1e-4, 1e-6
+"""The same for delays and latencies, s; and how near to a row, in rows, they are on it."""
 FAR = 1e-9
 
 
@@ -75,10 +77,14 @@ class _Work:
             found.append(search.placed(p, self.axes, beside))
         return found
 
-    @staticmethod
-    def _beside(axis: Axis, at: float) -> float:
-        step = max(BESIDE * axis.scale, BESIDE * abs(at)) if not axis.shift else 1e-4
-        return step if at + step <= axis.high else -step
+    def _beside(self, axis: Axis, at: float) -> float:
+        """How far beside; a shift does not cross a row, where readings jump."""
+        if not axis.shift:
+            step = max(BESIDE * axis.scale, BESIDE * abs(at))
+            return step if at + step <= axis.high else -step
+        rows = at / self.search.bench.sample_time
+        crosses = np.floor(rows + SHIFTED / self.search.bench.sample_time) > np.floor(rows + ON_A_ROW)
+        return -SHIFTED if crosses and at >= SHIFTED else SHIFTED
 
     def take(self, e: Array) -> None:
         """Simulations have come back."""

@@ -22,6 +22,8 @@ from .shortlist import Promise, from_where_best, promises
 SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
 """Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
 best pair."""
+NEARLY = 0.8
+"""A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 AGAIN = 0.55
 """Cost per reading, where noise alone costs half, from which on nuisances are linearised again."""
 FEWEST, HOPE = 4, 0.1
@@ -102,7 +104,7 @@ def select(
         else:
             search.about(best)
     promised = promises(search, base, known if firmly is None else candidates)
-    likely = from_where_best(promised)
+    likely = from_where_best(promised, candidates)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
     singles = _with_each(search, base, hopeful[:SINGLES])
     if len(best.candidates) == 1:
@@ -111,11 +113,13 @@ def select(
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = refitted(search, best)
     least = min(own.cost for own in tried.values())
-    for parent in singles[:PAIRS]:
-        needed = max(worth, parent.cost - least - worth)
+    first = [own for own in singles if own.names[0] in best.names]
+    parents = [*first, *(own for own in singles[:PAIRS] if own not in first)]
+    for parent in parents:
+        needed = max(worth, NEARLY * (parent.cost - least) - worth)
         enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
-        if not enough and parent is singles[0]:  # one effect explains what there is
+        if not enough and parent is singles[0] and len(best.candidates) < 2:  # one effect explains what there is
             break
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
         least = min(own.cost for own in tried.values())
@@ -139,7 +143,7 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
         search.about(base)
         base = refitted(search, base)
     promised = promises(search, base, candidates)
-    known = from_where_best(promised)
+    known = from_where_best(promised, candidates)
     best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
     if best.candidates:
         more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]

@@ -12,6 +12,9 @@ from .axes import Candidate
 from .hypothesis import Hypothesis
 from .search import Search
 
+FEW = 3
+"""Starts of a candidate that promises nothing alone: beside another one it may."""
+
 
 @dataclass(frozen=True)
 class Promise:
@@ -59,9 +62,13 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
     return sorted(found.values(), key=lambda promise: -promise.gain)
 
 
-def from_where_best(promised: Sequence[Promise]) -> list[Candidate]:
-    """The candidates with one start only, the most promising."""
-    return [replace(own.candidate, starts=(own.start,) if own.candidate.starts else ()) for own in promised]
+def from_where_best(promised: Sequence[Promise], candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates with one start only, the most promising; with a few, where none promised anything."""
+    best = {own.candidate.effect: (own.start,) for own in promised}
+    return [
+        replace(own, starts=best.get(own.effect, own.starts[:: max(1, len(own.starts) // FEW)]) if own.starts else ())
+        for own in candidates
+    ]
 
 
 def _promised(candidate: Candidate, start: tuple[float, ...], gain: float, share: float) -> Promise | None:

@@ -16,6 +16,8 @@ from .search import Search
 
 SURE = 1e-3
 """A spread counts where noise alone would hardly show it so often."""
+MOST = 2
+"""Where more effects than these are needed to explain what one cause might, that cause is none of them."""
 SURELY = 4.0
 """What noise alone may leave, in standard deviations of that, does not count."""
 
@@ -33,6 +35,7 @@ class Signs:
     along : what those are parts of.
     gain : log-likelihood that the named effects gain.
     effects : how many they are.
+    over : log-likelihood per reading that driving still explains.
     """
 
     left: float
@@ -42,10 +45,17 @@ class Signs:
     along: str
     gain: float
     effects: int
+    over: float = 0.0
 
 
 def signs(
-    search: Search, base: Hypothesis, best: Hypothesis, before: float, after: float, seen: Mapping[str, Array]
+    search: Search,
+    base: Hypothesis,
+    best: Hypothesis,
+    before: float,
+    after: float,
+    seen: Mapping[str, Array],
+    scatter: float = 0.0,
 ) -> Signs:
     """Collect what speaks for something unknown beside the best hypothesis.
 
@@ -54,10 +64,11 @@ def signs(
     search, base, best : hypotheses and what refitted them.
     before, after : mean square of errors over that of noise.
     seen : signals per row.
+    scatter : log-likelihood that effects of variance gain.
     """
     gained, expected = left_gain(search, best, seen)
     over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
-    gain = base.cost - best.cost
+    gain = base.cost - best.cost + scatter
     rest = after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
@@ -72,15 +83,30 @@ def signs(
             most = max(told, key=lambda own: own.relative)
             spread, along = min(most.relative, 2.0), most.along
     left = float(np.clip(rest / max(before - 1.0, 0.02), 0.0, 2.0))
-    return Signs(left, float(rest), over / max(over + gain, 1e-9), spread, along, gain, len(best.candidates))
+    if (
+        scatter > 0 and not best.candidates and rest <= 0
+    ):  # a reading taken before its row's command looks like structure
+        over = 0.0
+    return Signs(
+        left,
+        float(rest),
+        over / max(over + gain, 1e-9),
+        spread,
+        along,
+        gain,
+        len(best.candidates),
+        over / max(search.colour.readings, 1),
+    )
 
 
 def unknown_probability(own: Signs, rough: bool) -> float:
     """The probability that something unknown is at work."""
     if rough:
-        x = -4.0 + 6.0 * own.left + 8.0 * own.structure + 8.0 * min(own.spread, 0.6)
+        x = -4.0 + 1.5 * min(own.left, 1.0) + 9.0 * own.structure + 12.0 * min(own.spread, 0.4)
+        x += 1.5 if own.effects > MOST else 0.0
     else:
-        x = -5.0 + 20.0 * own.left + 30.0 * own.structure + 30.0 * min(own.spread, 0.4)
+        x = -5.0 + 30.0 * min(own.left, 0.3) + 25.0 * own.structure + 20.0 * min(own.spread, 0.4)
+        x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 

@@ -29,12 +29,14 @@ class Scatter:
     sd : of it.
     gain : in log-likelihood.
     left : mean square of residuals over that of noise, once it is taken into account.
+    lasting : correlation from row to row of what it is told by: none in jitter, some in any other misfit.
     """
 
     magnitude: float
     sd: float
     gain: float
     left: float = 1.0
+    lasting: float = 0.0
 
 
 def repeats(bench: Bench) -> NDArray[np.bool_]:
@@ -104,4 +106,6 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
     tau = float(np.exp(at / 2))
-    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain, scale(tau**2))
+    off = g / np.sqrt(1 / tau**2 + h)  # instants by which rows seem to be off, in their standard deviations
+    lasting = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
+    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain, scale(tau**2), lasting)

@@ -9,6 +9,7 @@ from reference_vehicle import FULL_SIZE_CAR, simulate, simulate_lateral
 from greybox_id.gap.axes import Axis, Candidate
 from greybox_id.gap.bench import Bench
 from greybox_id.gap.colour import white_noise
+from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.preparing import prepare_plain
 from greybox_id.gap.search import Search
 from greybox_id.models.effects import EFFECTS
@@ -25,7 +26,7 @@ CAR = Vehicle("car", NUMBERS, noise=NOISE)
 def lap(effects=None, seconds=40.0, seed=0, dropped=0.0, vehicle=None, **changes):
     """A recording of the independent simulator, with noise; `vehicle` differs from the nominal one."""
     given = manoeuvre("mixed", FULL_SIZE_CAR, seed=seed, duration=seconds, rate=50.0)
-    found = simulate({**FULL_SIZE_CAR, **(vehicle or {})}, given, effects, (given["v_x"][0], 0.0, 0.0), fine=1e-3)
+    found = simulate({**FULL_SIZE_CAR, **(vehicle or {})}, given, effects, start=(given["v_x"][0], 0.0, 0.0), fine=1e-3)
     commands = {"steer": given["steer"], "ax_cmd": given["drive"]}
     return _read(f"lap{seed}", given["time"], found, commands, seed, dropped, changes)
 
@@ -52,9 +53,9 @@ def bench_of(model, recordings, vehicle=CAR):
     return Bench(prepared.everything, prepared.seen(recordings))
 
 
-def nominal(name="single_track", effects=None):
-    """A model of the exact car."""
-    return build(name, None, effects or {}, CAR)
+def nominal(name="single_track", effects=None, vehicle=CAR):
+    """A model of the car."""
+    return build(name, None, effects or {}, vehicle)
 
 
 # ---- a bench whose simulations are known in closed form
@@ -63,12 +64,13 @@ def nominal(name="single_track", effects=None):
 class GivenBench:
     """Readings that follow from parameters as `respond` says, (K,) -> (N, channels); one unbroken run unless `lengths`.
 
-    Stands in for `Bench` wherever simulations are not what is tested.
+    Stands in for `Bench` wherever simulations are not what is tested. Behind the K parameters is one that does nothing.
     """
 
     def __init__(self, respond, measured, size, dt=0.02, channels=None, lengths=None, inputs=None):
         count = len(measured)
-        self.respond, self.measured, self.sample_time = respond, np.asarray(measured, dtype=float), dt
+        self.respond = lambda p: respond(p[:size])
+        self.size, self.measured, self.sample_time = size, np.asarray(measured, dtype=float), dt
         self.counted = np.isfinite(self.measured)
         self.channels = tuple(channels or [f"y_{c}" for c in range(self.measured.shape[1])])
         edges = np.concatenate(([0], np.cumsum(lengths or [count])))
@@ -77,11 +79,11 @@ class GivenBench:
         self.runs = [SimpleNamespace(time=self.time[own], sample_time=dt) for own in self.rows]
         inputs = inputs or {}
         self.inputs = np.column_stack(list(inputs.values())) if inputs else np.zeros((count, 0))
-        self.model = SimpleNamespace(values=np.zeros(size), inputs=tuple(inputs), outputs=self.channels, states=())
+        self.model = SimpleNamespace(values=np.zeros(size + 1), inputs=tuple(inputs), outputs=self.channels, states=())
         self.loose = ()
 
     def simulate(self, P):
-        return np.array([self.respond(p) for p in P])
+        return np.array([self.respond(p) for p in P]).reshape(-1, *self.measured.shape)
 
     def linearise(self, p, columns):
         step = 1e-4 * np.eye(len(p))
@@ -96,9 +98,28 @@ def linear_bench(X, truth, sd, seed=0, **settings):
     return GivenBench(lambda p: X @ p, X @ np.asarray(truth, dtype=float) + noise, X.shape[2], **settings)
 
 
-def axis(index, null=0.0, sd=np.inf, low=-np.inf, high=np.inf, scale=1.0, **more):
+def smooth_columns(count, rows=400, seed=0):
+    """(rows, 2, count), smooth."""
+    rng = np.random.default_rng(seed)
+    raw = rng.standard_normal((rows + 9, 2, count))
+    return sum(raw[k : k + rows] for k in range(10)) / np.sqrt(10)
+
+
+def weighted(bench, indices, sd):
+    """Derivatives by these parameters and readings, over the noise's sd."""
+    J = bench.linearise(bench.model.values, list(indices))[1] / sd[:, None]
+    return J.reshape(-1, len(indices)), (bench.measured / sd).ravel()
+
+
+def alone(search, own, m=0.0):
+    """A start at one candidate, nuisances where they are believed to be."""
+    base = search.at_means()
+    return Start((own,), np.atleast_1d(np.asarray(m, dtype=float)), base.theta, base.linear)
+
+
+def axis(index, null=0.0, sd=np.inf, low=-np.inf, high=np.inf, scale=1.0, inverse=False, **more):
     """A plain axis of a parameter of one of these benches."""
-    return Axis(f"p_{index}", "1", index, False, null, low, high, null, sd, scale, **more)
+    return Axis(f"p_{index}", "1", index, inverse, null, low, high, null, sd, scale, **more)
 
 
 def candidate(index, **more):
@@ -108,6 +129,7 @@ def candidate(index, **more):
 
 def search_on(bench, sd, nuisances=()):
     """A search with white noise, about its nuisances' beliefs."""
-    found = Search(bench, nuisances, white_noise(np.asarray(sd, dtype=float), bench.counted, bench.rows))
+    own = nuisances or (axis(bench.size, sd=1.0),)
+    found = Search(bench, own, white_noise(np.asarray(sd, dtype=float), bench.counted, bench.rows))
     found.about(None)
     return found

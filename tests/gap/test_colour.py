@@ -50,7 +50,7 @@ def test_the_stationary_sd_is_that_of_the_residuals():
     e = noise(60_000, seed=2)
     found = colour(e, *everything(e))
     assert found.stationary_sd[0] == pytest.approx(np.std(e), rel=0.03)
-    assert found.stationary_sd[0] > 3 * found.sd[0]
+    assert found.stationary_sd[0] > 2.5 * found.sd[0]
 
 
 def test_noise_that_never_forgets_has_a_bounded_sd():
@@ -104,17 +104,25 @@ def test_derivatives_are_whitened_as_residuals_are():
 
 @settings(max_examples=25, deadline=None)
 @given(
-    seed=st.integers(0, 10_000), places=st.sets(st.integers(0, 1999), max_size=12), slow=st.floats(0.0, 20.0),
+    seed=st.integers(0, 10_000), places=st.sets(st.integers(2, 1997), max_size=12), slow=st.floats(0.0, 20.0),
     sd=st.floats(1e-3, 1e3),
 )  # fmt: skip
 def test_spikes_are_found_and_few_other_readings_with_them(seed, places, slow, sd):
     rng = np.random.default_rng(seed)
     e = sd * (rng.standard_normal(2000) + slow * np.sin(np.arange(2000) / 300))
-    places = sorted(p for k, p in enumerate(sorted(places)) if k == 0 or p - sorted(places)[k - 1] > 3)
+    alone = [p for p in sorted(places) if not places & set(range(p - 3, p))]
+    places = np.array(alone, dtype=int)
     e[places] += sd * 25 * rng.choice([-1, 1], len(places))
     good = sound(e[:, None], np.ones((2000, 1), dtype=bool), [slice(0, 2000)])[:, 0]
     assert not np.any(good[places])
     assert np.sum(~good) - len(places) <= 0.002 * 2000
+
+
+@pytest.mark.parametrize("place", [0, 399])
+def test_a_spike_in_the_first_or_last_row_is_one(place):
+    e = np.random.default_rng(0).standard_normal((400, 1))
+    e[place] += 50
+    assert np.flatnonzero(~sound(e, *everything(e))[:, 0]).tolist() == [place]
 
 
 def test_spikes_are_judged_channel_by_channel_and_run_by_run():
@@ -136,11 +144,7 @@ def test_what_does_not_count_or_is_no_number_is_not_sound():
 @pytest.mark.parametrize("value", [0.0, 3.0])
 def test_constant_residuals_are_sound(value):
     e = np.full((200, 1), value)
-    assert np.all(sound(e, *_all(e)))
-
-
-def _all(e):
-    return np.ones(e.shape, dtype=bool), [slice(0, len(e))]
+    assert np.all(sound(e, *everything(e)))
 
 
 def test_a_stretch_without_readings_is_no_reason_to_warn():

@@ -1,0 +1,100 @@
+"""Weights add to one, aliases share, and gains count as much as the equations are exact."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gap_cases import axis
+from hypothesis import given
+from hypothesis import strategies as st
+
+from greybox_id.gap.axes import Candidate
+from greybox_id.gap.evidence import COST, SECOND_PARAMETER, evidence, p_value, price, probability, tempering
+from greybox_id.gap.hypothesis import Hypothesis
+from greybox_id.gap.selection import Selection
+
+NOTHING = np.empty(0)
+
+
+def hypothesis(cost, *names, axes=1):
+    own = tuple(Candidate(name, tuple(axis(k) for k in range(axes))) for name in names)
+    m = np.ones(axes * len(names))
+    return Hypothesis(own, m, NOTHING, NOTHING, cost, np.zeros((0, 1)), np.zeros((0, 1, len(m))))
+
+
+def weighed(base, tried, readings=5000, rough=False):
+    search = SimpleNamespace(colour=SimpleNamespace(readings=readings))
+    return evidence(Selection(search, hypothesis(base), tuple(tried), ()), rough)
+
+
+costs = st.floats(0.0, 1e7, allow_nan=False)
+
+
+@given(base=costs, tried=st.lists(costs, max_size=6), rough=st.booleans())
+def test_weights_add_to_one_and_the_least_cost_weighs_most(base, tried, rough):
+    own = [hypothesis(cost, f"effect_{k}") for k, cost in enumerate(sorted(tried))]
+    found = weighed(base, own, rough=rough)
+    assert sum(found.weights) == pytest.approx(1.0)
+    assert len(found.weights) == len(own) + 1
+    assert all(0 <= weight <= 1 for weight in found.weights)
+    assert list(found.scores) == sorted(found.scores, reverse=True)
+    shares = [probability(found, own, each.names[0]) for each in own]
+    assert sum(shares) <= 1 + 1e-9
+    assert probability(found, own, "another") == 0.0
+
+
+def test_exact_aliases_share_their_probability():
+    own = [hypothesis(900.0, "accel_bias_y"), hypothesis(900.0, "imu_mount_roll"), hypothesis(990.0, "other")]
+    found = weighed(1000.0, own)
+    assert probability(found, own, "accel_bias_y") == probability(found, own, "imu_mount_roll")
+    assert probability(found, own, "accel_bias_y") == pytest.approx(0.5, abs=1e-6)
+
+
+def test_an_effect_of_a_pair_and_of_a_single_has_the_weight_of_both():
+    own = [hypothesis(890.0, "a", "b"), hypothesis(899.0, "a"), hypothesis(903.0, "c")]
+    found = weighed(1000.0, own)
+    assert probability(found, own, "a") == pytest.approx(found.weights[0] + found.weights[1])
+    assert probability(found, own, "b") == pytest.approx(found.weights[0])
+
+
+def test_without_a_gain_nothing_is_present():
+    own = [hypothesis(999.0, "a"), hypothesis(1000.0, "b")]
+    found = weighed(1000.0, own)
+    assert max(found.scores) < 0
+    assert found.weights[-1] > 0.98
+    assert weighed(1000.0, []).weights == (1.0,)
+
+
+def test_every_further_effect_and_second_parameter_costs():
+    assert price(hypothesis(0.0)) == 0.0
+    assert price(hypothesis(0.0, "a")) == COST
+    assert price(hypothesis(0.0, "a", "b")) == 2 * COST
+    assert price(hypothesis(0.0, "wind", axes=2)) == COST + SECOND_PARAMETER
+    own = [hypothesis(900.0, "a"), hypothesis(900.0 - 0.9 * COST, "a", "b")]
+    found = weighed(1000.0, own)
+    assert found.weights[0] > found.weights[1]
+
+
+def test_gains_are_tempered_where_equations_are_rough_the_more_was_read():
+    assert [tempering(n, rough=False) for n in (0, 100, 10**6)] == [1.0, 1.0, 1.0]
+    tempers = [tempering(n, rough=True) for n in (0, 1000, 10_000, 10**6)]
+    assert tempers[0] == 1.0
+    assert all(a > b > 0 for a, b in zip(tempers, tempers[1:], strict=False))
+    own = [hypothesis(970.0, "a")]
+    assert weighed(1000.0, own, 100_000, rough=True).weights[0] < weighed(1000.0, own, 100_000).weights[0]
+    assert weighed(1000.0, own, 100_000, rough=True).temper == tempering(100_000, rough=True)
+
+
+@given(gain=st.floats(-1e3, 1e5), axes=st.integers(0, 3), candidates=st.integers(1, 60))
+def test_a_p_value_is_one(gain, axes, candidates):
+    own = p_value(gain, axes, candidates)
+    assert 0.0 <= own <= 1.0
+    assert p_value(gain + 1.0, axes, candidates) <= own
+    assert p_value(gain, axes, candidates + 1) >= own
+
+
+def test_p_values_of_noise_alone_are_not_too_small():
+    gains = 0.5 * np.max(np.random.default_rng(0).chisquare(1, (4000, 40)), axis=1)
+    found = np.array([p_value(gain, 1, 40) for gain in gains])
+    for level in (0.01, 0.05):
+        assert np.mean(found < level) == pytest.approx(level, rel=0.4)

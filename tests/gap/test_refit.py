@@ -1,0 +1,165 @@
+"""Refits: steps within bounds, and magnitudes beside what is believed."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
+
+from greybox_id.gap.hypothesis import Start
+from greybox_id.gap.refit import bounded_step, refit
+
+SD = np.array([0.1, 0.4])
+
+
+# ---- steps within bounds
+
+
+def quadratic(size, seed, wide):
+    rng = np.random.default_rng(seed)
+    A, b = rng.standard_normal((3 * size, size)), rng.standard_normal(3 * size)
+    low, high = -wide * rng.random(size), wide * rng.random(size)
+    return A, b, low, high
+
+
+def objective(A, b, d):
+    return 0.5 * float(np.sum((A @ d + b) ** 2))
+
+
+@settings(max_examples=60, deadline=None)
+@given(size=st.integers(1, 8), seed=st.integers(0, 10_000), wide=st.sampled_from([0.05, 0.3, 10.0]))
+def test_a_step_stays_within_bounds_and_goes_nearly_as_far_down_as_can_be(size, seed, wide):
+    A, b, low, high = quadratic(size, seed, wide)
+    d = bounded_step(A.T @ A, A.T @ b, low, high, np.zeros(size, dtype=bool))
+    assert np.all(d >= low - 1e-12)
+    assert np.all(d <= high + 1e-12)
+    best = objective(A, b, lsq_linear(A, -b, (low, high), method="bvls").x)
+    still = objective(A, b, np.zeros(size))
+    assert objective(A, b, d) <= best + 0.05 * (still - best) + 1e-9
+
+
+@pytest.mark.parametrize("wide", [np.inf, 1e3])
+def test_a_step_that_no_bound_stops_is_the_minimiser(wide):
+    A, b, _, _ = quadratic(6, 1, 1.0)
+    d = bounded_step(A.T @ A, A.T @ b, np.full(6, -wide), np.full(6, wide), np.zeros(6, dtype=bool))
+    np.testing.assert_allclose(d, np.linalg.lstsq(A, -b)[0], atol=1e-7)
+
+
+def test_one_bound_in_the_way_is_held_and_the_rest_follows():
+    A, b, _, _ = quadratic(4, 2, 1.0)
+    free = np.linalg.lstsq(A, -b)[0]
+    low, high = np.full(4, -10.0), np.full(4, 10.0)
+    high[2] = max(free[2], 0.0) + 1.0
+    low[1], high[1] = (0.5 * free[1], 10.0) if free[1] < 0 else (-10.0, 0.5 * free[1])
+    expected = lsq_linear(A, -b, (low, high), method="bvls").x
+    d = bounded_step(A.T @ A, A.T @ b, low, high, np.zeros(4, dtype=bool))
+    np.testing.assert_allclose(d, expected, atol=1e-7)
+
+
+def test_what_is_held_does_not_move_and_the_rest_makes_the_best_of_it():
+    A, b, _, _ = quadratic(5, 3, 1.0)
+    held = np.array([False, True, False, False, True])
+    d = bounded_step(A.T @ A, A.T @ b, np.full(5, -np.inf), np.full(5, np.inf), held)
+    assert not np.any(d[held])
+    np.testing.assert_allclose(d[~held], np.linalg.lstsq(A[:, ~held], -b)[0], atol=1e-7)
+    assert not np.any(bounded_step(A.T @ A, A.T @ b, np.full(5, -1.0), np.full(5, 1.0), np.ones(5, dtype=bool)))
+
+
+def test_units_do_not_matter():
+    A, b, _, _ = quadratic(4, 4, 1.0)
+    units = np.array([1e-6, 1.0, 1e4, 1e7])
+    none = np.zeros(4, dtype=bool)
+    d = bounded_step(A.T @ A, A.T @ b, np.full(4, -np.inf), np.full(4, np.inf), none)
+    B = A * units
+    other = bounded_step(B.T @ B, B.T @ b, np.full(4, -np.inf), np.full(4, np.inf), none)
+    np.testing.assert_allclose(other * units, d, rtol=1e-6)
+
+
+# ---- refits
+
+
+def test_magnitudes_are_recovered_beside_tolerances():
+    X = smooth_columns(4)
+    truth = [0.1, -0.05, 0.7, -1.3]
+    bench = linear_bench(X, truth, SD)
+    search = search_on(bench, SD, [axis(0, sd=0.2), axis(1, sd=0.1)])
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(2), candidate(3)), np.zeros(2), base.theta, base.linear)])
+    W, y = weighted(bench, range(4), SD)
+    information = W.T @ W + np.diag([1 / 0.2**2, 1 / 0.1**2, 0, 0])
+    expected = np.linalg.solve(information, W.T @ y)
+    np.testing.assert_allclose(found.theta, expected[:2], atol=1e-6)
+    np.testing.assert_allclose(found.m, expected[2:], atol=1e-6)
+    np.testing.assert_allclose(found.m, truth[2:], atol=0.05)
+    np.testing.assert_allclose(search.covariance(found), np.linalg.inv(information)[2:, 2:], rtol=1e-6)
+    assert found.names == ("effect_2", "effect_3")
+    assert search.vector(found)[2:4] == pytest.approx(found.m)
+    assert search.charge(found) == pytest.approx(np.sum((found.theta / [0.2, 0.1]) ** 2))
+
+
+def test_a_magnitude_that_acts_nonlinearly_is_recovered():
+    X = smooth_columns(2)
+    bench = GivenBench(lambda p: np.tanh(X[:, :, 0] * (1 + p[0])) + p[1] * X[:, :, 1], np.zeros((400, 2)), 2)
+    bench.measured = bench.respond(np.array([0.8, 0.2])) + SD * np.random.default_rng(0).standard_normal((400, 2))
+    search = search_on(bench, SD, [axis(1, sd=0.5)])
+    (found,) = refit(search, [alone(search, candidate(0))])
+    sd = float(np.sqrt(search.covariance(found)[0, 0]))
+    assert abs(found.m[0] - 0.8) < 3 * sd
+    assert sd < 0.1
+    assert found.cost == pytest.approx(bench.measured.size / 2, rel=0.15)
+
+
+def test_hypotheses_are_refitted_side_by_side_as_one_at_a_time():
+    bench = linear_bench(smooth_columns(4), [0.1, 0.0, 0.7, 0.0], SD)
+    search = search_on(bench, SD, [axis(0, sd=0.2)])
+    starts = [alone(search, candidate(k)) for k in (1, 2, 3)]
+    together = refit(search, starts)
+    for found, start in zip(together, starts, strict=True):
+        (again,) = refit(search, [start])
+        assert found.names == again.names
+        np.testing.assert_allclose([found.cost, *found.m], [again.cost, *again.m], rtol=1e-12)
+    assert min(together, key=lambda own: own.cost).names == ("effect_2",)
+
+
+def test_a_magnitude_stops_at_its_bound():
+    bench = linear_bench(smooth_columns(1), [-0.5], SD)
+    search = search_on(bench, SD)
+    (found,) = refit(search, [alone(search, candidate(0, low=0.0), 0.4)])
+    assert found.m[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_is_not_finite_is_left_out_and_a_step_there_is_shortened():
+    X = smooth_columns(1)
+
+    def respond(p):
+        return X[:, :, 0] * np.exp(p[0]) if p[0] < 1.5 else np.full((400, 2), np.nan)
+
+    bench = GivenBench(respond, respond(np.array([1.0])), 1)
+    search = search_on(bench, SD)
+    assert refit(search, [alone(search, candidate(0), 2.0)]) == []
+    (found,) = refit(search, [alone(search, candidate(0), -0.5)])  # its first step leads to 2.98
+    assert found.m[0] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_poor_start_is_drawn_back_towards_where_it_came_from():
+    X = smooth_columns(1)
+
+    def respond(p):
+        return np.sin(3 * X[:, :, 0] * p[0])
+
+    bench = GivenBench(respond, np.zeros((400, 2)), 1)
+    bench.measured = respond(np.array([0.3])) + SD * np.random.default_rng(0).standard_normal((400, 2))
+    search = search_on(bench, SD)
+    (base,) = refit(search, [search.start_of(search.at_means())])
+    own, far = candidate(0), np.array([2.5])
+    (found,) = refit(search, [Start((own,), far, base.theta, base.linear, (base, np.zeros(1)))])
+    assert found.cost < base.cost
+    assert found.m[0] == pytest.approx(0.3, abs=0.02)
+
+
+def test_simulations_are_counted():
+    search = search_on(linear_bench(smooth_columns(1), [0.5], SD), SD)
+    before = search.simulations
+    refit(search, [alone(search, candidate(0))])
+    assert 4 <= search.simulations - before <= 6  # two a step: where it stands, and beside it

@@ -1,0 +1,97 @@
+"""Where a gap lies: in the regime of driving that holds it, in its channel, in its stretch of time."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, candidate
+
+from greybox_id.gap.gap import REGIMES
+from greybox_id.gap.regimes import regimes, signals, where
+from greybox_id.gap.shortlist import Promise
+from greybox_id.models.effects import EFFECTS
+
+ROWS = 3000
+TIME = 0.02 * np.arange(ROWS)
+
+
+@pytest.fixture
+def driven():
+    """A minute of turns, brakings and accelerations, and its bench."""
+    rng = np.random.default_rng(0)
+    a_y = np.where(TIME % 6 < 3, 6 * np.sin(2 * np.pi * TIME / 3), 0.0)
+    a_x = np.select([TIME % 10 > 8, TIME % 10 < 2], [-5.0, 3.0], 0.0)
+    v_x = 15 + 5 * np.sin(TIME / 9)
+    measured = np.column_stack([v_x, a_x, a_y]) + 0.01 * rng.standard_normal((ROWS, 3))
+    steer = a_y / v_x**2 * 3
+    bench = GivenBench(lambda _: measured, measured, 0, channels=("v_x", "a_x", "a_y"), inputs={"steer": steer})
+    return bench, signals(bench, measured)
+
+
+def placed(driven, excess, ratio=(1.0, 1.0, 3.0), promised=()):
+    bench, seen = driven
+    return where(bench, excess, np.asarray(ratio), seen, promised, EFFECTS)
+
+
+@pytest.mark.parametrize("regime", ["braking", "acceleration", "high_lateral", "combined", "high_speed", "time_drift"])
+def test_a_gap_in_one_regime_alone_is_placed_there(driven, regime):
+    excess = regimes(*driven)[regime].astype(float)
+    found = placed(driven, excess)
+    time, share = found.regimes[regime]
+    assert share == pytest.approx(1.0)
+    assert time == pytest.approx(np.mean(excess))
+    assert found.regime == regime or found.regimes[found.regime][1] / found.regimes[found.regime][0] > 1 / time
+
+
+def test_a_gap_in_braking_is_placed_in_braking_and_its_stretch(driven):
+    excess = np.where(driven[1]["a_x"] < -2, 4.0, 0.0)
+    assert placed(driven, excess).regime == "braking"
+
+
+def test_a_gap_that_is_everywhere_has_no_regime(driven):
+    found = placed(driven, np.ones(ROWS))
+    assert found.regime == "any"
+    assert found.time["share"] == pytest.approx(0.5, abs=0.01)
+    assert set(found.regimes) <= set(REGIMES)
+    assert all(share == pytest.approx(time) for time, share in found.regimes.values())
+
+
+def test_the_shortest_stretch_that_holds_half_of_a_gap_is_told(driven):
+    excess = np.full(ROWS, 1e-3)
+    excess[1000:1200] = 1.0
+    found = placed(driven, excess)
+    assert TIME[1000] - 0.05 <= found.time["from"] < found.time["to"] <= TIME[1200] + 0.05
+    assert found.time["share"] == pytest.approx(101 / ROWS, abs=0.003)
+
+
+@pytest.mark.parametrize("excess", [np.zeros(ROWS), -np.ones(ROWS)])
+def test_no_gap_lies_nowhere(driven, excess):
+    found = placed(driven, excess)
+    assert found.regime == "any"
+    assert found.time == {}
+
+
+def test_the_channel_that_departs_most_is_named_and_those_never_read_are_not(driven):
+    found = placed(driven, np.ones(ROWS), (1.2, np.nan, 1.1))
+    assert found.channel == "v_x"
+    assert set(found.channels) == {"v_x", "a_y"}
+    assert placed(driven, np.ones(ROWS), (np.nan,) * 3).channel == ""
+
+
+def test_parts_of_the_equations_share_what_could_be_gained(driven):
+    def promise(name, gain):
+        return Promise(candidate(0).__class__(name, candidate(0).axes), gain, (1.0,))
+
+    promised = [promise("steering_delay", 30.0), promise("steering_lag", 60.0), promise("mass_change", 20.0),
+                promise("road_slope", 20.0)]  # fmt: skip
+    found = placed(driven, np.ones(ROWS), promised=promised).equations
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+    assert found["steering"] == pytest.approx(max(60.0, 0.0) / sum({"s": 60.0, "m": 20.0, "r": 20.0}.values()), abs=0.2)
+
+
+def test_regimes_are_told_by_readings_and_by_the_simulation_where_there_are_none():
+    measured = np.column_stack([np.full(400, np.nan), np.full(400, 2.0)])
+    bench = GivenBench(lambda _: measured, measured, 0, channels=("v_x", "a_y"), inputs={"steer": np.ones(400)})
+    found = signals(bench, np.column_stack([np.full(400, 7.0), np.full(400, 9.0)]))
+    assert found["v_x"][200] == pytest.approx(7.0)
+    assert found["a_y"][200] == pytest.approx(2.0)
+    assert found["steer"][200] == pytest.approx(1.0)

@@ -1,0 +1,132 @@
+"""Rows held stale and jitter of the sampling instant are told by how readings scatter."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench
+
+from greybox_id.gap.variance import dropped, jitter, repeats
+
+DT, SD = 0.01, np.array([0.05, 0.1])
+
+
+def signals(time, seed=0):
+    """(n, 2), smooth."""
+    rng = np.random.default_rng(seed)
+    waves = [(5.0 / f, 2 * np.pi * f, *rng.uniform(0, 6, 2)) for f in (0.2, 0.35, 0.5)]
+    return np.column_stack([sum(a * np.sin(w * time + phase[c]) for a, w, *phase in waves) for c in (0, 1)])
+
+
+def scattered(tau, seed=0, rows=6000, lengths=None):
+    """A bench whose instants scatter by tau, what its model predicts, and the residuals."""
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(rows)
+    y = signals(time)
+    measured = signals(time + tau * rng.standard_normal(rows)) + SD * rng.standard_normal((rows, 2))
+    bench = GivenBench(lambda _: y, measured, 0, DT, lengths=lengths)
+    return bench, y - measured, y
+
+
+def found(tau, seed=0, sd=SD, **settings):
+    bench, e, y = scattered(tau, seed, **settings)
+    return jitter(bench, e, y, sd, bench.counted)
+
+
+@pytest.mark.parametrize("tau", [0.002, 0.005, 0.015])
+def test_the_size_of_jitter_is_recovered(tau):
+    own = found(tau)
+    assert own.magnitude == pytest.approx(tau, rel=0.1)
+    assert own.gain > 20
+    assert own.left == pytest.approx(1.0, rel=0.05)
+    assert 0 < own.sd < 0.1 * tau
+
+
+def test_its_sd_is_that_of_repeated_recordings():
+    each = [found(0.003, seed) for seed in range(40)]
+    scatter = np.std([own.magnitude for own in each])
+    assert np.mean([own.sd for own in each]) == pytest.approx(scatter, rel=0.4)
+    assert np.mean([own.magnitude for own in each]) == pytest.approx(0.003, rel=0.03)
+
+
+def test_noise_that_is_larger_than_stated_is_no_jitter():
+    own = found(0.0, sd=0.7 * SD)
+    assert own is None or own.gain < 5
+    assert found(0.004, sd=0.7 * SD).magnitude == pytest.approx(0.004, rel=0.15)
+
+
+def test_none_is_found_in_white_noise():
+    gains = [own.gain if own else 0.0 for own in (found(0.0, seed, rows=2000) for seed in range(150))]
+    assert np.mean(np.array(gains) > 4.0) <= 0.03
+    assert max(gains) < 10
+
+
+def test_where_nothing_changes_there_is_nothing_to_tell():
+    measured = np.random.default_rng(0).standard_normal((500, 2))
+    bench = GivenBench(lambda _: 0 * measured, measured, 0, DT)
+    assert jitter(bench, -measured, 0 * measured, SD, bench.counted) is None
+
+
+def test_jitter_is_told_in_several_runs_and_what_does_not_count_is_left_out():
+    bench, e, y = scattered(0.005, lengths=[2000, 2, 3998])
+    good = bench.counted.copy()
+    good[3000:3500] = False
+    e[3000:3500] = 50.0
+    assert jitter(bench, e, y, SD, good).magnitude == pytest.approx(0.005, rel=0.1)
+
+
+# ---- rows held stale
+
+
+def held(share, rows=3000, seed=0, **settings):
+    rng = np.random.default_rng(seed)
+    stale = rng.random(rows) < share
+    stale[0] = False
+    last = np.maximum.accumulate(np.where(stale, 0, np.arange(rows)))
+    measured = rng.standard_normal((rows, 3))[last]
+    return GivenBench(lambda _: measured, measured, 0, DT, **settings), stale
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2])
+def test_exact_repeats_are_counted(share):
+    bench, stale = held(share)
+    rows = repeats(bench)
+    np.testing.assert_array_equal(rows, stale)
+    own = dropped(rows)
+    assert own.magnitude == np.mean(stale)
+    assert abs(own.magnitude - share) < 3 * own.sd
+
+
+def test_a_run_s_first_row_repeats_nothing():
+    bench, stale = held(0.1, lengths=[1000, 2000])
+    bench.measured[1000] = bench.measured[999]
+    rows = repeats(bench)
+    assert not rows[1000]
+    np.testing.assert_array_equal(np.delete(rows, [1000, 1001]), np.delete(stale, [1000, 1001]))
+
+
+def test_noise_does_not_repeat_itself_and_few_repeats_are_an_accident():
+    bench, _ = held(0.0)
+    assert not np.any(repeats(bench))
+    assert dropped(repeats(bench)) is None
+    rows = np.zeros(1000, dtype=bool)
+    rows[[3, 500]] = True
+    assert dropped(rows) is None
+
+
+def test_one_channel_that_repeats_is_quantised_and_not_held():
+    bench, _ = held(0.0)
+    bench.measured[:, 0] = np.round(bench.measured[:, 0])
+    assert not np.any(repeats(bench))
+    bench.measured[:, 1:] = np.nan
+    assert not np.any(repeats(bench))
+
+
+def test_a_vehicle_at_rest_that_reads_zeros_is_not_held():
+    bench, _ = held(0.0)
+    bench.measured[:200] = 0.0
+    assert not np.any(repeats(bench))
+
+
+def test_a_channel_without_readings_is_no_witness():
+    bench, stale = held(0.1)
+    bench.measured[:, 2] = np.nan
+    np.testing.assert_array_equal(repeats(bench), stale)
