@@ -55,6 +55,7 @@ def closure(
     vehicle: Vehicle,
     effects: Mapping[str, Effect],
     horizons: bool = True,
+    sd: Array | None = None,
 ) -> Closure:
     """How far a gap closes on recordings that chose nothing.
 
@@ -65,10 +66,12 @@ def closure(
     vehicle : what is stated: tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
     horizons : whether errors over fixed horizons are wanted too.
+    sd : (channels,) noise where none is stated; None takes what is faster than motion.
     """
     first, bench = refitted_tolerances(before, recordings, vehicle, effects)
     then, _ = refitted_tolerances(after, recordings, vehicle, effects)
-    sd, _ = stated_noise(bench, vehicle, then.e)
+    noise, told = stated_noise(bench, vehicle, then.e)
+    sd = noise if told or sd is None else sd
     good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     found = closed_by(first, then, sd, good, bench, names)

@@ -97,7 +97,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     verified = None
     if held_out and found.vehicle is not None:
         tell(f"verifying on {len(held_out)} recordings that were held out")
-        verified = closure(found.model, closed, held_out, found.vehicle, found.effects)
+        verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
     excess = np.sum(
         np.where(found.good, (selection.base.e / found.sd) ** 2 - (found.best.e / found.sd) ** 2, 0.0), axis=1
     )
@@ -233,6 +233,8 @@ def _weak(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
             continue
         if own.told < 0.05:
             absorbed.append(name)
+        elif 2 * own.sd > axis.high - axis.low:
+            weak[name] = "any size"
         elif not axis.inverse:
             weak[name] = f"±{2 * own.sd:.2g} {axis.unit}".replace(" 1", "").strip()
     return weak, tuple(absorbed)

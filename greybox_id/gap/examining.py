@@ -108,7 +108,7 @@ def examine(
         best = selection.tried[int(np.argmax(weighed.scores))]
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:
-        sd = np.minimum(sd, search.colour.stationary_sd)
+        sd = search.colour.stationary_sd
     if best.candidates and _jitters(bench, selection.base, best, sd, good, weighed):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))

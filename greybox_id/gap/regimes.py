@@ -15,6 +15,8 @@ from .shortlist import Promise
 
 LIFT, SHARE = 1.5, 0.4
 """A regime is named where it holds so much more of the gap than of the time, and so much of it at all."""
+NOTHING = 1e-3
+"""Mean excess over noise, in squared noise sds, that is no gap to be shared out."""
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",
     "sensors": "sensors", "timing": "timing",
@@ -74,9 +76,11 @@ def where(
     promised : what every single effect would gain.
     effects : by name.
     """
-    total = max(float(np.sum(excess)), 1e-12)
+    total = float(np.sum(excess))
+    there = total > NOTHING * len(excess)
     shares = {
-        name: (float(np.mean(own)), float(np.sum(excess[own])) / total) for name, own in regimes(bench, seen).items()
+        name: (float(np.mean(own)), float(np.sum(excess[own])) / total if there else 0.0)
+        for name, own in regimes(bench, seen).items()
     }
     lifted = {name: share / max(time, 1e-3) for name, (time, share) in shares.items() if share > SHARE and time > 0.02}
     best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import BadInput
 from .axes import Candidate
 from .colour import colour
 from .hypothesis import Hypothesis, Start
@@ -32,6 +33,10 @@ ROUGH, MUCH = 6, 0.01
 """Singles refitted while the noise is not known yet; a second effect is added there where it explains such a share."""
 
 
+RATHER = 2.0
+"""An observer stays firm where a good explanation costs so many times as much without it."""
+
+
 @dataclass(frozen=True)
 class Firmly:
     """An observer that keeps simulations from spinning.
@@ -44,9 +49,6 @@ class Firmly:
 
     index: int
     rate: float
-
-    RATHER = 2.0
-    """It stays where a good explanation costs so many times as much without it."""
 
 
 @dataclass(frozen=True)
@@ -89,22 +91,11 @@ def select(
     best, known = _rough(search, candidates)
     if firmly is not None:
         search.nominal[firmly.index] = 0.0
-        loosely = refitted(search, best)
-        if loosely.cost > firmly.RATHER * best.cost:  # it spins however well it is explained
+        if not _stands(search, best):
             search.nominal[firmly.index] = firmly.rate
     search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
-    search.about(best)
-    alone = Start((), np.empty(0), best.theta, best.linear)
-    base = min(refit(search, [search.start_of(search.at_means()), alone]), key=lambda own: own.cost)
-    if len(base.theta) and base.cost - best.cost > worth:  # is that a gap, or did nuisances not get there?
-        search.about(base)
-        again = refitted(search, base)
-        if again.cost < base.cost - SETTLED:
-            base = again
-        else:
-            search.about(best)
+    base = _base(search, best, worth)
     promised = promises(search, base, known if firmly is None else candidates)
-    likely = from_where_best(promised, candidates)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
     singles = _with_each(search, base, hopeful[:SINGLES])
     if len(best.candidates) == 1:
@@ -112,61 +103,64 @@ def select(
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = refitted(search, best)
-    least = min(own.cost for own in tried.values())
-    first = [own for own in singles if own.names[0] in best.names]
-    parents = [*first, *(own for own in singles[:PAIRS] if own not in first)]
-    for parent in parents:
-        needed = max(worth, NEARLY * (parent.cost - least) - worth)
-        enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
-        new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
-        if not enough and parent is singles[0] and len(best.candidates) < 2:  # one effect explains what there is
-            break
-        tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
-        least = min(own.cost for own in tried.values())
-    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=lambda own: own.cost)
-    for pair in pairs[:1]:
-        for own in _without_each(search, pair):
-            if own.cost < tried.get(frozenset(own.names), base).cost:
-                tried[frozenset(own.names)] = own
-                singles = _better(singles, own)
-    if pairs and singles[0].cost - pairs[0].cost > worth:
-        enough = [own for own in promises(search, pairs[0], likely)[:TRIPLES] if own.gain > worth]
-        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
+    _combine(search, singles, tried, best, from_where_best(promised, candidates), worth)
     return Selection(search, base, tuple(sorted(tried.values(), key=lambda own: own.cost)), tuple(promised))
 
 
-def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis, list[Candidate]]:
-    """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
-    search.about(None)
-    base = refitted(search, search.at_means())
-    if base.cost > AGAIN * search.colour.readings:  # nuisances may have moved far: once more, about where they are
+def _stands(search: Search, best: Hypothesis) -> bool:
+    """Whether simulations do without firm observers: the best explanation, and none at all."""
+    loosely = refit(search, [search.start_of(best)])
+    nothing = Start((), np.empty(0), best.theta, best.linear)
+    return bool(loosely) and loosely[0].cost <= RATHER * best.cost and bool(refit(search, [nothing]))
+
+
+def _base(search: Search, best: Hypothesis, worth: float) -> Hypothesis:
+    """Nothing but nuisances, as well as they can do."""
+    search.about(best)
+    nothing = Start((), np.empty(0), best.theta, best.linear)
+    found = refit(search, [search.start_of(search.at_means()), nothing])
+    if not found:
+        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
+    base = min(found, key=lambda own: own.cost)
+    if len(base.theta) and base.cost - best.cost > worth:  # is that a gap, or did nuisances not get there?
         search.about(base)
-        base = refitted(search, base)
-    promised = promises(search, base, candidates)
-    known = from_where_best(promised, candidates)
-    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
-    if best.candidates:
-        more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
-        best = min([best, *_with_each(search, best, more)], key=lambda own: own.cost)
-    return best, known
+        again = refitted(search, base)
+        if again.cost < base.cost - SETTLED:
+            return again
+        search.about(best)
+    return base
 
 
-def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
-    """The hypothesis without one of its effects, for each, from where it stood."""
-    starts, at = [], 0
-    for candidate in whole.candidates:
-        own = slice(at, at + len(candidate.axes))
-        others = tuple(each for each in whole.candidates if each is not candidate)
-        starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
-        at = own.stop
-    return refit(search, starts)
-
-
-def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
-    """Singles with one that was known before, in place of the same one if it is better."""
-    others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
-    new = others if any(own.names == known.names for own in others) else [*others, known]
-    return sorted(new, key=lambda own: own.cost)
+def _combine(
+    search: Search,
+    singles: list[Hypothesis],
+    tried: dict[frozenset[str], Hypothesis],
+    best: Hypothesis,
+    likely: Sequence[Candidate],
+    worth: float,
+) -> None:
+    """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
+    least = min(own.cost for own in tried.values())
+    first = [own for own in singles if own.names[0] in best.names]
+    for parent in [*first, *(own for own in singles[:PAIRS] if own not in first)]:
+        needed = max(worth, NEARLY * (parent.cost - least) - worth)
+        enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
+        if not enough and parent is singles[0] and len(best.candidates) < 2:  # one effect explains what there is
+            return
+        new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
+        tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
+        least = min(own.cost for own in tried.values())
+    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=lambda own: own.cost)
+    if not pairs:
+        return
+    for own in _without_each(search, pairs[0]):
+        name = frozenset(own.names)
+        if name not in tried or own.cost < tried[name].cost:
+            tried[name] = own
+    alone = min(own.cost for own in tried.values() if len(own.candidates) == 1)
+    if alone - pairs[0].cost > worth:
+        enough = [own for own in promises(search, pairs[0], likely)[:TRIPLES] if own.gain > worth]
+        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:

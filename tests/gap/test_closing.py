@@ -50,7 +50,7 @@ def test_the_truth_closes_the_gap(laps):
 
 def test_one_of_two_effects_closes_a_part(laps):
     found = closed(laps, {"steering_lag": 0.08})
-    assert 0.05 < found.closed < 0.95
+    assert 0.05 < found.closed < 0.98
     assert found.before > found.after > found.floor
 
 
@@ -74,7 +74,7 @@ def test_the_noise_stated_is_the_floor_unless_less_is_left(laps):
 
 def test_a_model_that_leaves_the_range_of_numbers_is_refused(laps):
     wild = build("lateral", None, {}, EXACT)
-    wild = wild.with_parameters(wild["I_z"].with_value(1e-300))
+    wild = wild.with_parameters(wild["I_z"].with_value(0.001))
     with pytest.raises(BadInput, match="leaves the range of numbers on"):
         closure(wild, wild, laps, EXACT, EFFECTS, horizons=False)
 
@@ -113,7 +113,9 @@ def misfits(before, after, charges=(0.0, 0.0), rows=2000, seed=0):
     return closed_by(*own, SD, bench.counted, bench, ("lap",))
 
 
-@pytest.mark.parametrize(("before", "after", "share"), [(3.0, 0.0, 1.0), (3.0, 1.5, 0.75), (2.0, 2.0, 0.0), (1.0, 2.0, -3.0)])
+@pytest.mark.parametrize(
+    ("before", "after", "share"), [(3.0, 0.0, 1.0), (3.0, 1.5, 0.75), (2.0, 2.0, 0.0), (1.0, 2.0, -3.0)]
+)
 def test_the_share_is_of_what_exceeds_noise(before, after, share):
     found = misfits(before, after)
     assert found.before == pytest.approx(1 + before**2, rel=0.05)

@@ -88,9 +88,10 @@ def test_parts_of_the_equations_share_what_could_be_gained(driven):
     assert found["steering"] == pytest.approx(max(60.0, 0.0) / sum({"s": 60.0, "m": 20.0, "r": 20.0}.values()), abs=0.2)
 
 
-def test_regimes_are_told_by_readings_and_by_the_simulation_where_there_are_none():
-    measured = np.column_stack([np.full(400, np.nan), np.full(400, 2.0)])
+def test_regimes_are_told_by_the_simulation_and_by_readings_that_do_not_count():
+    measured = np.full((400, 2), 2.0)
     bench = GivenBench(lambda _: measured, measured, 0, channels=("v_x", "a_y"), inputs={"steer": np.ones(400)})
+    bench.counted[:, 1] = False
     found = signals(bench, np.column_stack([np.full(400, 7.0), np.full(400, 9.0)]))
     assert found["v_x"][200] == pytest.approx(7.0)
     assert found["a_y"][200] == pytest.approx(2.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
+from gap_cases import GivenBench, alone, axis, linear_bench, search_on, smooth_columns, weighted
 
 from greybox_id.gap.axes import Candidate
 from greybox_id.gap.refit import refit

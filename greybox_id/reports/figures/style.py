@@ -73,6 +73,9 @@ LEVELS = (("#3f9fd6", "-"), ("#0072b2", "--"), ("#1a1a3d", "-."))
 DENSITY = LinearSegmentedColormap.from_list("density", ["#f0f0f0", "#a8a8a8"])
 """Of measured samples, behind curves."""
 
+RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
+_LOWERED = str.maketrans(RAISED, "0123456789-")
+
 _GREEK = "kappa|sigma|alpha|mu"
 
 _LOOK: dict[Any, Any] = {
@@ -150,6 +153,11 @@ def words(name: str) -> str:
     """A signal's or parameter's name for a figure, in words where it is no symbol."""
     found = symbol(name) if len(name) > 1 else f"${name}$"
     return found if "$" in found else found.replace("_", " ")
+
+
+def in_mathtext(text: str) -> str:
+    """Raised figures as figures' fonts draw them: they hold ² and ³ only."""
+    return re.sub(f"[{RAISED}]+", lambda found: f"$^{{{found[0].translate(_LOWERED)}}}$", text)
 
 
 def _index(name: str) -> str:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ....gap import Gap, Ranked
 from ....models.effects import EFFECTS
-from ...figures.style import BLUE, INK, PALE, PURPLE
+from ...figures.style import BLUE, INK, PALE, PURPLE, in_mathtext
 from ..quantities import magnitude_words
 from .looks import Sheet, nothing
 
@@ -82,7 +82,7 @@ def _bracket(axes: Axes, x: float, members: Sequence[int]) -> None:
 def _interval(axes: Axes, row: int, own: Ranked) -> None:
     """Estimate and interval of one effect, and both in words above it."""
     ends = sorted(relative(own.effect, end, own.magnitude) for end in own.interval)
-    axes.text(1.0, row - 0.2, magnitude_words(own), ha="center", va="bottom", fontsize=7.5)
+    axes.text(1.0, row - 0.2, in_mathtext(magnitude_words(own)), ha="center", va="bottom", fontsize=7.5)
     if not all(isfinite(end) or end in (float("inf"), float("-inf")) for end in ends):
         return
     low, high = (min(max(end, REACH[0]), REACH[1]) for end in ends)
