@@ -163,6 +163,40 @@ def _combine(
         tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
 
 
+def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis, list[Candidate]]:
+    """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
+    search.about(None)
+    base = refitted(search, search.at_means())
+    if base.cost > AGAIN * search.colour.readings:  # nuisances may have moved far: once more, about where they are
+        search.about(base)
+        base = refitted(search, base)
+    promised = promises(search, base, candidates)
+    known = from_where_best(promised, candidates)
+    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
+    if best.candidates:
+        more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
+        best = min([best, *_with_each(search, best, more)], key=lambda own: own.cost)
+    return best, known
+
+
+def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis without one of its effects, for each, from where it stood."""
+    starts, at = [], 0
+    for candidate in whole.candidates:
+        own = slice(at, at + len(candidate.axes))
+        others = tuple(each for each in whole.candidates if each is not candidate)
+        starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
+        at = own.stop
+    return refit(search, starts)
+
+
+def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
+    """Singles with one that was known before, in place of the same one if it is better."""
+    others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
+    new = others if any(own.names == known.names for own in others) else [*others, known]
+    return sorted(new, key=lambda own: own.cost)
+
+
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:
     """A hypothesis, from where it stood."""
     found = refit(search, [search.start_of(again)])
