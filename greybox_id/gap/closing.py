@@ -34,6 +34,10 @@ BLOCK, DRAWS = 2.0, 400
 """Seconds in a block of the bootstrap, and how often it draws."""
 
 
+LEAST_GAP = 0.01
+"""Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of so much at least."""
+
+
 @dataclass(frozen=True)
 class Misfit:
     """Errors of a model with its tolerances refitted.
@@ -124,13 +128,13 @@ def closed_by(
 
     def share(total: Array) -> float:
         E0, E1 = (total[:2] + charges) / total[2]
-        return float((E0 - E1) / max(E0 - floor, 1e-9))
+        return float((E0 - E1) / max(E0 - floor, LEAST_GAP))
 
     rng = np.random.default_rng(0)
     drawn = [share(np.sum(sums[rng.integers(len(sums), size=len(sums))], axis=0)) for _ in range(DRAWS)]
     low, high = np.quantile(drawn, [0.025, 0.975])
     E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
-    closed = (E0 - E1) / max(E0 - floor, 1e-9)
+    closed = (E0 - E1) / max(E0 - floor, LEAST_GAP)
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 

@@ -9,7 +9,7 @@ from ..effect import Effect
 from ..errors import BadInput
 from ..models.vehicles import with_tolerances
 from ..motion_model import MotionModel
-from ..parameter import Parameter
+from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .observer import SEEN, observed, with_seen
@@ -96,5 +96,7 @@ def _held(model: MotionModel, parameter: Parameter, vehicle: Vehicle | None) -> 
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)
     stated = vehicle.values.get(parameter.name)
-    believed = stated is not None and stated.sd is not None
-    return parameter if believed else replace(parameter, fixed=True)
+    if stated is None or stated.sd is None:
+        return replace(parameter, fixed=True)
+    value = float(parameter.array) if stated.value is None else stated.value
+    return replace(parameter, value=value, prior=Prior(stated.sd, mean=value), fixed=False)
