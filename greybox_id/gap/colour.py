@@ -17,6 +17,7 @@ from ..parameter import Array
 
 MOST_ORDER = 6
 """Highest order tried; the order is chosen by BIC."""
+MOST_GAIN = 400.0
 SPIKE, AROUND = 6.0, 5
 """A reading further than so many robust standard deviations from the median of so many rows about it is an outlier."""
 
@@ -135,8 +136,8 @@ def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> ND
 
 
 def _gain(a: Array) -> float:
-    """Variance of a process over that of its innovations; bounded, for a process that hardly ever forgets."""
+    """Variance of a process over that of its innovations; at most `MOST_GAIN`, for one that hardly ever forgets."""
     if len(a) == 0:
         return 1.0
     response = lfilter([1.0], [1.0, *-a], np.append(1.0, np.zeros(2000)))
-    return float(np.sum(np.minimum(response**2, 1e6)))
+    return float(min(np.sum(np.minimum(response**2, MOST_GAIN)), MOST_GAIN))

@@ -170,7 +170,7 @@ def _ranking(found: Examined, known: float) -> list[Ranked]:
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), own.gain))
-    return sorted(ranked, key=lambda own: (-round(own.probability, 6), -own.gain))[:RANKED]
+    return sorted(ranked, key=lambda own: (-round(own.probability / known, 6), -own.gain))[:RANKED]
 
 
 def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:

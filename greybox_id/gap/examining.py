@@ -32,6 +32,7 @@ from .variance import Scatter, dropped, jitter, repeats
 PRESENT = 0.5
 FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
+TINY = 1e-12
 STEEP, HALF = 15.0, 0.4
 """Jitter is believed where it explains more than so much of what is left."""
 LASTS = 0.35
@@ -107,8 +108,9 @@ def examine(
     if selection.tried and max(weighed.scores) > 0:
         best = selection.tried[int(np.argmax(weighed.scores))]
     sd, told = stated_noise(bench, vehicle, best.e)
-    if not told:
-        sd = search.colour.stationary_sd
+    if not told:  # the best that is known of noise is what the best explanation leaves
+        squares = np.where(good, best.e, 0.0) ** 2
+        sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
     if best.candidates and _jitters(bench, selection.base, best, sd, good, weighed):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))

@@ -79,7 +79,7 @@ def where(
     total = float(np.sum(excess))
     there = total > NOTHING * len(excess)
     shares = {
-        name: (float(np.mean(own)), float(np.sum(excess[own])) / total if there else 0.0)
+        name: (float(np.mean(own)), float(np.clip(np.sum(excess[own]) / total, 0.0, 1.0)) if there else 0.0)
         for name, own in regimes(bench, seen).items()
     }
     lifted = {name: share / max(time, 1e-3) for name, (time, share) in shares.items() if share > SHARE and time > 0.02}

@@ -130,7 +130,7 @@ def candidate(index, **more):
 
 def search_on(bench, sd, nuisances=()):
     """A search with white noise, about its nuisances' beliefs."""
-    own = nuisances or (axis(bench.size, sd=1.0),)
+    own = nuisances or ((axis(bench.size, sd=1.0),) if isinstance(bench, GivenBench) else ())
     found = Search(bench, own, white_noise(np.asarray(sd, dtype=float), bench.counted, bench.rows))
     found.about(None)
     return found

@@ -13,9 +13,11 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.vehicle import Stated, Vehicle
 
 TOLERANT = Vehicle(
-    CAR.name, {**CAR.values, "m": Stated(1457.2, 4.4)},
-    {"steering_lag": Stated(sd=0.003), "accel_bias_x": Stated(0.02, 0.01), "steering_delay": Stated(sd=0.002)}, CAR.noise,
-)  # fmt: skip
+    CAR.name,
+    {**CAR.values, "m": Stated(1457.2, 4.4)},
+    {"steering_lag": Stated(sd=0.003), "accel_bias_x": Stated(0.02, 0.01), "steering_delay": Stated(sd=0.002)},
+    CAR.noise,
+)
 
 
 def found(model="single_track", vehicle=CAR):

@@ -1,4 +1,4 @@
-"""The bench simulates as the package simulates, many vectors at once as one at a time, with derivatives that are true."""
+"""The bench simulates as the package simulates, many vectors at once as one at a time, with true derivatives."""
 
 import numpy as np
 import pytest
@@ -112,7 +112,7 @@ def test_derivatives_by_starts_are_those_of_starting_elsewhere(drive):
             found = []
             for by in (1e-5, -1e-5):
                 changed = np.array(drive[name])
-                changed[first] += by
+                changed[first + np.argmax(np.isfinite(changed[first:]))] += by  # a late sensor reads nothing at first
                 found.append(Bench(model, [drive.with_signals(**{name: changed})]).simulate(model.values[None])[0])
             expected = (found[0] - found[1]) / 2e-5
             np.testing.assert_allclose(S[:, :, run * len(names) + k], expected, atol=1e-5 * (1 + np.max(abs(expected))))

@@ -1,4 +1,4 @@
-"""A diagnosis of recordings from an independent simulator: what is there is found, and nothing where there is nothing."""
+"""A diagnosis of recordings from an independent simulator: what is there is found, and nothing where nothing is."""
 
 import json
 from dataclasses import replace
@@ -41,13 +41,13 @@ def told(gap, effect, truth, within=0.03):
 @pytest.fixture(scope="module")
 def delayed():
     """A late steering, diagnosed once, with a lap held out."""
-    return diagnosed(lap({"steering_delay": 0.05}), held_out=[lap({"steering_delay": 0.05}, 20.0, seed=7)])
+    return diagnosed(lap({"steering_delay": 0.05}, 20.0), held_out=[lap({"steering_delay": 0.05}, 10.0, seed=7)])
 
 
 @pytest.fixture(scope="module")
 def clean():
     """A vehicle that lacks nothing."""
-    return diagnosed(lap())
+    return diagnosed(lap(seconds=20.0))
 
 
 # ---- one of each, in every run
@@ -102,7 +102,7 @@ def test_the_closed_model_is_the_nominal_one_with_the_effect(delayed):
 
 def test_the_picture_covers_the_lap(delayed):
     strip = delayed.strip
-    assert len(strip.time) == len(strip.before) == len(strip.after) == len(strip.x) == 40
+    assert len(strip.time) == len(strip.before) == len(strip.after) == len(strip.x) == 20
     assert np.mean(strip.before) > 2 * np.mean(strip.after)
     assert set(strip.spectrum_before) == set(CHANNELS)
 
@@ -111,8 +111,8 @@ def test_an_answer_is_plain_data(delayed, clean):
     for gap in (delayed, clean):
         body = json.loads(json.dumps(gap.to_json(), default=float))
         assert set(body) >= {
-            "model", "recordings", "gap_detected", "p_value", "unknown_probability", "where", "ranking", "applied", "gap",
-            "held_out", "not_excited", "absorbed", "advice", "doubts",
+            "model", "recordings", "gap_detected", "p_value", "unknown_probability", "where", "ranking", "applied",
+            "gap", "held_out", "not_excited", "absorbed", "advice", "doubts",
         }  # fmt: skip
         assert set(body["where"]) >= {"channel", "regime", "equations", "time", "channels", "regimes"}
         assert body["where"]["channel"] in (*CHANNELS, "")
@@ -155,8 +155,8 @@ def test_without_effects_that_act_on_the_model_there_is_nothing_to_say():
     ("effect", "truth"),
     [
         ("tyre_relaxation", 0.4), ("mass_change", 1.08), ("sensor_latency_yaw", 0.03), ("accel_bias_y", 0.3),
-        ("road_slope", 0.03), ("motor_gain", 0.9), ("grip_scale", 0.85), ("steering_offset", 0.01), ("yaw_inertia", 1.15),
-        ("steering_lag", 0.06), ("wheel_speed_scale", 1.03), ("cog_shift", 0.08),
+        ("road_slope", 0.03), ("motor_gain", 0.9), ("grip_scale", 0.85), ("steering_offset", 0.01),
+        ("yaw_inertia", 1.15), ("steering_lag", 0.06), ("wheel_speed_scale", 1.03), ("cog_shift", 0.08),
     ],
 )  # fmt: skip
 def test_a_single_effect_is_named_with_its_magnitude(effect, truth):
@@ -250,6 +250,14 @@ def test_rows_held_stale_are_found_and_counted():
     assert first.effect == "dropped_samples"
     assert first.probability > 0.9
     assert first.interval[0] <= 0.06 <= first.interval[1]
+    assert gap.applied == ()
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason="effects that read like it are put in its place", strict=False)
+def test_jitter_of_the_sampling_instant_is_found_where_commands_jump():
+    gap = diagnosed(lap({"timestamp_jitter": 0.003}))
+    told(gap, "timestamp_jitter", 0.003, within=0.15)
     assert gap.applied == ()
 
 

@@ -49,7 +49,10 @@ def test_a_residual_that_goes_with_lateral_acceleration_times_speed_is_found():
 
 @pytest.mark.parametrize(
     "structure",
-    [SEEN["a_x"] * SEEN["a_y"], np.sign(SEEN["a_y"]), np.abs(SEEN["a_x"]), TIME * SEEN["a_y"], np.roll(SEEN["a_y"], 20)],
+    [
+        SEEN["a_x"] * SEEN["a_y"], np.sign(SEEN["a_y"]), np.abs(SEEN["a_x"]), TIME * SEEN["a_y"],
+        np.roll(SEEN["a_y"], 20),
+    ],
     ids=["product", "sign", "size", "drift", "late"],
 )  # fmt: skip
 def test_other_shapes_are_found(structure):

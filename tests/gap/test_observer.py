@@ -44,7 +44,10 @@ def test_a_pulled_state_stays_near_its_reading():
 
 @pytest.mark.parametrize(
     "effects",
-    [{}, {"wheel_speed_scale": 1.06}, {"sensor_latency_vx": 0.037}, {"wheel_speed_scale": 0.95, "sensor_latency_vx": 0.1}],
+    [
+        {}, {"wheel_speed_scale": 1.06}, {"sensor_latency_vx": 0.037},
+        {"wheel_speed_scale": 0.95, "sensor_latency_vx": 0.1},
+    ],
 )  # fmt: skip
 def test_the_pull_is_zero_where_model_and_vehicle_agree(effects):
     drive = driven("single_track", runs=1, seconds=8.0, effects=effects, noise=0.0)

@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
-from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
+from driven import driven
+from gap_cases import CAR, GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
+from greybox_id.gap.axes import candidates, shifting
+from greybox_id.gap.bench import Bench
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import bounded_step, refit
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
 
 SD = np.array([0.1, 0.4])
 
@@ -163,3 +168,19 @@ def test_simulations_are_counted():
     before = search.simulations
     refit(search, [alone(search, candidate(0))])
     assert 4 <= search.simulations - before <= 6  # two a step: where it stands, and beside it
+
+
+@pytest.mark.parametrize(
+    "start",
+    [0.03, 0.0799, 0.0801, pytest.param(0.08, marks=pytest.mark.xfail(reason="it steps across the row", strict=False))],
+)
+def test_a_delay_is_found_from_either_side_of_a_row_and_from_on_it(monkeypatch, start):
+    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+    model = build("lateral", None, {"steering_delay": None}, CAR)
+    numbers = {p.name: float(p.array) for p in model.parameters if p.name in CAR.values}
+    drive = driven("lateral", 1, 6.0, 0, {"steering_delay": 0.067}, values=numbers)  # read every 0.04 s
+    bench = Bench(model, [drive])
+    (own,) = candidates(model, {"steering_delay": EFFECTS["steering_delay"]}, shifting(model))
+    search = search_on(bench, np.array([0.02, 0.005, 0.1]))
+    (found,) = refit(search, [alone(search, own, start)])
+    assert found.m[0] == pytest.approx(0.067, abs=0.004)
