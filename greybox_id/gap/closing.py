@@ -35,7 +35,7 @@ BLOCK, DRAWS = 2.0, 400
 
 
 LEAST_GAP = 0.01
-"""Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of so much or more."""
+"""Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
 
 @dataclass(frozen=True)

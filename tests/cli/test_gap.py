@@ -79,7 +79,7 @@ def test_json_is_one_object_with_what_was_found(laps, asked):
     assert told["vehicle"] == "full-size car"
     assert told["command"].startswith("greybox gap ")
     assert "ranking 3 effects" in called.err
-    assert asked.options == {"seed": 3}
+    assert asked.options == {"seed": 3, "horizons": False}
     assert asked.model.name == "single_track"
     assert [own.name for own in asked.recordings] == ["lap7"]
     assert [own.name for own in asked.held_out] == ["lap8"]

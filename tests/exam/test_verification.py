@@ -1,8 +1,7 @@
 """Closed models come back from what a diagnosis wrote down, and are tried on what was held out."""
 
 import json
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,30 +46,28 @@ def test_a_model_survives_being_written_down(closed):
 def test_the_closed_model_is_compared_with_that_of_the_vehicle_file(case, closed, monkeypatch):
     seen = []
 
-    def closure(before, after, recordings, noise):
-        seen.append((before, after, recordings, noise))
+    def closure(before, after, recordings, vehicle, effects, horizons):
+        seen.append((before, after, recordings, vehicle))
+        assert "steering_delay" in effects
+        assert not horizons
         return SimpleNamespace(closed=0.9)
 
-    closing = ModuleType("greybox_id.gap.closing")
-    closing.closure = closure
-    monkeypatch.setitem(sys.modules, "greybox_id.gap.closing", closing)
+    monkeypatch.setattr("greybox_id.exam.verification.closure", closure)
     found = held_out_closure(case, case / "recording.csv", {"closed_model": plain_model(closed)})
-    ((before, after, recordings, noise),) = seen
+    ((before, after, recordings, stated),) = seen
     assert found == 0.9
     assert float(before["m"].array) == 1500.0
     assert not before.effects
     assert float(after["steering_delay"].array) == pytest.approx(0.031 * 1.01)
     assert [len(own) for own in recordings] == [2]
-    assert dict(noise) == {"yaw_rate": 0.01}
+    assert dict(stated.noise) == {"yaw_rate": 0.01}
 
 
 def test_a_model_that_cannot_be_simulated_closes_nothing(case, closed, monkeypatch):
-    def closure(*_):
+    def closure(*_, **__):
         raise BadInput("it blew up.")
 
-    closing = ModuleType("greybox_id.gap.closing")
-    closing.closure = closure
-    monkeypatch.setitem(sys.modules, "greybox_id.gap.closing", closing)
+    monkeypatch.setattr("greybox_id.exam.verification.closure", closure)
     assert held_out_closure(case, case / "recording.csv", {"closed_model": plain_model(closed)}) == -np.inf
 
 
