@@ -93,7 +93,7 @@ def sound(residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice]) -
             if np.count_nonzero(np.isfinite(e)) <= 2 * AROUND:
                 continue
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
-            padded = np.pad(filled, AROUND // 2, mode="edge")
+            padded = np.pad(filled, AROUND // 2, mode="reflect")
             off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
             spread = 1.4826 * np.nanmedian(np.abs(off[np.isfinite(off) & (off != 0)])) if np.any(off != 0) else 0.0
             good[own, c] &= ~(np.abs(off) > SPIKE * max(spread, 1e-300))

@@ -26,8 +26,15 @@ SHIFTED, ON_A_ROW = 1e-4, 1e-6
 FAR = 1e-9
 
 
-def refit(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
-    """Refit hypotheses side by side, in their order; those that have no finite residuals are left out."""
+def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
+    """Refit hypotheses side by side, in their order; those that have no finite residuals are left out.
+
+    Parameters
+    ----------
+    search : what they are refitted on.
+    starts : where they begin.
+    settle_on_rows : whether delays of whole rows are tried too.
+    """
     work = [_Work(search, start) for start in starts]
     for _ in range(ITERATIONS):
         active = [own for own in work if not own.done]
@@ -40,7 +47,23 @@ def refit(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
             count = len(own.wanted())
             own.take(e[first : first + count])
             first += count
-    return [own.best for own in work if own.best is not None]
+    found = [own.best for own in work if own.best is not None]
+    return [_on_rows(search, own) for own in found] if settle_on_rows else found
+
+
+def _on_rows(search: Search, found: Hypothesis) -> Hypothesis:
+    """The hypothesis, or a better one with a delay of whole rows: there likelihoods have steps, which stop refits."""
+    starts = []
+    for k, axis in enumerate(found.axes):
+        rows = found.m[k] / search.bench.sample_time
+        for whole in {np.floor(rows), np.ceil(rows)} if axis.shift else ():
+            at = whole * search.bench.sample_time
+            if whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
+                m = found.m.copy()
+                m[k] = at
+                starts.append(Start(found.candidates, m, found.theta, found.linear))
+    others = refit(search, starts, settle_on_rows=False) if starts else []
+    return min([found, *others], key=lambda own: own.cost)
 
 
 class _Work:
@@ -83,7 +106,7 @@ class _Work:
             step = max(BESIDE * axis.scale, BESIDE * abs(at))
             return step if at + step <= axis.high else -step
         rows = at / self.search.bench.sample_time
-        crosses = np.floor(rows + SHIFTED / self.search.bench.sample_time) > np.floor(rows + ON_A_ROW)
+        crosses = np.floor(rows + SHIFTED / self.search.bench.sample_time) > np.floor(rows - ON_A_ROW)
         return -SHIFTED if crosses and at >= SHIFTED else SHIFTED
 
     def take(self, e: Array) -> None:

@@ -80,7 +80,7 @@ class Search:
 
     def _whiten(self) -> None:
         both = np.concatenate([self.theta_by, self.linear_by], axis=2)
-        self.white = self.colour.white(both).reshape(-1, both.shape[2])
+        self.white = self.colour.white(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in axes), *[JUMPS_SD] * count, *starts]

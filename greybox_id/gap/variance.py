@@ -105,7 +105,11 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
         return None
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
-    tau = float(np.exp(at / 2))
-    off = g / np.sqrt(1 / tau**2 + h)  # instants by which rows seem to be off, in their standard deviations
+    variance = float(np.exp(at))
+    tau = float(np.sqrt(variance * scale(variance)))
+    off = g / np.sqrt(1 / variance + h)  # instants by which rows seem to be off, in their standard deviations
     lasting = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
-    return Scatter(tau, 0.5 * tau / np.sqrt(max(curve, 1e-3)), gain, scale(tau**2), lasting)
+    ends = [variance * np.exp(side) for side in (-step, step)]
+    follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
+    sd = 0.5 * tau * follows / np.sqrt(max(curve, 1e-3))
+    return Scatter(tau, sd, gain, scale(variance), lasting)

@@ -118,7 +118,6 @@ def test_spikes_are_found_and_few_other_readings_with_them(seed, places, slow, s
     assert np.sum(~good) - len(places) <= 0.002 * 2000
 
 
-@pytest.mark.xfail(reason="padded with itself, it outvotes its neighbours", strict=False)
 @pytest.mark.parametrize("place", [0, 399])
 def test_a_spike_in_the_first_or_last_row_is_one(place):
     e = np.random.default_rng(0).standard_normal((400, 1))

@@ -196,7 +196,6 @@ def test_two_effects_are_found_together(effects):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="a delay of a whole number of rows lies on a step of its likelihood", strict=False)
 @pytest.mark.parametrize("effects", [{"steering_delay": 0.04}, {"steering_delay": 0.04, "mass_change": 1.08}])
 def test_a_delay_of_whole_rows_is_one_too(effects):
     gap = diagnosed(lap(effects))
@@ -254,7 +253,7 @@ def test_rows_held_stale_are_found_and_counted():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="effects that read like it are put in its place", strict=False)
+@pytest.mark.xfail(reason="effects that read like it are put in its place", strict=True)
 def test_jitter_of_the_sampling_instant_is_found_where_commands_jump():
     gap = diagnosed(lap({"timestamp_jitter": 0.003}))
     told(gap, "timestamp_jitter", 0.003, within=0.15)

@@ -184,7 +184,7 @@ def test_simulations_are_counted():
     "start",
     [
         0.03, 0.0599, 0.0601,
-        pytest.param(0.06, marks=pytest.mark.xfail(reason="its derivative steps across the row", strict=False)),
+        0.06,
     ],
 )  # fmt: skip
 def test_a_delay_is_found_from_either_side_of_a_row_and_from_on_it(monkeypatch, start):

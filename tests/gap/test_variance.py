@@ -52,7 +52,6 @@ def test_noise_that_is_larger_than_stated_is_no_jitter():
     assert own is None or own.gain < 5
 
 
-@pytest.mark.xfail(reason="the magnitude is in units of the stated noise", strict=False)
 @pytest.mark.parametrize("share", [0.7, 1.4])
 def test_the_size_of_jitter_does_not_depend_on_the_noise_that_is_stated(share):
     assert found(0.004, sd=share * SD).magnitude == pytest.approx(0.004, rel=0.1)
