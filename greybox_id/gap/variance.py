@@ -109,7 +109,7 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     tau = float(np.sqrt(variance * scale(variance)))
     off = g / np.sqrt(1 / variance + h)  # instants by which rows seem to be off, in their standard deviations
     lasting = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
-    ends = [variance * np.exp(side) for side in (-step, step)]
+    ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
-    sd = 0.5 * tau * follows / np.sqrt(max(curve, 1e-3))
+    sd = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
     return Scatter(tau, sd, gain, scale(variance), lasting)
