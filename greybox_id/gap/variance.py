@@ -111,5 +111,5 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     lasting = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
     ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
-    sd = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
-    return Scatter(tau, sd, gain, scale(variance), lasting)
+    spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
+    return Scatter(tau, spread, gain, scale(variance), lasting)
