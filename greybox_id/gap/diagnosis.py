@@ -35,6 +35,8 @@ ALIKE = 3.0
 WIDER = 1.6
 """How much wider intervals are where the equations are rough."""
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
+JITTER_LEAVES = 0.3
+"""Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
 NOISE_ALONE = {False: 0.03, True: 1.5}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
@@ -91,6 +93,8 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     unknown = unknown_probability(found.signs, found.rough) if detected else NOTHING_UNKNOWN
     if detected and not found.best.candidates and not scattered:  # a gap, and no name for it
         unknown = max(unknown, NAMELESS)
+    if scattered and not found.best.candidates and found.signs.left < JITTER_LEAVES:
+        unknown = min(unknown, NOTHING_UNKNOWN)
     ranking = _ranking(found, 1.0 - unknown)
     applied = tuple(found.best.names)
     closed = _closed_model(found)

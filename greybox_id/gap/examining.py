@@ -27,7 +27,7 @@ from .search import Search
 from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
 from .unknown import Signs, signs
-from .variance import Scatter, dropped, jitter, repeats
+from .variance import Scatter, dropped, jitter, repeats, steady
 
 PRESENT = 0.5
 FAR_OFF, FIRM = 30.0, 2.0
@@ -146,10 +146,15 @@ def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firml
 def _jitters(
     bench: Bench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], weighed: Evidence
 ) -> bool:
-    """Whether jitter alone explains more than the best hypothesis does."""
+    """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
+
+    Where one does, a reading that comes early is not what rates tell, and delays and lags explain it a little.
+    """
     y = np.where(bench.counted, base.e + bench.measured, 0.0)
     own = jitter(bench, base.e, y, sd, good)
-    if own is None or own.gain < base.cost - best.cost:
+    _, calm = steady(bench, y, sd, good)
+    gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
+    if own is None or own.gain < gain:
         return False
     return _believed(own, float(np.mean((base.e / sd)[good] ** 2)), weighed.temper) > PRESENT
 

@@ -62,6 +62,29 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
 
 
+def steady(bench: Bench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
+
+    Where commands are held, accelerations jump with them at every row: a reading that comes early by however little
+    sees the whole jump. What states read does not.
+
+    Parameters
+    ----------
+    bench, y, sd, good : as of `jitter`.
+    """
+    rates, known = np.zeros_like(y), np.zeros_like(good)
+    states = {state.name for state in bench.model.states}
+    smooth = np.array([channel in states for channel in bench.channels])
+    for run, rows in zip(bench.runs, bench.rows, strict=True):
+        if rows.stop - rows.start < 3:
+            continue
+        forward = np.diff(y[rows], axis=0) / np.diff(run.time)[:, None]
+        rates[rows.start + 1 : rows.stop - 1] = (forward[1:] + forward[:-1]) / 2
+        bend = np.abs(np.diff(y[rows], 2, axis=0))
+        known[rows.start + 1 : rows.stop - 1] = (bend < STEP * sd) & (smooth | ~np.any(run.held))
+    return rates, good & known
+
+
 def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
     """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
 
@@ -72,15 +95,7 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     sd : (channels,) of noise where nothing changes.
     good : (N, channels) readings that count.
     """
-    rates, known = np.zeros_like(y), np.zeros_like(good)
-    for run, rows in zip(bench.runs, bench.rows, strict=True):
-        if rows.stop - rows.start < 3:
-            continue
-        forward = np.diff(y[rows], axis=0) / np.diff(run.time)[:, None]
-        rates[rows.start + 1 : rows.stop - 1] = (forward[1:] + forward[:-1]) / 2
-        bend = np.abs(np.diff(y[rows], 2, axis=0))
-        known[rows.start + 1 : rows.stop - 1] = bend < STEP * sd
-    use = good & known
+    rates, use = steady(bench, y, sd, good)
     a = np.where(use, rates / sd, 0.0)
     z = np.where(use, e / sd, 0.0)
     h, g = np.sum(a**2, axis=1), np.sum(a * z, axis=1)

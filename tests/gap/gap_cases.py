@@ -77,7 +77,8 @@ class GivenBench:
         edges = np.concatenate(([0], np.cumsum(lengths or [count])))
         self.rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.time = dt * np.arange(count)
-        self.runs = [SimpleNamespace(time=self.time[own], sample_time=dt) for own in self.rows]
+        still = np.zeros(len(inputs or ()), dtype=bool)
+        self.runs = [SimpleNamespace(time=self.time[own], sample_time=dt, held=still) for own in self.rows]
         inputs = inputs or {}
         self.inputs = np.column_stack(list(inputs.values())) if inputs else np.zeros((count, 0))
         self.model = SimpleNamespace(values=np.zeros(size + 1), inputs=tuple(inputs), outputs=self.channels, states=())

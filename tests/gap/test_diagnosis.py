@@ -253,7 +253,6 @@ def test_rows_held_stale_are_found_and_counted():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="effects that read like it are put in its place", strict=True)
 def test_jitter_of_the_sampling_instant_is_found_where_commands_jump():
     gap = diagnosed(lap({"timestamp_jitter": 0.003}))
     told(gap, "timestamp_jitter", 0.003, within=0.15)
