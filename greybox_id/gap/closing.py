@@ -34,6 +34,8 @@ BLOCK, DRAWS = 2.0, 400
 """Seconds in a block of the bootstrap, and how often it draws."""
 
 
+AGAIN, ENOUGH = 4, 1.0
+"""How often tolerances are linearised again at most, and the gain in log-likelihood below which they are not."""
 LEAST_GAP = 0.01
 """Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
@@ -95,8 +97,14 @@ def refitted_tolerances(
     sd, _ = stated_noise(bench, vehicle, start)
     search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
     search.about(None)
-    found = refit(search, [search.start_of(search.at_means())])
-    return misfit(search, found[0]), bench
+    found = refit(search, [search.start_of(search.at_means())])[0]
+    for _ in range(AGAIN if own else 0):  # tolerances may have moved far: once more, about where they are
+        search.about(found)
+        again = refit(search, [search.start_of(found)])
+        if not again or again[0].cost > found.cost - ENOUGH:
+            break
+        found = again[0]
+    return misfit(search, found), bench
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:
