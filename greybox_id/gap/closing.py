@@ -26,7 +26,7 @@ from .gap import Closure, Errors
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .preparing import prepare_plain
-from .refit import refit
+from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
 
@@ -34,8 +34,6 @@ BLOCK, DRAWS = 2.0, 400
 """Seconds in a block of the bootstrap, and how often it draws."""
 
 
-AGAIN, ENOUGH = 4, 1.0
-"""How often tolerances are linearised again at most, and the gain in log-likelihood below which they are not."""
 LEAST_GAP = 0.01
 """Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
@@ -98,13 +96,7 @@ def refitted_tolerances(
     search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
     search.about(None)
     found = refit(search, [search.start_of(search.at_means())])[0]
-    for _ in range(AGAIN if own else 0):  # tolerances may have moved far: once more, about where they are
-        search.about(found)
-        again = refit(search, [search.start_of(found)])
-        if not again or again[0].cost > found.cost - ENOUGH:
-            break
-        found = again[0]
-    return misfit(search, found), bench
+    return misfit(search, settled(search, found)), bench
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

@@ -24,6 +24,8 @@ BESIDE = 1e-3
 SHIFTED, ON_A_ROW = 1e-4, 1e-6
 """The same for delays and latencies, s; and how near to a row, in rows, they are on it."""
 FAR = 1e-9
+AGAIN, ENOUGH = 4, 1.0
+"""How often nuisances are linearised again at most, and the gain in log-likelihood below which they are not."""
 
 
 def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
@@ -49,6 +51,21 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
             first += count
     found = [own.best for own in work if own.best is not None]
     return [_on_rows(search, own) for own in found] if settle_on_rows else found
+
+
+def settled(search: Search, found: Hypothesis) -> Hypothesis:
+    """A hypothesis whose nuisances are linearised about where they are until they move no more.
+
+    They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
+    derivatives taken there: what they then miss would pass for a gap.
+    """
+    for _ in range(AGAIN if len(found.theta) else 0):
+        search.about(found)
+        again = refit(search, [search.start_of(found)])
+        if not again or again[0].cost > found.cost - ENOUGH:
+            break
+        found = again[0]
+    return found
 
 
 def _on_rows(search: Search, found: Hypothesis) -> Hypothesis:

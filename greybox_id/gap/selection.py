@@ -16,7 +16,7 @@ from ..errors import BadInput
 from .axes import Candidate
 from .colour import colour
 from .hypothesis import Hypothesis, Start
-from .refit import SETTLED, refit
+from .refit import refit, settled
 from .search import Search
 from .shortlist import Promise, from_where_best, promises
 
@@ -25,8 +25,6 @@ SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
 best pair."""
 NEARLY = 0.8
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
-AGAIN = 0.55
-"""Cost per reading, where noise alone costs half, from which on nuisances are linearised again."""
 FEWEST, HOPE = 4, 0.1
 """Singles that promise less than this share of the best are not refitted, but so many are."""
 ROUGH, MUCH = 6, 0.01
@@ -94,7 +92,7 @@ def select(
         if not _stands(search, best):
             search.nominal[firmly.index] = firmly.rate
     search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
-    base = _base(search, best, worth)
+    base = _base(search, best)
     promised = promises(search, base, known if firmly is None else candidates)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
     singles = _with_each(search, base, hopeful[:SINGLES])
@@ -114,7 +112,7 @@ def _stands(search: Search, best: Hypothesis) -> bool:
     return bool(loosely) and loosely[0].cost <= RATHER * best.cost and bool(refit(search, [nothing]))
 
 
-def _base(search: Search, best: Hypothesis, worth: float) -> Hypothesis:
+def _base(search: Search, best: Hypothesis) -> Hypothesis:
     """Nothing but nuisances, as well as they can do."""
     search.about(best)
     nothing = Start((), np.empty(0), best.theta, best.linear)
@@ -122,13 +120,7 @@ def _base(search: Search, best: Hypothesis, worth: float) -> Hypothesis:
     if not found:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
     base = min(found, key=lambda own: own.cost)
-    if len(base.theta) and base.cost - best.cost > worth:  # is that a gap, or did nuisances not get there?
-        search.about(base)
-        again = refitted(search, base)
-        if again.cost < base.cost - SETTLED:
-            return again
-        search.about(best)
-    return base
+    return settled(search, base)
 
 
 def _combine(
@@ -167,9 +159,7 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
     search.about(None)
     base = refitted(search, search.at_means())
-    if base.cost > AGAIN * search.colour.readings:  # nuisances may have moved far: once more, about where they are
-        search.about(base)
-        base = refitted(search, base)
+    base = settled(search, base)
     promised = promises(search, base, candidates)
     known = from_where_best(promised, candidates)
     best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
