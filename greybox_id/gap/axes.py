@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf, isinf, pi
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..motion_model import MotionModel
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 
 FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
 """Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
@@ -65,10 +65,6 @@ class Axis:
         if not self.inverse:
             return coordinate
         return inf if coordinate <= 0 else 1 / coordinate
-
-    def free(self) -> Axis:
-        """The same without a belief."""
-        return replace(self, mean=self.null, sd=inf)
 
 
 @dataclass(frozen=True)
@@ -175,8 +171,3 @@ def _second(index: int, parameter: Parameter) -> Axis:
     """A second parameter: free within a factor, or in any direction."""
     axis = _axis(parameter, index, False)
     return replace(axis, scale=0.1 if axis.unit == "rad" else 0.1 * abs(axis.null))
-
-
-def coordinates(axes: Sequence[Axis]) -> Array:
-    """Where axes stand at their null."""
-    return np.array([axis.null for axis in axes])

@@ -56,7 +56,7 @@ def closure(
     before: MotionModel,
     after: MotionModel,
     recordings: Sequence[Recording],
-    vehicle: Vehicle,
+    vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
     horizons: bool = True,
     sd: Array | None = None,
@@ -83,7 +83,7 @@ def closure(
 
 
 def refitted_tolerances(
-    model: MotionModel, recordings: Sequence[Recording], vehicle: Vehicle, effects: Mapping[str, Effect]
+    model: MotionModel, recordings: Sequence[Recording], vehicle: Vehicle | None, effects: Mapping[str, Effect]
 ) -> tuple[Misfit, Bench]:
     """Errors of a model whose tolerances are refitted to recordings."""
     prepared = prepare_plain(model, recordings, effects, vehicle)
@@ -95,8 +95,10 @@ def refitted_tolerances(
     sd, _ = stated_noise(bench, vehicle, start)
     search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
     search.about(None)
-    found = refit(search, [search.start_of(search.at_means())])[0]
-    return misfit(search, settled(search, found)), bench
+    found = refit(search, [search.start_of(search.at_means())])
+    if not found:
+        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
+    return misfit(search, settled(search, found[0])), bench
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

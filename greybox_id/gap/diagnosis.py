@@ -7,6 +7,7 @@ from dataclasses import replace
 from math import isfinite
 
 import numpy as np
+from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
@@ -28,8 +29,6 @@ from .unknown import unknown_probability
 
 RANKED = 8
 """Effects that are listed at most."""
-SURE = 0.01
-"""A gap is detected where noise alone would look so less often."""
 ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
 WIDER = 1.6
@@ -84,9 +83,7 @@ def diagnose(
 
 def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """What a diagnosis says of what it found."""
-    selection, weighed = found.selection, found.evidence
-    best_gain = max((selection.base.cost - own.cost for own in selection.tried), default=0.0)
-    p = p_value(weighed.temper * best_gain, 1, len(found.prepared.effects))
+    selection = found.selection
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
     unexplained = found.told and found.signs.excess > NOISE_ALONE[found.rough]
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
@@ -99,7 +96,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     applied = tuple(found.best.names)
     closed = _closed_model(found)
     verified = None
-    if held_out and found.vehicle is not None:
+    if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
         verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
     excess = np.sum(
@@ -125,7 +122,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
             if finding.severity is Severity.DISTRUST
         ),
         gap_detected=detected,
-        p_value=p if not unexplained else min(p, SURE / 10),
+        p_value=_p_value(found, unexplained),
         unknown_probability=unknown,
         unknown=_shape(found, place.channel) if unknown > PRESENT else "",
         where=place if detected else replace(place, channel="", regime="any"),
@@ -175,6 +172,17 @@ def _ranking(found: Examined, known: float) -> list[Ranked]:
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), own.gain))
     return sorted(ranked, key=lambda own: (-round(own.probability / known, 6), -own.gain))[:RANKED]
+
+
+def _p_value(found: Examined, unexplained: bool) -> float:
+    """How often noise alone would look so: like the best hypothesis, like an effect of variance, or as loud."""
+    many, temper, base = len(found.effects), found.evidence.temper, found.selection.base
+    tried = found.selection.tried
+    p = [p_value(temper * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
+    p += [p_value(temper * own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
+    if unexplained:
+        p.append(float(norm.sf(found.signs.excess * np.sqrt(found.selection.search.colour.readings / 2))))
+    return min(p, default=1.0)
 
 
 def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:

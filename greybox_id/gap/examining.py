@@ -30,6 +30,7 @@ from .unknown import Signs, signs
 from .variance import Scatter, dropped, jitter, repeats, steady
 
 PRESENT = 0.5
+"""Probability from which on an effect of variance is taken to be there."""
 FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
 TINY = 1e-12

@@ -89,8 +89,8 @@ class Closure:
 
     Attributes
     ----------
-    before, after, floor : mean square of the errors over that of the noise, all channels alike; the floor is one where
-        the noise was stated or told exactly.
+    before, after, floor : mean square of the errors over that of the noise, all channels alike; the floor is one, or
+        less where less is left.
     closed : (before - after) / (before - floor); negative where the effect makes predictions worse.
     closed_interval : 95 %, from paired blocks.
     recordings : names of those it was measured on.

@@ -24,7 +24,7 @@ one at most."""
 
 
 class Search:
-    """Refits hypotheses about one bench.
+    """What hypotheses about one bench are weighed by.
 
     Parameters
     ----------
@@ -45,7 +45,6 @@ class Search:
         self.nominal = np.array(bench.model.values)
         self.simulations = 0
         self.colour = colour
-        self._chords: tuple[Array, Array, Array] | None = None  # by moving nuisances, by linear ones; raw
 
     # ---- what everything is about
 
@@ -113,13 +112,6 @@ class Search:
         """The parameter vector of a hypothesis; first-order nuisances stay at their null."""
         return self.placed(self.placed(self.nominal, self.moving, hypothesis.theta), hypothesis.axes, hypothesis.m)
 
-    def full_vector(self, hypothesis: Hypothesis) -> Array:
-        """The same with shift nuisances where they were found."""
-        p = self.vector(hypothesis)
-        taken = {axis.name for axis in hypothesis.axes}
-        own = [(axis, x) for axis, x in zip(self.shifts, hypothesis.linear, strict=False) if axis.name not in taken]
-        return self.placed(p, [axis for axis, _ in own], np.array([np.clip(x, axis.low, axis.high) for axis, x in own]))
-
     @staticmethod
     def placed(p: Array, axes: Sequence[Axis], coordinates: Sequence[float] | Array) -> Array:
         """A parameter vector with some axes elsewhere."""
@@ -162,7 +154,7 @@ class Search:
         y = self.bench.simulate(np.array(P))
         return np.where(self.bench.counted, y - self.bench.measured, 0.0)
 
-    # ---- refits
+    # ---- to first order
 
     def project(self, e: Array, columns: Array, theta: Array, linear: Array) -> Projection:
         """What single columns would gain, nuisances refitted to first order.

@@ -29,8 +29,6 @@ FEWEST, HOPE = 4, 0.1
 """Singles that promise less than this share of the best are not refitted, but so many are."""
 ROUGH, MUCH = 6, 0.01
 """Singles refitted while the noise is not known yet; a second effect is added there where it explains such a share."""
-
-
 RATHER = 2.0
 """An observer stays firm where a good explanation costs so many times as much without it."""
 
@@ -101,7 +99,8 @@ def select(
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = refitted(search, best)
-    _combine(search, singles, tried, best, from_where_best(promised, candidates), worth)
+    if tried:
+        _combine(search, singles, tried, best, from_where_best(promised, candidates), worth)
     return Selection(search, base, tuple(sorted(tried.values(), key=lambda own: own.cost)), tuple(promised))
 
 

@@ -7,7 +7,7 @@ from gap_cases import CAR, axis, nominal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.gap.axes import DIRECTIONS, candidates, coordinates, nuisances, shifting
+from greybox_id.gap.axes import DIRECTIONS, candidates, nuisances, shifting
 from greybox_id.gap.preparing import prepare
 from greybox_id.models.effects import EFFECTS
 from greybox_id.vehicle import Stated, Vehicle
@@ -53,7 +53,7 @@ def test_every_candidate_stands_where_the_model_has_it(model):
             assert each.sd == inf
             assert each.scale > 0
     main = own["grip_scale"].axes
-    assert coordinates(main).tolist() == [1.0]
+    assert [axis.null for axis in main] == [1.0]
 
 
 def test_every_start_lies_within_bounds_and_off_the_null():
@@ -99,9 +99,3 @@ def test_what_is_stated_with_an_sd_is_believed_and_nothing_else():
     assert (own["accel_bias_x"].mean, own["accel_bias_x"].sd) == (0.02, 0.01)
     assert own["steering_lag"].mean == 0.0
     assert {name for name, each in own.items() if each.abrupt} == {"steering_lag", "steering_delay"}
-
-
-def test_a_believed_axis_can_be_freed():
-    own = found(vehicle=TOLERANT)[2][0]
-    assert own.free().sd == inf
-    assert own.free().mean == own.null
