@@ -20,9 +20,8 @@ Tier = Literal["clean", "workshop", "real"]
 """Exact vehicle file, nominal forms, white noise; or tolerances, other forms, coloured noise, outliers."""
 
 SIZABLE = 0.1
-"""A gap above this share of the noise counts as one that must be detected."""
-ENOUGH = 25.0
-"""And what tolerances leave of it must weigh as much as five standard deviations."""
+"""A gap that exceeds this share of the noise floor must be detected: some channel's mean square error over that of its
+noise, less one, once tolerances have taken up what they can."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,7 @@ class Answer:
     nulls : effect -> the magnitude at which it is not there.
     aliases : effect of the vocabulary -> others that nothing on this recording tells from it.
     size : channel -> root mean square of the difference the effects make to noise-free readings, in noise sds.
-    evidence : sum of squares of what stated tolerances leave of that difference, in noise variances, and of what the
-        tolerances pay, in theirs.
+    left : the same of what stated tolerances leave of that difference.
     seed : of everything random in it.
     car : the true vehicle as plain data.
     about : rate, duration and so on, for people.
@@ -51,7 +49,7 @@ class Answer:
     nulls: Mapping[str, float] = field(default_factory=dict)
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     size: Mapping[str, float] = field(default_factory=dict)
-    evidence: float = 0.0
+    left: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     car: Mapping[str, Any] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
@@ -63,12 +61,22 @@ class Answer:
 
     @property
     def sizable(self) -> bool:
-        """Whether there is a gap that must be detected: more than a share of the noise, and than tolerances."""
-        return self.kind not in ("null", "real") and self.largest > SIZABLE and self.evidence > ENOUGH
+        """Whether there is a gap that must be detected."""
+        return self.kind not in ("null", "real") and exceeds(self.left)
 
     def alike(self, effect: str) -> frozenset[str]:
         """The effect and all that this recording cannot tell from it."""
         return frozenset((effect, *always_alike(effect), *self.aliases.get(effect, ())))
+
+
+def exceeds(left: Mapping[str, float]) -> bool:
+    """Whether a gap exceeds a share of the noise floor in some channel.
+
+    Parameters
+    ----------
+    left : channel -> root mean square of what tolerances leave of it, in noise sds.
+    """
+    return max(left.values(), default=0.0) ** 2 > SIZABLE
 
 
 def write_answer(answer: Answer, file: Path) -> Path:

@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2
 
 from ..datasets.virtual_vehicle import Tolerances, Truth, replay
 from ..parameter import Array
 from ..recording import Recording
 from .aliases import View
-from .vocabulary import absorbing
 
+LIKELY = 0.95
+"""Share of all vehicles within the tolerances that lie as near to what is stated as tolerances may reach here."""
 GLANCE = 15.0
 """Of the recording, s, that may rule an alias out before all of it is simulated."""
 
@@ -62,35 +65,58 @@ class Replays:
 
     def size(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
         """Channel -> root mean square of the difference that effects make beside the rest, in noise sds."""
+        return self._by_channel(self.readings(effects) - self.readings(rest))
+
+    def left(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
+        """The same of what tolerances leave of that difference, as far as they are likely to lie."""
         difference = self.readings(effects) - self.readings(rest)
+        if self.tolerances is None or not np.any(difference):
+            return self._by_channel(difference)
+        shifts = self._shifts(False)
+        taken = _likely(shifts @ shifts.T, shifts @ difference.ravel()) @ shifts
+        return self._by_channel(difference - taken.reshape(difference.shape))
+
+    def _by_channel(self, difference: Array) -> dict[str, float]:
         sizes = np.sqrt(np.mean(difference**2, axis=1))
         return {name: float(own) for name, own in zip(self.truth.car.noise, sizes, strict=True)}
 
-    def evidence(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> float:
-        """Squares of what tolerances leave of that difference, and of what they pay; see `Answer.evidence`."""
-        difference = self.readings(effects) - self.readings(rest)
-        return self._view(effects, False).product(difference, difference)
-
-    def views(self, effects: Mapping[str, float]) -> Sequence[View]:
+    def views(self) -> Sequence[View]:
         """The first seconds, and all of the recording."""
-        return self._view(effects, True), self._view(effects, False)
+        return self._view(True), self._view(False)
 
-    def _view(self, effects: Mapping[str, float], part: bool) -> View:
-        shifts = self._shifts(effects, part)
-        inner = np.linalg.inv(np.eye(len(shifts)) + shifts @ shifts.T)
+    def _view(self, part: bool) -> View:
+        shifts = self._shifts(part)
+        inner = _inner(shifts)
 
         def product(a: Array, b: Array) -> float:
             return float(np.sum(a * b) - (shifts @ a.ravel()) @ inner @ (shifts @ b.ravel()))
 
         return View(lambda other: self.readings(other, part), product)
 
-    def _shifts(self, effects: Mapping[str, float], part: bool) -> Array:
-        """What one sd of every tolerance that may take the effects up changes, (tolerances, readings)."""
+    def _shifts(self, part: bool) -> Array:
+        """What one sd of every tolerance changes, (tolerances, readings)."""
         known, base = self.tolerances, self.readings({})
         rows = self.readings({}, part).shape[1]
-        there = () if known is None else (*known.parameters, *known.effects)
-        names = [name for name in absorbing(effects) if name in there]
+        names = () if known is None else (*known.parameters, *known.effects)
         shifts = np.zeros((len(names), len(base), rows))
         for k, name in enumerate(names):
             shifts[k] = (self.readings({}, beyond=name) - base)[:, :rows]
         return shifts.reshape(len(names), len(base) * rows)
+
+
+def _likely(gram: Array, aim: Array) -> Array:
+    """Tolerances, in their sds, that come nearest to an aim while they are `LIKELY` to lie as far off altogether."""
+    values, vectors = np.linalg.eigh(gram)
+    own, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
+
+    def length(log_held: float) -> float:
+        return float(np.sum((own / (values + np.exp(log_held))) ** 2)) - most
+
+    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(own) / np.sqrt(most) + 1e-300)
+    held = least if length(least) <= 0 else brentq(length, least, max(greatest, least) + 1.0)
+    return np.asarray(vectors @ (own / (np.maximum(values, 0.0) + np.exp(held))))
+
+
+def _inner(shifts: Array) -> Array:
+    """Covariance of tolerances, in their sds, that readings leave of beliefs of unit size."""
+    return np.asarray(np.linalg.inv(np.eye(len(shifts)) + shifts @ shifts.T))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 GROUPS: dict[str, tuple[str, ...]] = {
     "tyres": (
         *("grip_scale", "front_stiffness", "rear_stiffness", "tyre_relaxation", "combined_slip", "tyre_temperature"),
@@ -43,19 +41,6 @@ _CONFUSABLE = (
 )
 """Effects that recordings with little excitation may not tell apart."""
 
-_ABSORBING = {
-    "tyres": ("B_f", "C_f", "D_f", "E_f", "B_r", "C_r", "D_r", "E_r"),
-    "body": ("m", "I_z", "l_f", "l_r", "B_f", "B_r", "force_per_unit", "imu_lever_arm"),
-    "steering": ("steering_lag", "steering_delay", "steering_offset", "steering_ratio", "B_f", "sensor_latency_imu"),
-    "drive": ("force_per_unit", "m", "motor_lag", "brake_split_front", "drive_split_front", "c_0", "c_2"),
-    "surroundings": ("c_0", "c_2", "road_slope", "road_bank", "steering_offset", "force_per_unit"),
-    "sensors": (
-        *("yaw_rate_bias", "accel_bias_x", "accel_bias_y", "imu_lever_arm", "sensor_latency_imu"),
-        *("sensor_latency_vx", "steering_offset", "road_slope", "road_bank"),
-    ),
-}
-"""Tolerances that may take up most of an effect of the group."""
-
 _GROUP = {name: group for group, names in GROUPS.items() for name in names}
 
 
@@ -73,12 +58,3 @@ def partners(effect: str) -> tuple[str, ...]:
     """Effects that some recordings do not tell from this one."""
     found = [other for some in _CONFUSABLE if effect in some for other in some]
     return tuple(dict.fromkeys(other for other in found if other != effect and other not in always_alike(effect)))
-
-
-def absorbing(effects: Iterable[str]) -> tuple[str, ...]:
-    """Tolerances, of parameters and of small effects, that may take these effects up; all of them for strange ones."""
-    groups = [group_of(effect) for effect in effects]
-    lists = [_ABSORBING.get(group, ()) for group in groups]
-    if not all(lists):  # outside the vocabulary
-        lists = [("m", "I_z", "B_f", "B_r", "D_f", "D_r", "c_0", "force_per_unit", "steering_offset", "steering_ratio")]
-    return tuple(dict.fromkeys(name for own in lists for name in own))

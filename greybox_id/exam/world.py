@@ -25,7 +25,7 @@ from ..datasets.virtual_vehicle.entries import Kind as Class
 from ..errors import BadInput
 from ..recording import Recording
 from .aliases import Cause, indistinguishable
-from .answers import ENOUGH, SIZABLE, Answer
+from .answers import Answer, exceeds
 from .plan import Planned
 from .replays import Replays
 
@@ -34,7 +34,7 @@ PERIODS = (0.010, 0.012, 0.015, 0.016, 0.020)
 DURATION, HELD_OUT = (60.0, 120.0), (40.0, 60.0)
 COLOUR, OUTLIERS = (0.2, 0.6), (0.001, 0.004)
 """Of the workshop's noise: share that is correlated, share of readings that are far off."""
-DRAWS = 8
+DRAWS = 5
 """Draws of magnitudes and vehicle until every effect shows."""
 
 
@@ -120,7 +120,7 @@ class _Case:
             nulls={name: {**EFFECTS, **OUTSIDE}[name].null for name in self.drawn},
             aliases=self.aliases if self.shows else {},
             size=self.again.size(self.effects, {}),
-            evidence=self.again.evidence(self.effects, {}),
+            left=self.again.left(self.effects, {}),
             seed=self.planned.seed,
             car=_plain(self.car),
             about={
@@ -136,12 +136,10 @@ class _Case:
 
     @cached_property
     def shows(self) -> bool:
-        """Whether every effect makes a difference beside the others, and more than tolerances would."""
+        """Whether every effect makes a gap beside the others that must be detected."""
         for name in self.drawn:
             rest = {other: own for other, own in self.effects.items() if other != name}
-            if max(self.again.size(self.effects, rest).values()) <= SIZABLE:
-                return False
-            if self.again.evidence(self.effects, rest) <= ENOUGH:
+            if not exceeds(self.again.size(self.effects, rest)) or not exceeds(self.again.left(self.effects, rest)):
                 return False
         return True
 
@@ -154,7 +152,7 @@ class _Case:
             if name != "velocity_lever_arm" or self.car.measures_v_y
         }
         alike = [other for name in self.drawn if name in OUTSIDE for other in OUTSIDE[name].resembles]
-        return indistinguishable(self.drawn, causes, self.again.views(self.drawn), alike)
+        return indistinguishable(self.drawn, causes, self.again.views(), alike)
 
 
 def _plain(car: VirtualCar) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from .bench import Bench
 from .colour import sound, white_noise
 from .gap import Closure, Errors
 from .horizons import by_horizon
+from .form import form_covariance
 from .hypothesis import Hypothesis
 from .preparing import prepare_plain
 from .refit import refit, settled
@@ -93,7 +94,8 @@ def refitted_tolerances(
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     sd, _ = stated_noise(bench, vehicle, start)
-    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
+    form = form_covariance([axis for axis in own if not axis.abrupt])
+    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows), form)
     search.about(None)
     found = refit(search, [search.start_of(search.at_means())])
     if not found:
@@ -122,7 +124,7 @@ def closed_by(
     count = max(int(np.sum(good)), 1)
     first, then = (np.sum(np.where(good, own.e / sd, 0.0) ** 2, axis=1) for own in (before, after))
     rows = np.sum(good, axis=1)
-    edges = _blocks(bench)
+    edges = bench.blocks(BLOCK)
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([before.charge, after.charge])
 
@@ -149,9 +151,3 @@ def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], b
             a, b = (float(np.sqrt(np.mean(each.e[own, c] ** 2))) for each in (before, after))
             found.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
     return tuple(found)
-
-
-def _blocks(bench: Bench) -> list[tuple[int, int]]:
-    """Rows [a, b) of blocks."""
-    length = max(1, round(BLOCK / bench.sample_time))
-    return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

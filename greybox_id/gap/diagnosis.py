@@ -196,8 +196,9 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
         if own.effect == name:
             break
         at += len(own.axes)
-    variance = found.selection.search.covariance(hypothesis)[at, at]
-    half = 1.96 * float(np.sqrt(max(variance, 0.0))) * (WIDER if found.rough else 1.0)
+    search = found.selection.search
+    sd = float(np.sqrt(max(search.covariance(hypothesis)[at, at], 0.0)) * search.widening(hypothesis)[at])
+    half = 1.96 * sd * (WIDER if found.rough else 1.0)
     ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
 

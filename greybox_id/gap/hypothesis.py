@@ -52,12 +52,16 @@ class Projection(NamedTuple):
     step : along each.
     curve : information on each, nuisances refitted.
     raw : the same with nuisances held.
+    nuisances : (n, K) where nuisances would go, moving ones first, per unit of each column; from `rest`.
+    rest : (n,) where they would go without any.
     """
 
     gain: Array
     step: Array
     curve: Array
     raw: Array
+    nuisances: Array
+    rest: Array
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from .axes import Axis
 from .hypothesis import Hypothesis, Start
 from .search import Search
 
-ITERATIONS = 7
+ITERATIONS = 10
 SETTLED = 0.02
 """A refit ends when a step gains less than this much log-likelihood."""
 HOPELESS = 2e-4
 """Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
-SHORTEST = 0.03
-"""A step that must be shortened further leads nowhere."""
+SHORTEST, SHORT = 0.03, 0.1
+"""A step that must be shortened further leads nowhere; the same for a start seen from its origin."""
 BESIDE = 1e-3
 """Distance of the simulation beside a hypothesis, in its magnitude's scale."""
 SHIFTED, ON_A_ROW = 1e-4, 1e-6
@@ -62,9 +62,11 @@ def settled(search: Search, found: Hypothesis) -> Hypothesis:
     for _ in range(AGAIN if len(found.theta) else 0):
         search.about(found)
         again = refit(search, [search.start_of(found)])
-        if not again or again[0].cost > found.cost - ENOUGH:
+        if not again:
             break
-        found = again[0]
+        before, found = found, again[0]  # the later one even where it costs more: the others will stand beside it
+        if found.cost > before.cost - ENOUGH:
+            break
     return found
 
 
@@ -94,6 +96,7 @@ class _Work:
         self.at = (np.array(start.m, dtype=float), np.array(start.theta, dtype=float), linear)
         self.best: Hypothesis | None = None
         self._step: Array | None = None
+        self._origin: Array | None = None
         self.done, self._share = False, 1.0
         if start.origin is not None and np.array_equal(linear, start.linear):
             self._begin_at(*start.origin)
@@ -102,6 +105,7 @@ class _Work:
         """Take the start for a step from the origin, which may be shortened."""
         nothing = np.zeros((*origin.e.shape, len(m)))
         self.best = Hypothesis(self.candidates, m, origin.theta, origin.linear, origin.cost, origin.e, nothing)
+        self._origin = m
         there = np.concatenate([self.at[1], self.at[2], self.at[0]])
         self._step = there - np.concatenate([origin.theta, origin.linear, m])
 
@@ -132,8 +136,9 @@ class _Work:
         base = e[0] + search.linear_by @ (linear - search.null_linear)
         r = search.colour.white(base[:, :, None]).ravel()
         u = np.concatenate([theta, linear])
-        precision = self._precision()
-        cost = 0.5 * float(r @ r) + 0.5 * float(np.sum(precision * (u - search.means) ** 2))
+        off = u - search.means
+        precision = search.beliefs(self._own)
+        cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
         if not np.isfinite(cost):
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
@@ -142,7 +147,8 @@ class _Work:
         if not np.isfinite(cost):
             self.done = True
             return
-        gained = np.inf if self.best is None else self.best.cost - cost
+        gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
+        self._origin = None
         J = (
             np.stack([(e[1 + k] - e[0]) / self._beside(a, m[k]) for k, a in enumerate(self.axes)], axis=2)
             if len(self.axes)
@@ -156,17 +162,13 @@ class _Work:
         self._step = self._solve(r, J, u, precision)
         self._go()
 
-    def _precision(self) -> Array:
-        """Beliefs, without those of candidates: a candidate is not held to its tolerance."""
-        return np.where(self.search.among(self._own), 0.0, self.search.precision)
-
     def _solve(self, r: Array, J: Array, u: Array, precision: Array) -> Array:
         """A Gauss-Newton step within the bounds: what would leave them is held there, one after the other."""
         search = self.search
         W = search.colour.white(J).reshape(-1, J.shape[2]) if J.shape[2] else np.zeros((len(r), 0))
         cross = search.white.T @ W
-        H = np.block([[search.gram + np.diag(precision), cross], [cross.T, W.T @ W]])
-        g = np.concatenate([search.white.T @ r + precision * (u - search.means), W.T @ r])
+        H = np.block([[search.gram + precision, cross], [cross.T, W.T @ W]])
+        g = np.concatenate([search.white.T @ r + precision @ (u - search.means), W.T @ r])
         m = self.at[0]
         low = np.concatenate([search.low - u, [a.low for a in self.axes] - m])
         high = np.concatenate([search.high - u, [a.high for a in self.axes] - m])
@@ -182,12 +184,14 @@ class _Work:
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
     def _back(self) -> None:
-        """The step was too long."""
+        """The step was too long; where it led away from the origin, another one is taken from there."""
         self._share /= 3
-        if self._share < SHORTEST or self._step is None:
+        if self._share >= (SHORT if self._origin is not None else SHORTEST) and self._step is not None:
+            self._go()
+        elif self._origin is not None and self.best is not None:
+            self.at, self.best, self._origin = (self._origin, self.best.theta, self.best.linear), None, None
+        else:
             self.done = True
-            return
-        self._go()
 
 
 def bounded_step(H: Array, g: Array, low: Array, high: Array, held: NDArray[np.bool_]) -> Array:

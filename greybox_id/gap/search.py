@@ -2,7 +2,7 @@
 
 Nuisances move little: their derivatives are taken once, about the best model so far, and kept (chords). A hypothesis
 then costs a few simulations: one where it stands and one beside it for each magnitude. What shifts nuisances move in
-time, and starts, enters to first order only.
+time, abrupt ones and starts enter to first order only: about where none of them is, lags about where they were found.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from ..parameter import Array
 from .axes import Axis
@@ -21,6 +22,11 @@ from .hypothesis import Hypothesis, Projection, Start
 AT_ONCE, JUMPS_SD = 0.02, 1.0
 """Share of an abrupt tolerance that stands for the least there can be of it; how much of what that does is believed, of
 one at most."""
+BLOCK = 2.0
+"""Seconds over which residuals may be alike."""
+BESIDE = 0.3
+"""Of an abrupt tolerance: how far beside where it was found its derivative is taken; nearer to its null it is not
+expanded elsewhere."""
 
 
 class Search:
@@ -31,18 +37,23 @@ class Search:
     bench : what simulates.
     nuisances : what is believed.
     colour : how residuals count.
+    form : (moving, moving) covariance of nuisances beyond their own sds, of those that move; None where there is none.
 
     Attributes
     ----------
     nominal : the parameter vector everything is about.
+    expanded : (shifts,) coordinates about which abrupt nuisances are linearised.
     simulations : how many there have been.
     """
 
-    def __init__(self, bench: Bench, nuisances: Sequence[Axis], colour: Colour) -> None:
+    def __init__(self, bench: Bench, nuisances: Sequence[Axis], colour: Colour, form: Array | None = None) -> None:
         self.bench = bench
         self.moving = tuple(axis for axis in nuisances if not axis.abrupt)
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
+        own = np.diag([axis.sd**2 for axis in self.moving])
+        self._believed = np.linalg.inv(own if form is None else own + form)
+        self.expanded = np.array([axis.null for axis in self.shifts])
         self.simulations = 0
         self.colour = colour
 
@@ -50,6 +61,7 @@ class Search:
 
     def about(self, hypothesis: Hypothesis | None) -> None:
         """Take the nuisances' derivatives about this hypothesis; None: about their beliefs."""
+        self._expand(hypothesis)
         p = (
             self.vector(hypothesis)
             if hypothesis
@@ -59,18 +71,31 @@ class Search:
         self.linear_by = np.concatenate([*self._secants(p), S], axis=2)
         self._whiten()
 
+    def _expand(self, hypothesis: Hypothesis | None) -> None:
+        """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""
+        for k, axis in enumerate(self.shifts):
+            at = axis.null if hypothesis is None or axis.shift else float(hypothesis.linear[k])
+            self.expanded[k] = at if abs(at - axis.null) > BESIDE * axis.sd else axis.null
+            self.nominal[axis.index] = axis.value(float(self.expanded[k]))
+
     def _secants(self, p: Array) -> tuple[Array, Array]:
-        """What abrupt nuisances do: per unit, and at once, (N, channels, shifts) each, from where none of them is."""
-        p = self.placed(p, self.shifts, np.array([axis.null for axis in self.shifts]))
-        least = [self.placed(p, [axis], np.array([AT_ONCE * axis.sd])) for axis in self.shifts]
-        usual = [self.placed(p, [axis], np.array([axis.sd])) for axis in self.shifts]
+        """What abrupt nuisances do: per unit, and at once, (N, channels, shifts) each, from where they are expanded."""
+        p = self.placed(p, self.shifts, self.expanded)
         if not self.shifts:
             return np.zeros((*self.bench.measured.shape, 0)), np.zeros((*self.bench.measured.shape, 0))
-        e = self.residuals([p, *least, *usual])
-        first, then = e[1 : 1 + len(least)], e[1 + len(least) :]
-        spans = [(1 - AT_ONCE) * axis.sd for axis in self.shifts]
-        slopes = [(b - a) / span for a, b, span in zip(first, then, spans, strict=True)]
-        return np.stack(slopes, axis=2), np.stack([a - e[0] for a in first], axis=2)
+        spans = []
+        for axis, at in zip(self.shifts, self.expanded, strict=True):
+            near, far = (AT_ONCE, 1.0) if at == axis.null else (-BESIDE, BESIDE)
+            spans.append((at + near * axis.sd, at + far * axis.sd))
+        sides = [
+            self.placed(p, [axis], [span[k]]) for k in (0, 1) for axis, span in zip(self.shifts, spans, strict=True)
+        ]
+        e = self.residuals([p, *sides])
+        near, far = e[1 : 1 + len(spans)], e[1 + len(spans) :]
+        slopes = [(b - a) / (end - start) for a, b, (start, end) in zip(near, far, spans, strict=True)]
+        still = self.expanded == [axis.null for axis in self.shifts]
+        jumps = [own - e[0] if at_null else np.zeros_like(own) for own, at_null in zip(near, still, strict=True)]
+        return np.stack(slopes, axis=2), np.stack(jumps, axis=2)
 
     def recoloured(self, colour: Colour) -> None:
         """Count residuals otherwise."""
@@ -82,12 +107,12 @@ class Search:
         self.white = self.colour.white(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
-        sds = [*(axis.sd for axis in axes), *[JUMPS_SD] * count, *starts]
-        self.precision = 1 / np.array(sds) ** 2 if sds else np.empty(0)
+        sds = [*(axis.sd for axis in self.shifts), *[JUMPS_SD] * count, *starts]
+        self.precision = block_diag(self._believed, np.diag(1 / np.array(sds) ** 2 if sds else []))
         self.means = np.array([*(axis.mean for axis in axes), *np.zeros(count + len(starts))])
         self.low = np.array([*(axis.low for axis in axes), *np.zeros(count), *np.full(len(starts), -np.inf)])
         self.high = np.array([*(axis.high for axis in axes), *np.ones(count), *np.full(len(starts), np.inf)])
-        self.null_linear = np.array([*(axis.null for axis in self.shifts), *np.zeros(count + len(starts))])
+        self.null_linear = np.array([*self.expanded, *np.zeros(count + len(starts))])
         self.gram = self.white.T @ self.white
 
     def among(self, indices: set[int]) -> NDArray[np.bool_]:
@@ -109,7 +134,7 @@ class Search:
     # ---- vectors
 
     def vector(self, hypothesis: Hypothesis) -> Array:
-        """The parameter vector of a hypothesis; first-order nuisances stay at their null."""
+        """The parameter vector of a hypothesis; first-order nuisances stay where they are expanded."""
         return self.placed(self.placed(self.nominal, self.moving, hypothesis.theta), hypothesis.axes, hypothesis.m)
 
     @staticmethod
@@ -125,6 +150,9 @@ class Search:
         for own, coordinate in zip(self.moving, hypothesis.theta, strict=True):
             if own.index == axis.index:
                 return float(coordinate)
+        for own, at in zip(self.shifts, self.expanded, strict=True):
+            if own.index == axis.index:
+                return float(at)
         return axis.null
 
     def first_order(self, hypothesis: Hypothesis) -> Array:
@@ -137,6 +165,10 @@ class Search:
         own = self.among({axis.index for axis in axes})[len(self.moving) :]
         return np.where(own, self.null_linear, linear)
 
+    def bounded(self, nuisances: Array) -> Array:
+        """Nuisances, moving ones first, within their bounds."""
+        return np.clip(nuisances, self.low, self.high)
+
     @staticmethod
     def start_of(hypothesis: Hypothesis) -> Start:
         """A start where a hypothesis stands."""
@@ -144,9 +176,14 @@ class Search:
 
     def charge(self, hypothesis: Hypothesis) -> float:
         """What nuisances cost, twice their negative log-belief; those that are candidates cost nothing."""
-        own = self.among({axis.index for axis in hypothesis.axes})
-        u = np.concatenate([hypothesis.theta, hypothesis.linear])
-        return float(np.sum(np.where(own, 0.0, self.precision) * (u - self.means) ** 2))
+        off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
+        return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
+
+    def beliefs(self, released: set[int]) -> Array:
+        """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
+        held = np.where(self.among(released), 0.0, 1.0)
+        found: Array = held[:, None] * self.precision * held
+        return found
 
     def residuals(self, P: Sequence[Array]) -> Array:
         """(K, N, channels) predictions minus readings; zero where there is none."""
@@ -167,21 +204,41 @@ class Search:
         """
         W = self.colour.white(columns).reshape(-1, columns.shape[2])
         r = self.colour.white(e[:, :, None]).ravel()
-        H = self.gram + np.diag(self.precision)
-        g = self.white.T @ r + self.precision * (np.concatenate([theta, linear]) - self.means)
+        H = self.gram + self.precision
+        g = self.white.T @ r + self.precision @ (np.concatenate([theta, linear]) - self.means)
         C = self.white.T @ W
         solved = np.linalg.solve(H, np.column_stack([g, C])) if len(g) else np.zeros((0, 1 + W.shape[1]))
         slope, raw = W.T @ r - C.T @ solved[:, 0], np.sum(W**2, axis=0)
         curve = np.maximum(raw - np.sum(C * solved[:, 1:], axis=0), 1e-12 * raw + 1e-300)
-        return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw)
+        rest = np.concatenate([theta, linear]) - solved[:, 0]
+        return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw, -solved[:, 1:], rest)
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
-        """(m, m) of a hypothesis' coordinates, nuisances refitted."""
-        W = self.colour.white(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
+        """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""
+        return self._told(hypothesis)[1]
+
+    def widening(self, hypothesis: Hypothesis) -> Array:
+        """(m,) factors by which coordinates scatter more than noise has it, at least one.
+
+        Where the model is rough, residuals are no noise, and stay alike for seconds: what blocks of them pull at the
+        coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
+        """
+        W, told = self._told(hypothesis)
+        r = self.colour.white(hypothesis.e[:, :, None])
+        pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
+        blocks = np.array([np.sum(pulls[a:b], axis=0) for a, b in self.bench.blocks(BLOCK)])
+        blocks -= np.mean(blocks, axis=0)
+        seen = told @ (blocks.T @ blocks) @ told
+        found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))
+        return found
+
+    def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
+        """What coordinates do that nuisances cannot undo, whitened, and the covariance that follows from it."""
+        plain = self.colour.white(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         own = self.among({axis.index for axis in hypothesis.axes})
         white = self.white[:, ~own]
-        H = self.gram[np.ix_(~own, ~own)] + np.diag(self.precision[~own])
-        C = white.T @ W
-        S = W.T @ W - (C.T @ np.linalg.solve(H, C) if len(H) else 0.0)
+        H = (self.gram + self.precision)[np.ix_(~own, ~own)]
+        W = plain - white @ np.linalg.solve(H, white.T @ plain) if len(H) else plain
+        S = W.T @ plain
         scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
-        return np.asarray(np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
+        return W, np.asarray(np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))

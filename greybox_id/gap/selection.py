@@ -199,5 +199,7 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         candidate, m = own.candidate, np.append(parent.m, own.start)
         null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *own.start[1:]])
         way_back = (parent, null) if candidate.gradual else None
-        starts.append(Start((*parent.candidates, candidate), m, parent.theta, parent.linear, way_back))
+        count = len(parent.theta)
+        theta, linear = own.nuisances[:count], own.nuisances[count:]
+        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
     return sorted(refit(search, starts), key=lambda own: own.cost)

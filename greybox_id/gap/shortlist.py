@@ -8,6 +8,7 @@ from math import inf
 
 import numpy as np
 
+from ..parameter import Array
 from .axes import Candidate
 from .hypothesis import Hypothesis
 from .search import Search
@@ -25,6 +26,7 @@ class Promise:
     candidate : which.
     gain : in log-likelihood, to first order.
     start : coordinates from which to refit it.
+    nuisances : where nuisances go with it, to first order, moving ones first.
     sd : of its magnitude's coordinate on this recording, to first order.
     told : share of the information on it that is left once nuisances are refitted.
     """
@@ -32,6 +34,7 @@ class Promise:
     candidate: Candidate
     gain: float
     start: tuple[float, ...]
+    nuisances: Array
     sd: float = inf
     told: float = 1.0
 
@@ -48,14 +51,20 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
     moved = np.moveaxis(e + (search.first_order(beside) - beside.e), 0, 2)
     sane = np.all(np.isfinite(moved), axis=(0, 1)) & np.any(moved != 0, axis=(0, 1))
     both = np.concatenate([J, np.where(sane, moved, 0.0)], axis=2)
-    numbers = list(zip(*search.project(beside.e, both, beside.theta, beside.linear), strict=True))
-    for candidate, (gain, step, curve, raw) in zip(plain, numbers, strict=False):
+    first = search.project(beside.e, both, beside.theta, beside.linear)
+    numbers = list(zip(first.gain, first.step, first.curve, first.raw, first.nuisances.T, strict=True))
+    for candidate, (gain, step, curve, raw, with_it) in zip(plain, numbers, strict=False):
         axis = candidate.axes[0]
-        at = float(np.clip(search.where(beside, axis) + step, axis.low, axis.high))
+        null = search.where(beside, axis)
+        at = float(np.clip(null + step, axis.low, axis.high))
         sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
-        found[candidate.effect] = Promise(candidate, float(gain), (at,), sd, told)
-    for (candidate, start), ok, (gain, share, curve, raw) in zip(tried, sane, numbers[len(plain) :], strict=True):
-        own = _promised(candidate, start, float(gain), float(share)) if ok else None
+        gone = search.bounded(first.rest + (at - null) * with_it)
+        found[candidate.effect] = Promise(candidate, float(gain), (at,), gone, sd, told)
+    for (candidate, start), ok, (gain, share, curve, raw, with_it) in zip(
+        tried, sane, numbers[len(plain) :], strict=True
+    ):
+        gone = search.bounded(first.rest + (share if candidate.gradual else 1.0) * with_it)
+        own = _promised(candidate, start, float(gain), float(share), gone) if ok else None
         if own is not None and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
             sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
             found[candidate.effect] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
@@ -71,7 +80,9 @@ def from_where_best(promised: Sequence[Promise], candidates: Sequence[Candidate]
     ]
 
 
-def _promised(candidate: Candidate, start: tuple[float, ...], gain: float, share: float) -> Promise | None:
+def _promised(
+    candidate: Candidate, start: tuple[float, ...], gain: float, share: float, nuisances: Array
+) -> Promise | None:
     """What a simulated start promises; None where it leads away.
 
     Parameters
@@ -79,10 +90,11 @@ def _promised(candidate: Candidate, start: tuple[float, ...], gain: float, share
     candidate, start : what was simulated.
     gain : of the best share of what it did.
     share : which that is.
+    nuisances : where they go.
     """
     main = candidate.axes[0]
     if not candidate.gradual:  # what this very start gains, not what a share of it would
         own = gain * (1 - min((share - 1) ** 2, 1.0)) if share > 0 else 0.0
-        return Promise(candidate, own, start) if own > 0 else None
+        return Promise(candidate, own, start, nuisances) if own > 0 else None
     at = float(np.clip(main.null + share * (start[0] - main.null), main.low, main.high))
-    return Promise(candidate, gain, (at, *start[1:])) if at != main.null else None
+    return Promise(candidate, gain, (at, *start[1:]), nuisances) if at != main.null else None

@@ -8,10 +8,10 @@ from greybox_id.exam.make import finish
 ANSWERS = (
     Answer("case_000", "null", "clean", {}),
     Answer("case_001", "single", "clean", {"steering_delay": 0.03}, {"steering_delay": 0.0}, size={"yaw_rate": 2.0},
-           evidence=900.0),
+           left={"a_y": 1.0}),
     Answer("case_002", "double", "clean", {"mass_change": 1.1, "road_slope": 0.02},
-           {"mass_change": 1.0, "road_slope": 0.0}, size={"v_x": 3.0}, evidence=900.0),
-    Answer("case_003", "outside", "clean", {"puncture": 0.3}, {"puncture": 0.0}, size={"a_y": 1.0}, evidence=900.0),
+           {"mass_change": 1.0, "road_slope": 0.0}, size={"v_x": 3.0}, left={"a_y": 1.0}),
+    Answer("case_003", "outside", "clean", {"puncture": 0.3}, {"puncture": 0.0}, size={"a_y": 1.0}, left={"a_y": 1.0}),
 )  # fmt: skip
 
 

@@ -13,16 +13,16 @@ from greybox_id.exam.measures import confusions, measures
 NULL = Answer("a", "null", "clean", {})
 SINGLE = Answer(
     "b", "single", "clean", {"accel_bias_x": 0.2}, {"accel_bias_x": 0.0}, {"accel_bias_x": ("imu_mount_pitch",)},
-    {"a_x": 1.0}, 900.0,
+    {"a_x": 1.0}, {"a_x": 1.0},
 )  # fmt: skip
 DOUBLE = Answer(
     "c", "double", "clean", {"accel_bias_x": 0.2, "imu_mount_roll": 0.1},
     {"accel_bias_x": 0.0, "imu_mount_roll": 0.0},
-    {"accel_bias_x": ("imu_mount_pitch",), "imu_mount_roll": ("imu_mount_pitch",)}, {"a_x": 1.0}, 900.0,
+    {"accel_bias_x": ("imu_mount_pitch",), "imu_mount_roll": ("imu_mount_pitch",)}, {"a_x": 1.0}, {"a_x": 1.0},
 )  # fmt: skip
-OUTSIDE = Answer("d", "outside", "clean", {"puncture": 0.3}, {"puncture": 0.0}, {}, {"a_y": 0.05}, 30.0)
+OUTSIDE = Answer("d", "outside", "clean", {"puncture": 0.3}, {"puncture": 0.0}, {}, {"a_y": 0.25}, {"a_y": 0.2})
 LIMIT = Answer(
-    "e", "single", "clean", {"steering_rate_limit": 0.4}, {"steering_rate_limit": inf}, {}, {"a_y": 1.0}, 900.0
+    "e", "single", "clean", {"steering_rate_limit": 0.4}, {"steering_rate_limit": inf}, {}, {"a_y": 1.0}, {"a_y": 1.0}
 )
 
 
@@ -70,7 +70,7 @@ def test_magnitudes_are_measured_from_where_the_effect_is_not_there():
     said = ranked("accel_bias_x", magnitude=0.21, interval=(0.15, 0.25))
     (size,) = finding(SINGLE, diagnosis(gap_detected=True, ranking=[said])).sizes
     assert (size.error, size.covered) == (pytest.approx(0.05), True)
-    gain = Answer("f", "single", "clean", {"motor_gain": 1.1}, {"motor_gain": 1.0}, {}, {"v_x": 1.0}, 900.0)
+    gain = Answer("f", "single", "clean", {"motor_gain": 1.1}, {"motor_gain": 1.0}, {}, {"v_x": 1.0}, {"v_x": 1.0})
     said = ranked("motor_gain", magnitude=1.12, interval=(1.11, 1.13))
     (size,) = finding(gain, diagnosis(gap_detected=True, ranking=[said])).sizes
     assert (size.error, size.covered) == (pytest.approx(0.2), False)
