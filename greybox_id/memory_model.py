@@ -84,6 +84,11 @@ class MemoryModel(Model):
         if not self.sample_time > 0:
             raise BadModel(f"Model {self.name} needs a sample time above zero; {self.sample_time} s was given.")
 
+    @property
+    def states(self) -> tuple[()]:
+        """None: what it remembers is in its windows."""
+        return ()
+
     def with_actuator(self, actuator: SampledActuator) -> MemoryModel:
         """The same model with an actuator before one of its inputs; the first one added is nearest the command."""
         if actuator.signal not in self.inputs:

@@ -137,6 +137,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     from ..fit import load
     from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
     from ..models.registry import build
+    from ..motion_model import MotionModel
     from .gap import diagnosed
 
     file, fit, columns = folder / "vehicle.toml", folder / "fit.json", folder / "columns.toml"
@@ -149,4 +150,5 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
         found = diagnosed(recording, fit=fit, columns=mapping)
     write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
     body: dict[str, Any] = found.to_json()
-    return body if found.closed is None else body | {"closed_model": plain_model(found.closed)}
+    closed = found.closed  # of a model with memory there is no closed vehicle either
+    return body if not isinstance(closed, MotionModel) else body | {"closed_model": plain_model(closed)}

@@ -20,6 +20,9 @@ from ..fit import load
 from ..fitting import Say
 from ..gap import Gap, diagnose
 from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
+from ..gap.kinds import Diagnosed
+from ..gap.memory_bench import must_suit
+from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import build, model_of
@@ -28,7 +31,7 @@ from ..provenance import data_record
 from ..recording import Recording
 from ..reports.gap.content import Made
 from ..vehicle import Vehicle
-from .gap_files import targets_of, warnings_of, write
+from .gap_files import targets_of, warnings_of, without_vehicle, write
 from .gap_output import as_json_text, show
 from .options import columns_option, json_option
 from .output import console, progress
@@ -37,7 +40,7 @@ from .output import console, progress
 @click.command(name="gap")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
 @click.option("--vehicle", metavar="VEHICLE", help="What is stated of the vehicle: a shipped one or a file.")
-@click.option("--fit", "fit_file", metavar="FIT", help="In place of a vehicle, a fit of equations of motion.")
+@click.option("--fit", "fit_file", metavar="FIT", help="In place of a vehicle, a fit.")
 @click.option("--model", metavar="NAME", help="With --vehicle; default: the vehicle's own, else single_track.")
 @columns_option
 @click.option(
@@ -78,6 +81,9 @@ def gap(
     """  # fmt: skip
     targets = targets_of(out, report, apply, kept=[*recordings, *held_out, *filter(None, (vehicle, fit_file))])
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
+    held_by_file = isinstance(asked.model, MotionModel)
+    if not held_by_file:
+        targets = without_vehicle(targets, asked.model.name, apply)
     with progress() as say:
         found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
     made = Made(
@@ -90,8 +96,8 @@ def gap(
             *(data_record(own, "validate") for own in asked.held_out),
         ),
     )
-    closed = closed_vehicle(asked.vehicle, found)
-    for warning in warnings_of(closed, found, apply):
+    closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
+    for warning in warnings_of(closed, found, apply, out):
         click.echo(f"warning: {warning}", err=True)
     text = as_json_text(found, made, [target for _, target in targets])
     if as_json:
@@ -139,7 +145,7 @@ def diagnosed(
 class _Asked:
     """What is diagnosed: the nominal model, what is stated of the vehicle, recordings."""
 
-    model: MotionModel
+    model: Diagnosed
     vehicle: Vehicle
     recordings: list[Recording]
     held_out: list[Recording]
@@ -159,6 +165,8 @@ def _asked(
         raise BadInput("There is no recording to diagnose; name at least one file.")
     own, others = ([read(file, columns or "canonical") for file in files] for files in (recordings, held_out))
     must_be_recorded(nominal, [*own, *others])
+    if isinstance(nominal, MemoryModel):
+        must_suit(nominal, [*own, *others])
     for recording in (*own, *others):
         if not any(name in recording for name in nominal.outputs):
             raise BadInput(
@@ -177,7 +185,7 @@ def _asked(
 
 def _nominal(
     vehicle: str | Path | Vehicle | None, fit: str | Path | None, model: str | None
-) -> tuple[MotionModel, Vehicle]:
+) -> tuple[Diagnosed, Vehicle]:
     """The model that is diagnosed, and what is stated of its vehicle."""
     if (vehicle is None) == (fit is None):
         more = "." if vehicle is None else "; not both."
@@ -188,17 +196,18 @@ def _nominal(
             raise BadInput(f"--model {model}: a fit brings its own model; leave --model away, or name --vehicle.")
         loaded = load(fit, build)
         nominal, stated = loaded.model, fitted_vehicle(loaded, str(fit))
-    else:
-        found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
-        assert found is not None
-        own = found.model is not None and model in (None, found.model.name)
-        nominal, stated = model_of(found) if own or model is None else build(model, vehicle=found), found
+        assert isinstance(nominal, MotionModel | MemoryModel)
+        return nominal, stated
+    found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+    assert found is not None
+    own = found.model is not None and model in (None, found.model.name)
+    nominal = model_of(found) if own or model is None else build(model, vehicle=found)
     if not isinstance(nominal, MotionModel):
         raise BadInput(
-            f"{nominal.name} is a model with memory; a gap is diagnosed in equations of motion. "
-            "Name one with --model: single_track or lateral."
+            f"{nominal.name} is a model with memory, whose weights no vehicle states: fit it, and name the fit with "
+            "--fit; or name equations of motion with --model: single_track or lateral."
         )
-    return nominal, stated
+    return nominal, found
 
 
 def _found(asked: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:

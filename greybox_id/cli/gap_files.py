@@ -9,7 +9,7 @@ from ..datasets.vehicle_text import write_vehicle
 from ..errors import BadInput
 from ..files import ensure_writable, write_atomically
 from ..gap import Gap
-from ..gap.closed_vehicle import not_held
+from ..gap.closed_vehicle import no_place, not_held
 from ..reports.gap.content import Made
 from ..vehicle import Vehicle
 
@@ -49,12 +49,25 @@ def targets_of(
     return found
 
 
-def write(kind: str, target: Path, gap: Gap, closed: Vehicle, made: Made, text: str) -> None:
+def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str | None) -> list[tuple[str, Path]]:
+    """Targets of a model whose weights a vehicle file has no place for.
+
+    Raises
+    ------
+    BadInput : a vehicle file was asked for.
+    """
+    if apply is not None:
+        raise BadInput(f"{apply}: {no_place(model)} Leave --apply away.")
+    return [(kind, target) for kind, target in targets if kind != "vehicle"]
+
+
+def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made, text: str) -> None:
     """Write one of the files, atomically."""
     # Pictures load the plotting library: without them, and for --help, it is done without.
     if kind == "json":
         write_atomically(target, text)
     elif kind == "vehicle":
+        assert closed is not None
         write_vehicle(closed, target)
     elif kind == "picture":
         from ..reports.gap.page import write_picture
@@ -66,8 +79,10 @@ def write(kind: str, target: Path, gap: Gap, closed: Vehicle, made: Made, text: 
         write_report(gap, made, target)
 
 
-def warnings_of(closed: Vehicle, gap: Gap, apply: str | None) -> list[str]:
-    """What is to be known of the closed vehicle."""
+def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | None = None) -> list[str]:
+    """What is to be known of the closed vehicle, or of why there is none."""
+    if closed is None:
+        return [f"{IN_FOLDER['vehicle']} is left out: {no_place(gap.model)}"] if out is not None else []
     lost = not_held(closed, gap)
     said = []
     if lost:

@@ -81,11 +81,13 @@ class _Step:
             + cs.jacobian(both, command) @ command_by_p.T
             + cs.jacobian(both, p)[:, self.touched.tolist()]
         )
+        acting = cs.vertcat(*[p[int(k)] for k in self.touched])  # handing over all weights at every sample takes long
         self._step = cs.Function(
             "actuator",
-            [cs.vertcat(state, state_by_p), cs.vertcat(command, command_by_p), p],
+            [cs.vertcat(state, state_by_p), cs.vertcat(command, command_by_p), acting],
             [cs.vertcat(both[0], by_p[0, :].T), cs.vertcat(both[1], by_p[1, :].T)],
         )
+        self._along: dict[int, cs.Function] = {}
 
     def expression(self, command: Symbol, p: Symbol) -> Symbol:
         """What the equations see of a run's command, (1, n)."""
@@ -95,7 +97,9 @@ class _Step:
     def __call__(self, command: Array, command_by_p: Array, p: Array) -> tuple[Array, Array]:
         start = np.concatenate([command[:1], command_by_p[0, self.touched]])
         given = np.column_stack([command, command_by_p[:, self.touched]])
-        _, along = self._step.mapaccum("actuators", len(command))(start, given.T, np.tile(p[:, None], len(command)))
+        if len(command) not in self._along:
+            self._along[len(command)] = self._step.mapaccum("actuators", len(command))
+        _, along = self._along[len(command)](start, given.T, np.tile(p[self.touched, None], len(command)))
         values = along.full()
         by_p = np.zeros((len(command), len(p)))
         by_p[:, self.touched] = values[1:].T

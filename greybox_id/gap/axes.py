@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..effect import Effect
-from ..motion_model import MotionModel
+from ..memory_model import MemoryModel
 from ..parameter import Parameter
+from .kinds import Diagnosed
 
 FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
 """Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
@@ -85,7 +86,7 @@ class Candidate:
     gradual: bool = True
 
 
-def nuisances(model: MotionModel, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
+def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
     """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
     sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
     found = []
@@ -98,7 +99,7 @@ def nuisances(model: MotionModel, effects: Mapping[str, Effect], shifting: froze
     return tuple(found)
 
 
-def candidates(model: MotionModel, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Candidate, ...]:
+def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Candidate, ...]:
     """Effects of the model that may be the cause.
 
     Parameters
@@ -133,8 +134,10 @@ def candidates(model: MotionModel, effects: Mapping[str, Effect], shifting: froz
     return tuple(found)
 
 
-def shifting(model: MotionModel) -> frozenset[str]:
-    """Parameters that move instants, by asking every shift what it depends on."""
+def shifting(model: Diagnosed) -> frozenset[str]:
+    """Parameters that move instants, by asking every shift what it depends on; maps with memory know no instants."""
+    if isinstance(model, MemoryModel):
+        return frozenset()
     asked: set[str] = set()
 
     class Asked(SimpleNamespace):
@@ -147,7 +150,7 @@ def shifting(model: MotionModel) -> frozenset[str]:
     return frozenset(asked)
 
 
-def _scalars(model: MotionModel) -> list[tuple[int, Parameter]]:
+def _scalars(model: Diagnosed) -> list[tuple[int, Parameter]]:
     found, index = [], 0
     for parameter in model.parameters:
         if parameter.shape == ():

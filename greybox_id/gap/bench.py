@@ -71,11 +71,6 @@ class Bench:
         """Usual step, s."""
         return float(np.median([run.sample_time for run in self.runs]))
 
-    def blocks(self, seconds: float) -> list[tuple[int, int]]:
-        """Rows [a, b) of stretches of so many seconds, none of them across runs."""
-        length = max(1, round(seconds / self.sample_time))
-        return [(a, min(a + length, rows.stop)) for rows in self.rows for a in range(rows.start, rows.stop, length)]
-
     def simulate(self, P: Array) -> Array:
         """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
         shifts = [tuple(self.simulator.shifts(p)) for p in P]

@@ -9,8 +9,9 @@ from math import isfinite
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..memory_model import MemoryModel
+from ..model import Model
 from ..models.registry import build, model_of
-from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..vehicle import ChosenModel, Stated, Vehicle
 from .gap import Gap, Ranked
@@ -37,7 +38,13 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
         `model_of` makes the closed model of it. An applied effect carries its magnitude, and the standard deviation
         that its interval tells; it is no tolerance any more. Numbers that the closed model has otherwise than stated
         are replaced, and keep what else was stated of them.
+
+    Raises
+    ------
+    BadInput : the model is one with memory, whose weights are no vehicle's.
     """
+    if isinstance(gap.closed, MemoryModel):
+        raise BadInput(f"{gap.model} closed: {no_place(gap.model)}")
     own = vehicle.model
     closed = gap.closed
     before = own.effects if own is not None else {}
@@ -69,6 +76,14 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     )
 
 
+def no_place(model: str) -> str:
+    """Why there is no closed vehicle for a model with memory, and what there is instead."""
+    return (
+        f"a vehicle file has no place for the weights of {model}; to have an effect in the model, fit it to these "
+        f"recordings with greybox fit --model {model} --with EFFECT."
+    )
+
+
 def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
     """Parameters of the closed model that the closed vehicle has no place for: second parameters of effects."""
     if gap.closed is None:
@@ -84,23 +99,21 @@ def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
 def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     """A fit as a vehicle: estimates with their standard deviations, and its effects as part of its model.
 
-    The residuals of a fit hold whatever its model lacks, so nothing is said of the sensors' noise.
+    The residuals of a fit hold whatever its model lacks, so nothing is said of the sensors' noise. A map with memory is
+    what its training left it, a gap what exceeds that: its weights are held, and its free run's errors on the training
+    data count as noise.
 
     Parameters
     ----------
-    fit : of equations of motion.
+    fit : of either kind of model.
     name : for people.
-
-    Raises
-    ------
-    BadInput : the model is one with memory, which has no vehicle's parameters.
     """
     model = fit.model
-    if not isinstance(model, MotionModel):
-        raise BadInput(
-            f"{name} fits {model.name}, a model with memory; a gap is diagnosed in equations of motion. "
-            "Fit single_track or lateral, or name a vehicle with --vehicle."
-        )
+    about = f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}."
+    if isinstance(model, MemoryModel):
+        effects = {effect: Stated(float(model[effect].array), source="greybox fit") for effect in model.effects}
+        chosen = ChosenModel(model.name, model.settings, effects)
+        return Vehicle(name, noise=_left(fit, model), model=chosen, about=about)
     usual = build(model.name, model.settings)
 
     def stated(parameter: Parameter) -> Stated:
@@ -114,17 +127,25 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
         name=name,
         values={own.name: stated(own) for own in _base(model)},
         model=ChosenModel(model.name, model.settings, {effect: stated(model[effect]) for effect in model.effects}),
-        about=f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}.",
+        about=about,
     )
 
 
-def _base(model: MotionModel) -> Iterable[Parameter]:
+def _left(fit: Fit, model: MemoryModel) -> dict[str, float]:
+    """Output -> root mean square of what the fit left of it on its training data, where it says so."""
+    protocol = "honest" if model.feedback is None else "closed_loop"
+    told = fit.metrics.get("train", {}).get(protocol, {})
+    left = {output: float(told[output]["rmse"]) for output in model.outputs if output in told}
+    return {output: rmse for output, rmse in left.items() if isfinite(rmse) and rmse > 0}
+
+
+def _base(model: Model) -> Iterable[Parameter]:
     """The model's own parameters; effects append theirs."""
     own = takewhile(lambda parameter: parameter.name not in model.effects, model.parameters)
     return [parameter for parameter in own if parameter.shape == ()]
 
 
-def _moved(vehicle: Vehicle, closed: MotionModel) -> dict[str, Stated]:
+def _moved(vehicle: Vehicle, closed: Model) -> dict[str, Stated]:
     """Numbers that the closed model has otherwise than the vehicle states, or its model takes for granted."""
     nominal = build(closed.name, closed.settings, vehicle=vehicle)
     found = {}

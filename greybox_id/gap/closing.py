@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..errors import BadInput
-from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
-from .bench import Bench
 from .colour import sound, white_noise
+from .form import form_covariance
 from .gap import Closure, Errors
 from .horizons import by_horizon
-from .form import form_covariance
 from .hypothesis import Hypothesis
+from .kinds import AnyBench, Diagnosed, blocks
 from .preparing import prepare_plain
 from .refit import refit, settled
 from .search import Search
@@ -54,8 +53,8 @@ class Misfit:
 
 
 def closure(
-    before: MotionModel,
-    after: MotionModel,
+    before: Diagnosed,
+    after: Diagnosed,
     recordings: Sequence[Recording],
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
@@ -84,11 +83,11 @@ def closure(
 
 
 def refitted_tolerances(
-    model: MotionModel, recordings: Sequence[Recording], vehicle: Vehicle | None, effects: Mapping[str, Effect]
-) -> tuple[Misfit, Bench]:
+    model: Diagnosed, recordings: Sequence[Recording], vehicle: Vehicle | None, effects: Mapping[str, Effect]
+) -> tuple[Misfit, AnyBench]:
     """Errors of a model whose tolerances are refitted to recordings."""
     prepared = prepare_plain(model, recordings, effects, vehicle)
-    bench = Bench(prepared.everything, prepared.seen(recordings))
+    bench = prepared.bench(recordings)
     own = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
@@ -109,7 +108,7 @@ def misfit(search: Search, found: Hypothesis) -> Misfit:
 
 
 def closed_by(
-    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: Bench, names: tuple[str, ...]
+    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: AnyBench, names: tuple[str, ...]
 ) -> Closure:
     """The closure that two misfits are.
 
@@ -124,7 +123,7 @@ def closed_by(
     count = max(int(np.sum(good)), 1)
     first, then = (np.sum(np.where(good, own.e / sd, 0.0) ** 2, axis=1) for own in (before, after))
     rows = np.sum(good, axis=1)
-    edges = bench.blocks(BLOCK)
+    edges = blocks(bench, BLOCK)
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([before.charge, after.charge])
 
@@ -142,7 +141,7 @@ def closed_by(
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 
-def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: Bench) -> tuple[Errors, ...]:
+def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: AnyBench) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
     found = []
     for c, channel in enumerate(bench.channels):

@@ -44,7 +44,7 @@ class Colour:
         found = np.empty(values.shape)
         for c, a in enumerate(self.ar):
             own = values[:, c]
-            if len(a):
+            if len(a) and own.size:  # without nuisances there is nothing to filter
                 own = np.concatenate([lfilter([1.0, *-a], [1.0], own[rows], axis=0) for rows in self.rows])
             found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
         return found

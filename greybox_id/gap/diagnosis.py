@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
 from ..effect import Effect
-from ..motion_model import MotionModel
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
@@ -23,6 +22,7 @@ from .examining import PRESENT, Examined, examine
 from .gap import Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
+from .kinds import Diagnosed
 from .regimes import where
 from .strip import strip
 from .unknown import unknown_probability
@@ -36,12 +36,12 @@ WIDER = 1.6
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
 JITTER_LEAVES = 0.3
 """Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
-NOISE_ALONE = {False: 0.03, True: 1.5}
+NOISE_ALONE = {False: 0.03, True: 1.2}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
 
 def diagnose(
-    model: MotionModel,
+    model: Diagnosed,
     recordings: Sequence[Recording],
     effects: Mapping[str, Effect],
     *,
@@ -219,7 +219,7 @@ def _alike(found: Examined, name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _closed_model(found: Examined) -> MotionModel:
+def _closed_model(found: Examined) -> Diagnosed:
     """The model as it was, with the applied effects at their magnitudes; tolerances stay where they are stated."""
     model, best = found.model, found.best
     for candidate in best.candidates:

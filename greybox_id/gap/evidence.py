@@ -2,8 +2,8 @@
 
 Every refitted hypothesis gets a weight: the likelihood it gains, tempered, less what each further effect costs. Where
 tolerances are stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in
-proportion to how much was read; tempering takes that into account. An effect's probability is the weight of the
-hypotheses that hold it.
+proportion to how much was read, and to how much the best hypothesis leaves; tempering takes that into account. An
+effect's probability is the weight of the hypotheses that hold it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ COST, SECOND_PARAMETER = 7.0, 3.0
 NEXT_TO_NOTHING, NEVER = 0.02, 1e6
 """Share of its typical magnitude below which an abrupt effect is none, but has a reading taken before its row's
 command; and what it then costs."""
-ROUGH = 2.5e-3
-"""Log-likelihood per reading that misfits of a rough model's form gain."""
+ROUGH, MISFIT = 1.5e-3, 0.02
+"""Log-likelihood per reading that misfits of a rough model's form gain, though they do not show; and, where they show,
+as a share of what they cost."""
 EXACT = 10.0
 """Gains are taken as they are where that is well below so much."""
 
@@ -44,24 +45,26 @@ class Evidence:
     scores: tuple[float, ...]
 
 
-def evidence(selection: Selection, rough: bool) -> Evidence:
+def evidence(selection: Selection, rough: bool, left: float = 0.0) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
     ----------
     selection : hypotheses refitted on the same noise.
     rough : whether tolerances are stated.
+    left : mean square over that of noise, less one, of what the best of them leaves.
     """
-    temper = tempering(selection.search.colour.readings, rough)
+    temper = tempering(selection.search.colour.readings, rough, left)
     scores = [temper * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
 
 
-def tempering(readings: int, rough: bool) -> float:
+def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     """What gains in log-likelihood are multiplied with."""
-    return EXACT / (EXACT + (ROUGH * readings if rough else 0.0))
+    each = ROUGH + MISFIT * max(left, 0.0) / 2
+    return EXACT / (EXACT + (each * readings if rough else 0.0))
 
 
 def price(hypothesis: Hypothesis) -> float:

@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
-from ..motion_model import MotionModel
+from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
-from .bench import Bench
 from .closing import closed_by, misfit
 from .colour import sound, white_noise
 from .evidence import COST, Evidence, evidence, tempering
-from .gap import Closure
 from .form import form_covariance
+from .gap import Closure
 from .hypothesis import Hypothesis
+from .kinds import AnyBench, Diagnosed
 from .observer import PULLED
+from .plainly import plainly
 from .preparing import Prepared, prepare
 from .regimes import signals
 from .search import Search
@@ -52,18 +53,18 @@ class Examined:
     sd, told : (channels,) sensor noise, and whether it was stated.
     good : (N, channels) readings that count.
     held : (N,) rows held stale.
-    rough : whether tolerances are stated.
+    rough : whether the equations are: tolerances are stated, or networks stand for them.
     scatter : effects of variance, and the probability that each is present.
     closed : how far the gap closes on these recordings.
     signs : of something unknown.
     """
 
-    model: MotionModel
+    model: Diagnosed
     recordings: tuple[Recording, ...]
     effects: Mapping[str, Effect]
     vehicle: Vehicle | None
     prepared: Prepared
-    bench: Bench
+    bench: AnyBench
     selection: Selection
     evidence: Evidence
     best: Hypothesis
@@ -80,7 +81,7 @@ class Examined:
 
 
 def examine(
-    model: MotionModel,
+    model: Diagnosed,
     recordings: Sequence[Recording],
     effects: Mapping[str, Effect],
     vehicle: Vehicle | None,
@@ -89,7 +90,7 @@ def examine(
     """Refit and weigh what may explain recordings."""
     prepared = prepare(model, recordings, effects, vehicle)
     tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
-    bench = Bench(prepared.everything, prepared.seen(recordings))
+    bench = prepared.bench(recordings)
     moving = shifting(prepared.everything)
     believed = nuisances(prepared.everything, effects, moving)
     own = candidates(prepared.everything, prepared.effects, moving)
@@ -103,10 +104,13 @@ def examine(
         good &= ~held[:, None]
     search = Search(bench, believed, white_noise(sd, good, bench.rows), form)
     tell(f"refitting {len(believed)} tolerances and what may be missing")
-    rough = any(not axis.abrupt for axis in believed)
+    rough = isinstance(model, MemoryModel) or any(not axis.abrupt for axis in believed)
     worth = COST / tempering(int(np.sum(good)), rough)
     selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
-    weighed = evidence(selection, rough)
+    if isinstance(model, MemoryModel):
+        selection = plainly(selection, sd, good)
+    least = min((selection.base, *selection.tried), key=lambda own: own.cost)
+    weighed = evidence(selection, rough, float(np.mean((least.e / sd)[good] ** 2)) - 1.0 if np.any(good) else 0.0)
     best = selection.base
     if selection.tried and max(weighed.scores) > 0:
         best = selection.tried[int(np.argmax(weighed.scores))]
@@ -136,7 +140,7 @@ def examine(
     )  # fmt: skip
 
 
-def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
+def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
     """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
     name = PULLED.format("yaw_rate")
     off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
@@ -147,7 +151,7 @@ def _firmly(bench: Bench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firml
 
 
 def _jitters(
-    bench: Bench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], weighed: Evidence
+    bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], weighed: Evidence
 ) -> bool:
     """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
 

@@ -50,12 +50,10 @@ def _of_curve(B: float, C: float, E: float) -> Array:
 def _sensitivities(B: float, C: float, E: float) -> Array:
     """(POINTS, 3) of the curve over the slip angle by B, C and E, by central differences."""
     at = np.array([B, C, E])
-    alphas = np.linspace(0, REACH * np.pi / (2 * B * max(C - 1.0, 0.2) + 1e-9), POINTS + 1)[1:]
+    alphas = np.linspace(0, np.pi / (B * max(C - 1.0, 0.2)), POINTS + 1)[1:]  # far enough to have the peak within
     alphas = np.linspace(0, REACH * alphas[int(np.argmax(_curve(at, alphas)))], POINTS + 1)[1:]
-    steps = 1e-4 * np.array([B, C, 1.0])
-    return np.stack(
-        [(_curve(at + h * e, alphas) - _curve(at - h * e, alphas)) / (2 * h) for h, e in zip(steps, np.eye(3))], axis=1
-    )
+    steps = 1e-4 * np.diag([B, C, 1.0])
+    return np.stack([(_curve(at + h, alphas) - _curve(at - h, alphas)) / (2 * np.sum(h)) for h in steps], axis=1)
 
 
 def _curve(at: Array, alphas: Array) -> Array:

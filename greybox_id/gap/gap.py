@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from ..motion_model import MotionModel
 from ..parameter import Array
+from .kinds import Diagnosed
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""
@@ -170,7 +170,7 @@ class Gap:
     not_excited: Mapping[str, str]
     absorbed: tuple[str, ...]
     advice: tuple[str, ...]
-    closed: MotionModel | None = None
+    closed: Diagnosed | None = None
     strip: Strip | None = None
 
     def to_json(self) -> dict[str, Any]:

@@ -8,19 +8,20 @@ import numpy as np
 
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.simulator import Simulator
-from ..motion_model import MotionModel
+from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
+from ..scores.metrics import Prediction, predictions
 from ..signals import unit_of
 from .gap import Errors
+from .kinds import Diagnosed
 
 HORIZONS = (0.1, 0.5, 2.0, None)
-"""s; None is the free run."""
+"""s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
+of readings; nothing is known of them in between."""
 
 
-def by_horizon(
-    before: MotionModel, after: MotionModel, recordings: Sequence[Recording], sd: Array
-) -> tuple[Errors, ...]:
+def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recording], sd: Array) -> tuple[Errors, ...]:
     """Root mean square errors per channel and horizon.
 
     Parameters
@@ -29,23 +30,32 @@ def by_horizon(
     recordings : what is predicted.
     sd : (channels,) noise, below which no prediction can be.
     """
-    sums = {}
-    for which, model in enumerate((before, after)):
-        simulator = Simulator(model)
-        predictors = [Predictor(simulator, own, model.values) for own in recordings]
-        for horizon in HORIZONS:
-            found = [own.free_run() if horizon is None else own.ahead(horizon) for own in predictors]
-            sums[which, horizon] = _mean_squares(found, len(model.outputs))
+    first, then = _squares(before, recordings), _squares(after, recordings)
     errors = []
     for c, channel in enumerate(before.outputs):
-        for horizon in HORIZONS:
-            first, then = (float(np.sqrt(sums[k, horizon][c])) for k in (0, 1))
-            if np.isfinite(first) and np.isfinite(then):
-                errors.append(Errors(channel, unit_of(channel), horizon, first, then, float(sd[c])))
+        for horizon, own in first.items():
+            was, now = float(np.sqrt(own[c])), float(np.sqrt(then[horizon][c]))
+            if np.isfinite(was) and np.isfinite(now):
+                errors.append(Errors(channel, unit_of(channel), horizon, was, now, float(sd[c])))
     return tuple(errors)
 
 
-def _mean_squares(found: Sequence[Predictions], outputs: int) -> Array:
+def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | None, Array]:
+    """Horizon -> (outputs,) mean squares of errors."""
+    found: dict[float | None, list[Predictions | Prediction]] = {}
+    if isinstance(model, MemoryModel):
+        if model.feedback is not None:
+            found[model.sample_time] = [predictions(model, own, "honest") for own in recordings]
+        found[None] = [predictions(model, own, "closed_loop") for own in recordings]
+    else:
+        simulator = Simulator(model)
+        predictors = [Predictor(simulator, own, model.values) for own in recordings]
+        for horizon in HORIZONS:
+            found[horizon] = [own.free_run() if horizon is None else own.ahead(horizon) for own in predictors]
+    return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
+
+
+def _mean_squares(found: Sequence[Predictions | Prediction], outputs: int) -> Array:
     """(outputs,) mean squares over all recordings, NaN where nothing was read."""
     total, count = np.zeros(outputs), np.zeros(outputs)
     for own in found:

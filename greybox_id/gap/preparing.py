@@ -7,11 +7,15 @@ from dataclasses import dataclass, replace
 
 from ..effect import Effect
 from ..errors import BadInput
+from ..memory_model import MemoryModel
 from ..models.vehicles import with_tolerances
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..vehicle import Vehicle
+from .bench import Bench
+from .kinds import AnyBench, Diagnosed
+from .memory_bench import MemoryBench
 from .observer import SEEN, observed, with_seen
 
 OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
@@ -28,13 +32,19 @@ class Prepared:
     Attributes
     ----------
     nominal : the model with its tolerances; what is not believed is held.
-    everything : the same with all candidates at their null, and an observer.
+    everything : the same with all candidates at their null; equations of motion with an observer.
     effects : candidates by name.
     """
 
-    nominal: MotionModel
-    everything: MotionModel
+    nominal: Diagnosed
+    everything: Diagnosed
     effects: Mapping[str, Effect]
+
+    def bench(self, recordings: Sequence[Recording]) -> AnyBench:
+        """What simulates everything over recordings."""
+        if isinstance(self.everything, MemoryModel):
+            return MemoryBench(self.everything, recordings)
+        return Bench(self.everything, self.seen(recordings))
 
     def seen(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with what the observer reads."""
@@ -46,7 +56,7 @@ class Prepared:
 
 
 def prepare(
-    model: MotionModel, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
     """Put everything a model may lack on it.
 
@@ -55,7 +65,8 @@ def prepare(
     model : to be diagnosed, at its nominal values.
     recordings : of the vehicle.
     effects : what may be the cause, by name.
-    vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of the model count.
+    vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of equations of
+        motion count; priors of a map with memory do not, for these are about weights as they were before a fit.
     """
     nominal = _with_beliefs(model, effects, vehicle)
     everything, concerned = nominal, {}
@@ -64,26 +75,30 @@ def prepare(
             continue
         concerned[name] = effect
         if name not in nominal.effects:
-            everything = everything + replace(effect, parameter=replace(effect.parameter, fixed=True))
+            everything = everything + effect.at(float(effect.parameter.array))
     if not concerned:
         raise BadInput(f"Nothing is known that {model.name} may lack: no effect acts on it.")
     return Prepared(nominal, _observed(everything, recordings), concerned)
 
 
 def prepare_plain(
-    model: MotionModel, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
     """The same without candidates, for a model that is not diagnosed any further."""
     nominal = _with_beliefs(model, effects, vehicle)
     return Prepared(nominal, _observed(nominal, recordings), {})
 
 
-def _with_beliefs(model: MotionModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> MotionModel:
+def _with_beliefs(model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> Diagnosed:
+    if vehicle is None and isinstance(model, MemoryModel):
+        vehicle = Vehicle(model.name)
     nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
     return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
 
 
-def _observed(model: MotionModel, recordings: Sequence[Recording]) -> MotionModel:
+def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
+    if not isinstance(model, MotionModel):
+        return model
     states = [state.name for state in model.states]
     for state, rate in OBSERVED.items():
         if state in states and state in model.outputs and all(state in own for own in recordings):
@@ -91,7 +106,7 @@ def _observed(model: MotionModel, recordings: Sequence[Recording]) -> MotionMode
     return model
 
 
-def _held(model: MotionModel, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
+def _held(model: Diagnosed, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
     """A parameter, held unless something is believed of it: an effect of the model is as it stands."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)

@@ -19,12 +19,14 @@ HOPELESS = 2e-4
 """Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
 SHORTEST, SHORT = 0.03, 0.1
 """A step that must be shortened further leads nowhere; the same for a start seen from its origin."""
+SHY = 0.05
+"""How far what shapes curves goes, of its usual stride, once that was too far."""
 BESIDE = 1e-3
 """Distance of the simulation beside a hypothesis, in its magnitude's scale."""
 SHIFTED, ON_A_ROW = 1e-4, 1e-6
 """The same for delays and latencies, s; and how near to a row, in rows, they are on it."""
 FAR = 1e-9
-AGAIN, ENOUGH = 4, 1.0
+AGAIN, ENOUGH = 3, 1.0
 """How often nuisances are linearised again at most, and the gain in log-likelihood below which they are not."""
 
 
@@ -53,14 +55,14 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
     return [_on_rows(search, own) for own in found] if settle_on_rows else found
 
 
-def settled(search: Search, found: Hypothesis) -> Hypothesis:
+def settled(search: Search, found: Hypothesis, again_at_most: int = AGAIN) -> Hypothesis:
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
     They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
     derivatives taken there: what they then miss would pass for a gap.
     """
-    for _ in range(AGAIN if len(found.theta) else 0):
-        search.about(found)
+    for _ in range(again_at_most if search.moving or search.shifts else 0):
+        search.about(found, delays=False)
         again = refit(search, [search.start_of(found)])
         if not again:
             break
@@ -97,6 +99,8 @@ class _Work:
         self.best: Hypothesis | None = None
         self._step: Array | None = None
         self._origin: Array | None = None
+        self._stride = 1.0
+        self._here: tuple[Array, Array, Array, Array] | None = None
         self.done, self._share = False, 1.0
         if start.origin is not None and np.array_equal(linear, start.linear):
             self._begin_at(*start.origin)
@@ -158,8 +162,8 @@ class _Work:
         if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.colour.readings, 0.0):
             self.done = True
             return
-        self._share = 1.0
-        self._step = self._solve(r, J, u, precision)
+        self._share, self._here = 1.0, (r, J, u, precision)
+        self._step = self._solve(*self._here)
         self._go()
 
     def _solve(self, r: Array, J: Array, u: Array, precision: Array) -> Array:
@@ -170,8 +174,9 @@ class _Work:
         H = np.block([[search.gram + precision, cross], [cross.T, W.T @ W]])
         g = np.concatenate([search.white.T @ r + precision @ (u - search.means), W.T @ r])
         m = self.at[0]
-        low = np.concatenate([search.low - u, [a.low for a in self.axes] - m])
-        high = np.concatenate([search.high - u, [a.high for a in self.axes] - m])
+        stride = self._stride * search.stride
+        low = np.concatenate([np.maximum(search.low - u, -stride), [a.low for a in self.axes] - m])
+        high = np.concatenate([np.minimum(search.high - u, stride), [a.high for a in self.axes] - m])
         held = np.append(search.among(self._own), np.zeros(len(m), dtype=bool))
         return bounded_step(H, g, low, high, held)
 
@@ -184,7 +189,16 @@ class _Work:
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
     def _back(self) -> None:
-        """The step was too long; where it led away from the origin, another one is taken from there."""
+        """The step was too long.
+
+        Where it led away from the origin, another one is taken from there. Elsewhere what shapes curves goes less far
+        first, and everything else as far as it then would.
+        """
+        if self._here is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
+            self._stride = SHY
+            self._step = self._solve(*self._here)
+            self._go()
+            return
         self._share /= 3
         if self._share >= (SHORT if self._origin is not None else SHORTEST) and self._step is not None:
             self._go()

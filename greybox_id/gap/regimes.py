@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..parameter import Array
-from .bench import Bench
 from .gap import Where
+from .kinds import AnyBench
 from .shortlist import Promise
 
 LIFT, SHARE = 1.5, 0.4
@@ -24,7 +24,7 @@ EQUATIONS = {
 """Group of effects -> the part of the equations they act on."""
 
 
-def signals(bench: Bench, y: Array) -> dict[str, Array]:
+def signals(bench: AnyBench, y: Array) -> dict[str, Array]:
     """What regimes are told by, per row: as simulated, for readings share their noise with residuals."""
     found = {}
     for c, channel in enumerate(bench.channels):
@@ -35,7 +35,7 @@ def signals(bench: Bench, y: Array) -> dict[str, Array]:
     return {name: _smooth(values, bench) for name, values in found.items()}
 
 
-def regimes(bench: Bench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
+def regimes(bench: AnyBench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
     """Which rows each regime holds."""
     count = len(bench.measured)
     nothing = np.zeros(count)
@@ -58,7 +58,7 @@ def regimes(bench: Bench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.boo
 
 
 def where(
-    bench: Bench,
+    bench: AnyBench,
     excess: Array,
     ratio: Array,
     seen: Mapping[str, Array],
@@ -100,7 +100,7 @@ def where(
     )
 
 
-def _stretch(bench: Bench, excess: Array) -> dict[str, float]:
+def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
     """The shortest stretch of time that holds half of the gap."""
     held = np.concatenate(([0.0], np.cumsum(np.maximum(excess, 0.0))))
     if held[-1] <= 0:
@@ -116,7 +116,7 @@ def _stretch(bench: Bench, excess: Array) -> dict[str, float]:
     }
 
 
-def _smooth(values: Array, bench: Bench) -> Array:
+def _smooth(values: Array, bench: AnyBench) -> Array:
     """A moving mean over a fifth of a second: regimes are not told by noise."""
     length = max(1, round(0.2 / bench.sample_time))
     kernel = np.ones(length) / length

@@ -15,13 +15,18 @@ from scipy.linalg import block_diag
 
 from ..parameter import Array
 from .axes import Axis
-from .bench import Bench
 from .colour import Colour
 from .hypothesis import Hypothesis, Projection, Start
+from .kinds import AnyBench, blocks
 
 AT_ONCE, JUMPS_SD = 0.02, 1.0
 """Share of an abrupt tolerance that stands for the least there can be of it; how much of what that does is believed, of
 one at most."""
+MOST_SD = 3.0
+"""How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap. What shapes a curve
+is believed of the curve, and may go further."""
+STRIDE = 1.0
+"""What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
 BLOCK = 2.0
 """Seconds over which residuals may be alike."""
 BESIDE = 0.3
@@ -46,21 +51,33 @@ class Search:
     simulations : how many there have been.
     """
 
-    def __init__(self, bench: Bench, nuisances: Sequence[Axis], colour: Colour, form: Array | None = None) -> None:
+    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, form: Array | None = None) -> None:
         self.bench = bench
         self.moving = tuple(axis for axis in nuisances if not axis.abrupt)
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
         own = np.diag([axis.sd**2 for axis in self.moving])
-        self._believed = np.linalg.inv(own if form is None else own + form)
+        more = np.zeros_like(own) if form is None else form
+        self._believed = np.linalg.inv(own + more)
+        sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
+        shaped = np.append(np.diag(more) > 0, np.zeros(len(self.shifts), dtype=bool))
+        self._reach = np.where(shaped, np.inf, MOST_SD * sds)
+        spread = np.sqrt(np.append(np.diag(own + more), np.zeros(len(self.shifts))))
+        self._stride = np.where(shaped, STRIDE * spread, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.simulations = 0
         self.colour = colour
 
     # ---- what everything is about
 
-    def about(self, hypothesis: Hypothesis | None) -> None:
-        """Take the nuisances' derivatives about this hypothesis; None: about their beliefs."""
+    def about(self, hypothesis: Hypothesis | None, delays: bool = True) -> None:
+        """Take the nuisances' derivatives about this hypothesis; None: about their beliefs.
+
+        Parameters
+        ----------
+        hypothesis : where everything is.
+        delays : whether what delays do is simulated anew; else it stays as it was about the hypothesis before.
+        """
         self._expand(hypothesis)
         p = (
             self.vector(hypothesis)
@@ -68,7 +85,12 @@ class Search:
             else self.placed(self.nominal, self.moving, np.array([axis.mean for axis in self.moving]))
         )
         _, self.theta_by, S = self.bench.linearise(p, [axis.index for axis in self.moving])
-        self.linear_by = np.concatenate([*self._secants(p), S], axis=2)
+        slopes, jumps = self._secants(p, [delays or not axis.shift for axis in self.shifts])
+        if not delays:
+            kept, count = [k for k, axis in enumerate(self.shifts) if axis.shift], len(self.shifts)
+            slopes[:, :, kept] = self.linear_by[:, :, kept]
+            jumps[:, :, kept] = self.linear_by[:, :, [count + k for k in kept]]
+        self.linear_by = np.concatenate([slopes, jumps, S], axis=2)
         self._whiten()
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
@@ -78,24 +100,27 @@ class Search:
             self.expanded[k] = at if abs(at - axis.null) > BESIDE * axis.sd else axis.null
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
-    def _secants(self, p: Array) -> tuple[Array, Array]:
-        """What abrupt nuisances do: per unit, and at once, (N, channels, shifts) each, from where they are expanded."""
+    def _secants(self, p: Array, wanted: Sequence[bool]) -> tuple[Array, Array]:
+        """What abrupt nuisances do: per unit, and at once, (N, channels, shifts) each, from where they are expanded.
+
+        Zero for those that are not wanted.
+        """
+        shape = (*self.bench.measured.shape, len(self.shifts))
+        slopes, jumps = np.zeros(shape), np.zeros(shape)
         p = self.placed(p, self.shifts, self.expanded)
-        if not self.shifts:
-            return np.zeros((*self.bench.measured.shape, 0)), np.zeros((*self.bench.measured.shape, 0))
+        asked = [k for k, want in enumerate(wanted) if want]
         spans = []
-        for axis, at in zip(self.shifts, self.expanded, strict=True):
+        for k in asked:
+            axis, at = self.shifts[k], float(self.expanded[k])
             near, far = (AT_ONCE, 1.0) if at == axis.null else (-BESIDE, BESIDE)
             spans.append((at + near * axis.sd, at + far * axis.sd))
-        sides = [
-            self.placed(p, [axis], [span[k]]) for k in (0, 1) for axis, span in zip(self.shifts, spans, strict=True)
-        ]
-        e = self.residuals([p, *sides])
-        near, far = e[1 : 1 + len(spans)], e[1 + len(spans) :]
-        slopes = [(b - a) / (end - start) for a, b, (start, end) in zip(near, far, spans, strict=True)]
-        still = self.expanded == [axis.null for axis in self.shifts]
-        jumps = [own - e[0] if at_null else np.zeros_like(own) for own, at_null in zip(near, still, strict=True)]
-        return np.stack(slopes, axis=2), np.stack(jumps, axis=2)
+        sides = [self.placed(p, [self.shifts[k]], [end]) for k, span in zip(asked, spans, strict=True) for end in span]
+        e = self.residuals([p, *sides]) if asked else np.zeros((1, *self.bench.measured.shape))
+        for k, (start, end), one, other in zip(asked, spans, e[1::2], e[2::2], strict=True):
+            slopes[:, :, k] = (other - one) / (end - start)
+            if self.expanded[k] == self.shifts[k].null:
+                jumps[:, :, k] = one - e[0]
+        return slopes, jumps
 
     def recoloured(self, colour: Colour) -> None:
         """Count residuals otherwise."""
@@ -110,8 +135,12 @@ class Search:
         sds = [*(axis.sd for axis in self.shifts), *[JUMPS_SD] * count, *starts]
         self.precision = block_diag(self._believed, np.diag(1 / np.array(sds) ** 2 if sds else []))
         self.means = np.array([*(axis.mean for axis in axes), *np.zeros(count + len(starts))])
-        self.low = np.array([*(axis.low for axis in axes), *np.zeros(count), *np.full(len(starts), -np.inf)])
-        self.high = np.array([*(axis.high for axis in axes), *np.ones(count), *np.full(len(starts), np.inf)])
+        means = self.means[: len(axes)]
+        low = np.maximum([axis.low for axis in axes], means - self._reach)
+        high = np.minimum([axis.high for axis in axes], means + self._reach)
+        self.stride = np.array([*self._stride, *np.full(count + len(starts), np.inf)])
+        self.low = np.array([*low, *np.zeros(count), *np.full(len(starts), -np.inf)])
+        self.high = np.array([*high, *np.ones(count), *np.full(len(starts), np.inf)])
         self.null_linear = np.array([*self.expanded, *np.zeros(count + len(starts))])
         self.gram = self.white.T @ self.white
 
@@ -165,9 +194,18 @@ class Search:
         own = self.among({axis.index for axis in axes})[len(self.moving) :]
         return np.where(own, self.null_linear, linear)
 
-    def bounded(self, nuisances: Array) -> Array:
-        """Nuisances, moving ones first, within their bounds."""
-        return np.clip(nuisances, self.low, self.high)
+    def tolerated(self, hypothesis: Hypothesis) -> bool:
+        """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
+        believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
+        return any(
+            abs(at - believed[axis.index].mean) <= MOST_SD * believed[axis.index].sd
+            for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
+            if axis.index in believed
+        )
+
+    def reached(self, here: Array, there: Array) -> Array:
+        """Where nuisances get to from here in one step, moving ones first, within their bounds."""
+        return np.clip(np.clip(there, here - self.stride, here + self.stride), self.low, self.high)
 
     @staticmethod
     def start_of(hypothesis: Hypothesis) -> Start:
@@ -204,13 +242,16 @@ class Search:
         """
         W = self.colour.white(columns).reshape(-1, columns.shape[2])
         r = self.colour.white(e[:, :, None]).ravel()
+        u = np.concatenate([theta, linear])
         H = self.gram + self.precision
-        g = self.white.T @ r + self.precision @ (np.concatenate([theta, linear]) - self.means)
+        g = self.white.T @ r + self.precision @ (u - self.means)
         C = self.white.T @ W
-        solved = np.linalg.solve(H, np.column_stack([g, C])) if len(g) else np.zeros((0, 1 + W.shape[1]))
+        free = ~(((u <= self.low) & (g > 0)) | ((u >= self.high) & (g < 0)))  # the others would leave their bounds
+        solved = np.zeros((len(g), 1 + W.shape[1]))
+        solved[free] = np.linalg.solve(H[np.ix_(free, free)], np.column_stack([g, C])[free])
         slope, raw = W.T @ r - C.T @ solved[:, 0], np.sum(W**2, axis=0)
         curve = np.maximum(raw - np.sum(C * solved[:, 1:], axis=0), 1e-12 * raw + 1e-300)
-        rest = np.concatenate([theta, linear]) - solved[:, 0]
+        rest = u - solved[:, 0]
         return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw, -solved[:, 1:], rest)
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
@@ -226,9 +267,9 @@ class Search:
         W, told = self._told(hypothesis)
         r = self.colour.white(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
-        blocks = np.array([np.sum(pulls[a:b], axis=0) for a, b in self.bench.blocks(BLOCK)])
-        blocks -= np.mean(blocks, axis=0)
-        seen = told @ (blocks.T @ blocks) @ told
+        own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench, BLOCK)])
+        own -= np.mean(own, axis=0)
+        seen = told @ (own.T @ own) @ told
         found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))
         return found
 

@@ -23,6 +23,9 @@ from .shortlist import Promise, from_where_best, promises
 SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
 """Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
 best pair."""
+POLISHED, WORTHY = 2, 0.3
+"""So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
+must gain."""
 NEARLY = 0.8
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
@@ -101,7 +104,25 @@ def select(
         tried[frozenset(best.names)] = refitted(search, best)
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates), worth)
-    return Selection(search, base, tuple(sorted(tried.values(), key=lambda own: own.cost)), tuple(promised))
+    found = sorted(tried.values(), key=lambda own: own.cost)
+    return Selection(search, base, tuple(_polished(search, base, found, worth)), tuple(promised))
+
+
+def _polished(search: Search, base: Hypothesis, found: list[Hypothesis], worth: float) -> list[Hypothesis]:
+    """Hypotheses, best first, the best of them with nuisances linearised about where these are beside it.
+
+    Nuisances that have taken up a gap are far from where they are once it has a name.
+    """
+    best = [own for own in found[:POLISHED] if base.cost - own.cost > WORTHY * worth]
+    if not best or not (search.moving or search.shifts):
+        return found
+    better = []
+    for own in best:
+        search.about(own)
+        again = refit(search, [search.start_of(own)])
+        better.append(min([own, *(settled(search, each, 1) for each in again)], key=lambda each: each.cost))
+    search.about(base)
+    return sorted([*better, *found[len(better) :]], key=lambda own: own.cost)
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:
@@ -158,7 +179,7 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
     search.about(None)
     base = refitted(search, search.at_means())
-    base = settled(search, base)
+    base = settled(search, base, 1)
     promised = promises(search, base, candidates)
     known = from_where_best(promised, candidates)
     best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
@@ -176,7 +197,12 @@ def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
         others = tuple(each for each in whole.candidates if each is not candidate)
         starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
         at = own.stop
-    return refit(search, starts)
+    return _gaps(search, refit(search, starts))
+
+
+def _gaps(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Those of which every effect is larger than its tolerance, best first."""
+    return sorted((own for own in found if not search.tolerated(own)), key=lambda own: own.cost)
 
 
 def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
@@ -202,4 +228,4 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         count = len(parent.theta)
         theta, linear = own.nuisances[:count], own.nuisances[count:]
         starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
-    return sorted(refit(search, starts), key=lambda own: own.cost)
+    return _gaps(search, refit(search, starts))

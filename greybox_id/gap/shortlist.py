@@ -42,6 +42,8 @@ class Promise:
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
     """What candidates promise beside a hypothesis, most promising first."""
     new = [candidate for candidate in candidates if candidate.effect not in beside.names]
+    if not new:
+        return []
     p, found = search.vector(beside), dict[str, Promise]()
     plain = [candidate for candidate in new if not candidate.starts]
     columns = [candidate.axes[0].index for candidate in plain]
@@ -51,6 +53,7 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
     moved = np.moveaxis(e + (search.first_order(beside) - beside.e), 0, 2)
     sane = np.all(np.isfinite(moved), axis=(0, 1)) & np.any(moved != 0, axis=(0, 1))
     both = np.concatenate([J, np.where(sane, moved, 0.0)], axis=2)
+    here = np.concatenate([beside.theta, beside.linear])
     first = search.project(beside.e, both, beside.theta, beside.linear)
     numbers = list(zip(first.gain, first.step, first.curve, first.raw, first.nuisances.T, strict=True))
     for candidate, (gain, step, curve, raw, with_it) in zip(plain, numbers, strict=False):
@@ -58,12 +61,12 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         null = search.where(beside, axis)
         at = float(np.clip(null + step, axis.low, axis.high))
         sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
-        gone = search.bounded(first.rest + (at - null) * with_it)
+        gone = search.reached(here, first.rest + (at - null) * with_it)
         found[candidate.effect] = Promise(candidate, float(gain), (at,), gone, sd, told)
     for (candidate, start), ok, (gain, share, curve, raw, with_it) in zip(
         tried, sane, numbers[len(plain) :], strict=True
     ):
-        gone = search.bounded(first.rest + (share if candidate.gradual else 1.0) * with_it)
+        gone = search.reached(here, first.rest + (share if candidate.gradual else 1.0) * with_it)
         own = _promised(candidate, start, float(gain), float(share), gone) if ok else None
         if own is not None and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
             sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..vehicle import Vehicle
-from .bench import Bench
+from .kinds import AnyBench
 
 TOO_LARGE = 0.8
 """Noise that is stated is not believed where residuals are smaller than this share of it."""
 
 
-def stated_noise(bench: Bench, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
+def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
     """Standard deviation of each channel's noise, (channels,), and whether all of them were stated.
 
     Parameters
     ----------
     bench : whose channels.
-    vehicle : what is stated of its sensors.
+    vehicle : what is stated of its sensors; of a map with memory, what its training left, which holds in any case.
     residuals : (N, channels) of any model: a slow misfit does not count as noise.
     """
     stated = vehicle.noise if vehicle is not None else {}
@@ -30,7 +31,8 @@ def stated_noise(bench: Bench, vehicle: Vehicle | None, residuals: Array) -> tup
             continue
         e = residuals[own, c]
         spread = 1.4826 * float(np.median(np.abs(e - np.median(e))))
-        if channel in stated and spread > TOO_LARGE * stated[channel]:
+        held = isinstance(bench.model, MemoryModel) or spread > TOO_LARGE * stated.get(channel, 0.0)
+        if channel in stated and held:
             found.append(stated[channel])
             continue
         told = told and channel in stated
@@ -38,7 +40,7 @@ def stated_noise(bench: Bench, vehicle: Vehicle | None, residuals: Array) -> tup
     return np.array(found), told
 
 
-def _fast(bench: Bench, c: int) -> float:
+def _fast(bench: AnyBench, c: int) -> float:
     """Standard deviation of what changes from row to row faster than a straight line does."""
     seconds = [np.diff(bench.measured[rows, c], 2) for rows in bench.rows]
     bends = np.concatenate(seconds) if seconds else np.empty(0)

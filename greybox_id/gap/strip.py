@@ -8,14 +8,14 @@ import numpy as np
 from scipy.signal import welch
 
 from ..parameter import Array
-from .bench import Bench
 from .gap import Strip
+from .kinds import AnyBench
 
 BLOCK, CELLS = 1.0, 8
 """Seconds in a block of time; cells of the map along each side."""
 
 
-def strip(bench: Bench, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
+def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
     """The picture's data.
 
     Parameters
@@ -52,7 +52,7 @@ def strip(bench: Bench, before: Array, after: Array, sd: Array, seen: Mapping[st
     )
 
 
-def _path(bench: Bench, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+def _path(bench: AnyBench, seen: Mapping[str, Array]) -> tuple[Array, Array]:
     if "v_x" not in seen or "yaw_rate" not in seen:
         return np.empty(0), np.empty(0)
     x, y = np.zeros(len(bench.measured)), np.zeros(len(bench.measured))

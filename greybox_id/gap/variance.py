@@ -1,4 +1,8 @@
-"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants."""
+"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants.
+
+They are not looked for under a map with memory, whose training left the same scatter, and which knows no instants
+between its samples.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from ..memory_model import MemoryModel
 from ..parameter import Array
-from .bench import Bench
+from .kinds import AnyBench
 
 FEWEST_CHANNELS = 2
 """Channels that must repeat together: one alone may be quantised."""
@@ -39,11 +44,11 @@ class Scatter:
     lasting: float = 0.0
 
 
-def repeats(bench: Bench) -> NDArray[np.bool_]:
+def repeats(bench: AnyBench) -> NDArray[np.bool_]:
     """(N,) rows at which all sensors repeat the row before exactly."""
     found = np.zeros(len(bench.measured), dtype=bool)
     read = np.any(np.isfinite(bench.measured), axis=0)
-    if np.count_nonzero(read) < FEWEST_CHANNELS:
+    if np.count_nonzero(read) < FEWEST_CHANNELS or isinstance(bench.model, MemoryModel):
         return found
     for rows in bench.rows:
         own = bench.measured[rows][:, read]
@@ -62,7 +67,7 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
 
 
-def steady(bench: Bench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
 
     Where commands are held, accelerations jump with them at every row: a reading that comes early by however little
@@ -85,7 +90,7 @@ def steady(bench: Bench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[
     return rates, good & known
 
 
-def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
+def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
     """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
 
     Parameters
@@ -95,6 +100,8 @@ def jitter(bench: Bench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_])
     sd : (channels,) of noise where nothing changes.
     good : (N, channels) readings that count.
     """
+    if isinstance(bench.model, MemoryModel):
+        return None
     rates, use = steady(bench, y, sd, good)
     a = np.where(use, rates / sd, 0.0)
     z = np.where(use, e / sd, 0.0)

@@ -17,7 +17,7 @@ def exam(tmp_path):
     answers = [
         Answer("case_000", "null", "clean", {}),
         Answer("case_001", "single", "clean", {"steering_delay": 0.03}, {"steering_delay": 0.0},
-               size={"yaw_rate": 2.0}, evidence=900.0),
+               size={"yaw_rate": 2.0}, left={"yaw_rate": 1.5}),
     ]  # fmt: skip
     for answer in answers:
         case = folder / "cases" / answer.case

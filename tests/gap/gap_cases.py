@@ -8,7 +8,6 @@ from reference_vehicle import FULL_SIZE_CAR, simulate, simulate_lateral
 
 from greybox_id.gap.axes import Axis, Candidate
 from greybox_id.gap.bench import Bench
-from greybox_id.gap.bench import Bench
 from greybox_id.gap.colour import white_noise
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.preparing import prepare_plain
@@ -84,8 +83,6 @@ class GivenBench:
         self.inputs = np.column_stack(list(inputs.values())) if inputs else np.zeros((count, 0))
         self.model = SimpleNamespace(values=np.zeros(size + 1), inputs=tuple(inputs), outputs=self.channels, states=())
         self.loose = ()
-
-    blocks = Bench.blocks
 
     def simulate(self, P):
         return np.array([self.respond(p) for p in P]).reshape(-1, *self.measured.shape)

@@ -119,6 +119,7 @@ def test_a_fit_is_a_vehicle_that_simulates_alike(car, tmp_path):
     same_simulation(found.model, model_of(through_a_file(stated, tmp_path)))
 
 
-def test_a_fit_of_a_model_with_memory_is_refused():
-    with pytest.raises(BadInput, match="a model with memory"):
-        fitted_vehicle(SimpleNamespace(model=build("msnn_lat")), "lap")
+def test_a_closed_model_with_memory_is_no_vehicle(car):
+    gap = SimpleNamespace(closed=build("msnn_lat"), model="msnn_lat")
+    with pytest.raises(BadInput, match="no place for the weights of msnn_lat"):
+        closed_vehicle(car, gap)

@@ -1,11 +1,15 @@
 """What a search knows of single columns to first order, of tolerances, and of what they are charged."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from gap_cases import GivenBench, alone, axis, linear_bench, search_on, smooth_columns, weighted
+from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
 
 from greybox_id.gap.axes import Candidate
-from greybox_id.gap.refit import refit
+from greybox_id.gap.hypothesis import Start
+from greybox_id.gap.refit import refit, settled
+from greybox_id.gap.search import MOST_SD
 
 SD = np.array([0.1, 0.4])
 
@@ -49,8 +53,7 @@ def test_a_tolerance_that_is_freed_is_charged_nothing_and_held_to_nothing():
     search = search_on(bench, SD, [axis(0, sd=0.005), axis(1, sd=0.1)])
     (base,) = refit(search, [search.start_of(search.at_means())])
     (found,) = refit(search, [alone(search, Candidate("freed", (axis(0),)))])
-    assert abs(base.theta[0]) < 1.5
-    assert search.charge(base) > 1000
+    assert search.charge(base) > MOST_SD**2
     assert found.m[0] == pytest.approx(2.0, abs=0.05)
     assert found.theta[0] == 0.0  # moves as the candidate, not as the tolerance
     assert search.charge(found) == pytest.approx((found.theta[1] / 0.1) ** 2)
@@ -73,3 +76,55 @@ def test_an_abrupt_tolerance_enters_to_first_order_and_at_once():
     assert base.linear[1] == pytest.approx(1.0, abs=0.1)
     assert search.vector(base)[0] == 0.0
     np.testing.assert_allclose(search.first_order(base), respond(base.linear[:1]), atol=0.1)
+
+
+def test_a_tolerance_reaches_so_far_and_what_is_further_off_is_a_gap():
+    X = smooth_columns(2)
+    X[:, :, 1] = X[:, :, 0]
+    bench = linear_bench(X, [1.0, 0.0], SD)
+    search = search_on(bench, SD, [axis(0, sd=0.01)])
+    (base,) = refit(search, [search.start_of(search.at_means())])
+    assert base.theta[0] == pytest.approx(MOST_SD * 0.01)
+    found = search.project(base.e, X[:, :, 1:], base.theta, base.linear)
+    assert found.step[0] == pytest.approx(1.0 - base.theta[0], abs=0.02)  # the tolerance stays at its bound
+    (gap,) = refit(search, [Start((candidate(1),), np.array([0.0]), base.theta, base.linear)])
+    assert gap.m[0] == pytest.approx(1.0, abs=0.02)
+    assert abs(gap.theta[0]) < 0.01
+    assert base.cost - gap.cost == pytest.approx(found.gain[0], rel=0.02)
+
+
+def test_a_lag_is_expanded_where_it_is_found():
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((400, 2))
+    bench = GivenBench(lambda p: np.tanh(8 * p[0]) * X, np.zeros((400, 2)), 1)
+    bench.measured = bench.respond(np.array([0.2])) + SD * rng.standard_normal((400, 2))
+    lag = axis(0, sd=0.1, low=0.0, gradual=False)
+    search = search_on(bench, SD, [lag])
+    (first,) = refit(search, [search.start_of(search.at_means())])
+    then = settled(search, first)
+    assert search.expanded[0] == pytest.approx(then.linear[0], abs=0.06)
+    assert then.linear[0] == pytest.approx(0.2, abs=0.05)
+    assert then.cost == pytest.approx(400, rel=0.1)
+    assert abs(then.linear[0] - 0.2) < abs(first.linear[0] - 0.2)
+    search.about(None)
+    assert search.expanded[0] == 0.0
+
+
+def test_magnitudes_scatter_more_where_residuals_stay_alike():
+    X = smooth_columns(1, rows=4000)
+    for lasting, least, most in ((1, 1.0, 1.35), (50, 1.8, 9.0)):
+        noise = np.repeat(np.random.default_rng(1).standard_normal((4000 // lasting, 2)), lasting, axis=0)
+        X_of = np.ones_like(X) if lasting > 1 else X
+        bench = GivenBench(lambda p, X=X_of: X @ p, X_of @ np.array([0.5]) + SD * noise, 1)
+        search = search_on(bench, SD)
+        (found,) = refit(search, [alone(search, candidate(0))])
+        assert least <= search.widening(found)[0] < most
+
+
+def test_an_effect_within_its_own_tolerance_is_no_gap():
+    X = smooth_columns(2)
+    search = search_on(linear_bench(X, [0.0, 0.0], SD), SD, [axis(0, sd=0.1)])
+    (base,) = refit(search, [search.start_of(search.at_means())])
+    for m, expected in ((0.29, True), (-0.29, True), (0.31, False), (-0.31, False)):
+        assert search.tolerated(replace(base, candidates=(candidate(0),), m=np.array([m]))) == expected
+    assert not search.tolerated(replace(base, candidates=(candidate(1),), m=np.array([0.0])))

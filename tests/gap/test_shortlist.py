@@ -112,3 +112,14 @@ def test_one_start_at_most_is_kept_of_what_has_none():
     search = search_on(linear_bench(columns(1), [1.0], SD), SD)
     found = promises(search, base_of(search), [gradual(0)])
     assert from_where_best(found, [gradual(0)]) == [gradual(0)]
+
+
+def test_nuisances_go_along_to_where_a_candidate_is_tried():
+    X = columns(2)
+    X[:, :, 1] = X[:, :, 0] + 0.2 * X[:, :, 1]
+    search = search_on(linear_bench(X, [0.0, 1.0], SD), SD, [axis(0, sd=0.5)])
+    base = base_of(search)
+    (found,) = promises(search, base, [gradual(1)])
+    assert base.theta[0] > 0.8  # it has taken up most of the gap
+    assert found.start[0] == pytest.approx(1.0, abs=0.1)
+    assert abs(found.nuisances[0]) < 0.1
