@@ -65,6 +65,7 @@ class Search:
         spread = np.sqrt(np.append(np.diag(own + more), np.zeros(len(self.shifts))))
         self._stride = np.where(shaped, STRIDE * spread, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
+        self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0
         self.colour = colour
 
