@@ -36,7 +36,7 @@ WIDER = 1.6
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
 JITTER_LEAVES = 0.3
 """Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
-NOISE_ALONE = {False: 0.03, True: 1.2}
+NOISE_ALONE = {False: 0.03, True: 1.7}
 """Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
 

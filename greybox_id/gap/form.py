@@ -1,7 +1,8 @@
 """How rough the form of a tyre curve is: a magic formula comes near a tyre's curve, and is not that curve.
 
 Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to `OFF` of their peak. What B, C
-and E may do together without leaving that band is believed beyond their own tolerances; the peak D is not touched.
+and E may do together without leaving that band is believed beyond their own tolerances. Of the peak D little is: a curve
+of another form that is laid through the same points peaks a percent higher or lower.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from .axes import Axis
 
 OFF = 0.015
 """Root mean square distance of a curve from the true one, over the peak."""
+PEAK = 0.012
+"""Standard deviation of the peak, relative."""
 REACH = 1.2
 """Up to so many times the slip of the peak."""
 LOOSE = {"B": 0.3, "C": 0.1, "E": 0.5}
@@ -36,6 +39,8 @@ def form_covariance(axes: Sequence[Axis]) -> Array:
         if all(name in places for name in names):
             own = [places[name] for name in names]
             found[np.ix_(own, own)] = _of_curve(*(axes[k].mean for k in own))
+            if (peak := places.get(f"D_{axle}")) is not None:
+                found[peak, peak] = (PEAK * axes[peak].mean) ** 2
     return found
 
 

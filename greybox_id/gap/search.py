@@ -59,11 +59,11 @@ class Search:
         own = np.diag([axis.sd**2 for axis in self.moving])
         more = np.zeros_like(own) if form is None else form
         self._believed = np.linalg.inv(own + more)
-        sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
-        shaped = np.append(np.diag(more) > 0, np.zeros(len(self.shifts), dtype=bool))
+        sds = np.sqrt(np.append(np.diag(own + more), [axis.sd**2 for axis in self.shifts]))
+        together = np.any((more != 0) & ~np.eye(len(more), dtype=bool), axis=1)  # what shapes a curve, with others
+        shaped = np.append(together, np.zeros(len(self.shifts), dtype=bool))
         self._reach = np.where(shaped, np.inf, MOST_SD * sds)
-        spread = np.sqrt(np.append(np.diag(own + more), np.zeros(len(self.shifts))))
-        self._stride = np.where(shaped, STRIDE * spread, np.inf)
+        self._stride = np.where(shaped, STRIDE * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from gap_cases import axis
 
-from greybox_id.gap.form import OFF, form_covariance
+from greybox_id.gap.form import OFF, PEAK, form_covariance
 
 CURVE = {"B_f": 9.0, "C_f": 1.45, "E_f": 0.15}
 
@@ -38,7 +38,9 @@ def test_slope_alone_is_held_though_slope_and_shape_together_are_not():
     assert 2 * alone < relative
 
 
-def test_peaks_and_whatever_else_keep_their_own_tolerances():
-    covariance = form_covariance(axes_of({"m": 1500.0, **CURVE, "D_f": 1.0, "B_r": 9.0, "C_r": 1.4}))
-    assert np.all(covariance[[0, 4, 5, 6]] == 0)  # the rear has no E among them
+def test_peaks_are_off_by_little_and_whatever_else_keeps_its_own_tolerance():
+    covariance = form_covariance(axes_of({"m": 1500.0, **CURVE, "D_f": 0.8, "B_r": 9.0, "C_r": 1.4, "D_r": 0.8}))
+    assert covariance[4, 4] == (PEAK * 0.8) ** 2
+    assert np.all(covariance[4, [0, 1, 2, 3, 5, 6, 7]] == 0)
+    assert np.all(covariance[[0, 5, 6, 7]] == 0)  # the rear has no E among them
     assert np.all(np.linalg.eigvalsh(covariance[1:4, 1:4]) > 0)
