@@ -39,8 +39,11 @@ def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[
     weak : effects this recording does not excite.
     effects : by name.
     """
-    found = []
+    found, told = [], set[frozenset[str]]()
     for own in sets:
+        if frozenset(own) in told:
+            continue
+        told.add(frozenset(own))
         first, *others = own
         if _same(own):
             found.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
