@@ -142,7 +142,8 @@ class _Work:
         u = np.concatenate([theta, linear])
         off = u - search.means
         precision = search.beliefs(self._own)
-        cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
+        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off, and cost accordingly
+            cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
         if not np.isfinite(cost):
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
