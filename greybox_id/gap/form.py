@@ -1,8 +1,8 @@
 """How rough the form of a tyre curve is: a magic formula comes near a tyre's curve, and is not that curve.
 
 Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to `OFF` of their peak. What B, C
-and E may do together without leaving that band is believed beyond their own tolerances. Of the peak D little is: a curve
-of another form that is laid through the same points peaks a percent higher or lower.
+and E may do together without leaving that band is believed beyond their own tolerances. Of the peak D little is: a
+curve of another form that is laid through the same points peaks a percent higher or lower.
 """
 
 from __future__ import annotations
