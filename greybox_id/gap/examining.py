@@ -110,7 +110,8 @@ def examine(
     if isinstance(model, MemoryModel):
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    weighed = evidence(selection, rough, float(np.mean((least.e / sd)[good] ** 2)) - 1.0 if np.any(good) else 0.0)
+    left = float(np.mean((least.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # else nobody knows
+    weighed = evidence(selection, rough, left)
     best = selection.base
     if selection.tried and max(weighed.scores) > 0:
         best = selection.tried[int(np.argmax(weighed.scores))]
