@@ -148,7 +148,8 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     else:
         stated = fitted_vehicle(load(fit, build), fit.stem)
         found = diagnosed(recording, fit=fit, columns=mapping)
-    write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
     body: dict[str, Any] = found.to_json()
-    closed = found.closed  # of a model with memory there is no closed vehicle either
-    return body if not isinstance(closed, MotionModel) else body | {"closed_model": plain_model(closed)}
+    if not isinstance(found.closed, MotionModel):  # a vehicle file has no place for the weights of one with memory
+        return body
+    write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
+    return body | {"closed_model": plain_model(found.closed)}
