@@ -135,6 +135,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         advice=advice(sets, list(weak), found.effects),
         closed=closed,
         strip=strip(found.bench, selection.base.e * counted, found.best.e * counted, found.sd, found.seen),
+        noise_stated=found.told,
     )
 
 

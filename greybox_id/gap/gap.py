@@ -153,6 +153,7 @@ class Gap:
     advice : sentences on what could not be told, and the manoeuvre that would tell it.
     closed : the model with the applied effects at their magnitudes.
     strip : for pictures.
+    noise_stated : whether sensor noise is; else it is what the best explanation leaves, which proves nothing.
     """
 
     model: str
@@ -172,6 +173,7 @@ class Gap:
     advice: tuple[str, ...]
     closed: Diagnosed | None = None
     strip: Strip | None = None
+    noise_stated: bool = True
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

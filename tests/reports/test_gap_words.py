@@ -42,6 +42,7 @@ def test_intervals_have_the_unit_of_their_estimate():
 def test_whether_there_is_a_gap():
     assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
     assert whether(none()).startswith("No gap: ")
+    assert "cannot be told: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
     bare = clear(where=replace(clear().where, channels={}), p_value=NAN)
     assert whether(bare) == "The simulation departs from the vehicle: its errors are 2.0 times the noise (p not known)."

@@ -40,6 +40,11 @@ def p_words(p: float) -> str:
 
 def whether(gap: Gap) -> str:
     """Is there a gap?"""
+    if not gap.gap_detected and not gap.noise_stated:
+        return (
+            f"No named effect explains this recording better ({p_words(gap.p_value)}). "
+            "Whether there is a gap cannot be told: no sensor noise is stated, and what is left was taken for it."
+        )
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
