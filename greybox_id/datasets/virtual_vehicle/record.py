@@ -64,8 +64,8 @@ def record(car: VirtualCar, magnitudes: Mapping[str, float], forms: Forms) -> Ca
     for axle in "fr":
         B, C, E = p[f"B_{axle}"], p[f"C_{axle}"], p[f"E_{axle}"]
         peak_t, slide_t, slide = _shape(B, C, E)
+        slope, peak, peak_t = fitted(forms.numbers()["tyre"], B, C, E, peak_t, slide_t, slide)
         values |= {f"peak_t_{axle}": peak_t, f"slide_t_{axle}": slide_t, f"slide_{axle}": slide}
-        slope, peak = fitted(forms.numbers()["tyre"], B, C, E, peak_t, slide_t, slide)
         values |= {f"slope_fit_{axle}": slope, f"peak_fit_{axle}": peak}
     made: Car = np.zeros(1, _RECORD)[0]
     for name in FIELDS:

@@ -1,8 +1,8 @@
 """Tyres, one wheel at a time: curves of lateral force over slip, and what friction is left.
 
 All curves are shares of the peak. Those that are not the magic formula are drawn over t, slope times tan(alpha) over
-peak, and laid on the magic formula of the same vehicle by two factors, on slope and on peak (`fitted`): they describe
-the same tyre.
+peak, and laid on the magic formula of the same vehicle (`fitted`). They describe the same tyre: its cornering stiffness
+and its friction are those that are stated, within a few percent.
 """
 
 from __future__ import annotations
@@ -17,6 +17,11 @@ from scipy.optimize import least_squares
 from .compiled import Car, Row, compiled
 
 MAGIC, TMEASY, BRUSH, DUGOFF, TANH = 0, 1, 2, 3, 4
+SLOPE_OFF, PEAK_OFF = 0.03, 0.02
+"""How far a form's slope and peak may lie from those of the magic formula that describes the tyre: twice the tolerances
+that files state. Further off it would be another stiffness or grip, which are effects."""
+LEAST_PEAK_T = 2.0
+"""Of TMeasy: with a nearer peak its curve would bend upwards."""
 LOWER_PEAK = 1
 POWER = 1
 HEAT_BALANCE = 1
@@ -67,21 +72,26 @@ def curve(car: Car, front: bool, alpha: float, stiffness: float) -> float:
 
 def fitted(
     form: float, B: float, C: float, E: float, peak_t: float, slide_t: float, slide: float
-) -> tuple[float, float]:
-    """Factors on slope and peak that lay a form on the magic formula, up to a slip a little beyond the peak."""
+) -> tuple[float, float, float]:
+    """Factors on t and on the peak, and the place of TMeasy's peak, that lay a form on the magic formula.
+
+    Up to a slip a little beyond the peak; slope and peak stay within `SLOPE_OFF` and `PEAK_OFF` of what is stated.
+    """
     if form == MAGIC:
-        return 1.0, 1.0
+        return 1.0, 1.0, peak_t
     alphas = np.linspace(0.0, 1.2, 60)[1:] * min(peak_t / (B * C), 0.5)
     slips = B * alphas
     aim = np.sin(C * np.arctan(slips - E * (slips - np.arctan(slips))))
     plain = cast(Callable[..., float], cast(Any, shape).py_func)
 
     def off(factors: Row) -> Row:
-        t = factors[0] * B * C * np.tan(alphas)
-        return np.asarray(factors[1] * np.array([plain(form, each, peak_t, slide_t, slide) for each in t]) - aim)
+        slope, peak, breadth = factors
+        t, at = slope / peak * B * C * np.tan(alphas), max(breadth * peak_t, LEAST_PEAK_T)
+        return np.asarray(peak * np.array([plain(form, each, at, slide_t, slide) for each in t]) - aim)
 
-    found = least_squares(off, [1.0, 1.0], bounds=([0.7, 0.9], [1.4, 1.12])).x
-    return float(found[0]), float(found[1])
+    low, high = np.array([1 - SLOPE_OFF, 1 - PEAK_OFF, 0.6]), np.array([1 + SLOPE_OFF, 1 + PEAK_OFF, 1.4])
+    slope, peak, breadth = least_squares(off, [1.0, 1.0, 1.0], bounds=(low, high)).x
+    return float(slope / peak), float(peak), max(float(breadth) * peak_t, LEAST_PEAK_T)
 
 
 @compiled
