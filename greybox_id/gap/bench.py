@@ -74,6 +74,7 @@ class Bench:
     def simulate(self, P: Array) -> Array:
         """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
         shifts = [tuple(self.simulator.shifts(p)) for p in P]
+        starts = self._starts(P)[0]
         found = np.empty((len(P), *self.measured.shape))
         order = sorted(range(len(P)), key=lambda k: [s != 0 for s in shifts[k]])  # alike ones share a call's segments
         per_call = max(1, LANES // len(self.runs))
@@ -81,7 +82,7 @@ class Bench:
             own = order[first : first + per_call]
             lanes = self._lanes(tuple(shifts[k] for k in own))
             p = np.repeat(P[own], len(self.runs), axis=0)
-            z0 = np.vstack([self._start(P[k])[0] for k in own])
+            z0 = starts[own].reshape(len(p), -1)
             with np.errstate(all="ignore"):
                 _, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads)
             found[own] = lanes.gathered(y).reshape(len(own), *self.measured.shape)
@@ -105,7 +106,7 @@ class Bench:
         plans = [schedule(self.simulator.trace, run, shifts, self.longest, moving) for run in self.runs]
         intervals = [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)]
         whole, cut = lay(plans, intervals), lay(plans, intervals, max(1, LANES // len(plans)))
-        z0, by_p = self._start(p)
+        (z0,), (by_p,) = self._starts(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
             z, y = kernel.simulate(z0, whole.segments, p, whole.reads)
@@ -152,13 +153,13 @@ class Bench:
             ]
         return self._schedules[shifts]
 
-    def _start(self, p: Array) -> tuple[Array, Array]:
-        """(runs, nz) states at the runs' starts and their derivative by the parameters."""
+    def _starts(self, P: Array) -> tuple[Array, Array]:
+        """(K, runs, nz) states at the runs' starts and their derivative by the parameters."""
         found = [
-            self.simulator.start(names, values[None, :], run.inputs[:1], p)
+            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), P)
             for run, (names, values) in zip(self.runs, self._readings, strict=True)
         ]
-        return np.vstack([z for z, _ in found]), np.concatenate([by_p for _, by_p in found])
+        return np.stack([z for z, _ in found], axis=1), np.stack([by_p for _, by_p in found], axis=1)
 
     def _starting_readings(self, run: MotionRun) -> tuple[tuple[str, ...], Array]:
         """States that are read and where they start: the mean of the first readings, which are noisy."""

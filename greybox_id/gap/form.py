@@ -16,6 +16,8 @@ from .axes import Axis
 
 OFF = 0.015
 """Root mean square distance of a curve from the true one, over the peak."""
+SLOPE = 0.03
+"""Standard deviation of the slope B C, relative: a file states cornering stiffness, whatever the curve's form."""
 PEAK = 0.012
 """Standard deviation of the peak, relative."""
 REACH = 1.2
@@ -48,8 +50,9 @@ def _of_curve(B: float, C: float, E: float) -> Array:
     """(3, 3) covariance of B, C and E that leave the curve in its band."""
     J = _sensitivities(B, C, E)
     free = np.array([LOOSE["B"] * B, LOOSE["C"] * C, LOOSE["E"]])
+    slope = np.array([1 / B, 1 / C, 0.0])
     told = len(free) * (J.T @ J) / len(J) / OFF**2  # the distance is shared by as many directions
-    return np.asarray(np.linalg.inv(told + np.diag(free**-2.0)))
+    return np.asarray(np.linalg.inv(told + np.outer(slope, slope) / SLOPE**2 + np.diag(free**-2.0)))
 
 
 def _sensitivities(B: float, C: float, E: float) -> Array:

@@ -26,6 +26,8 @@ BESIDE = 1e-3
 SHIFTED, ON_A_ROW = 1e-4, 1e-6
 """The same for delays and latencies, s; and how near to a row, in rows, they are on it."""
 FAR = 1e-9
+GLANCE = 2
+"""Steps after which a delay of whole rows must be better than what it is tried in place of."""
 AGAIN, ENOUGH = 3, 1.0
 """How often nuisances are linearised again at most, and the gain in log-likelihood below which they are not."""
 
@@ -40,19 +42,23 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
     settle_on_rows : whether delays of whole rows are tried too.
     """
     work = [_Work(search, start) for start in starts]
-    for _ in range(ITERATIONS):
+    _walk(search, work, ITERATIONS)
+    found = [own.best for own in work if own.best is not None]
+    return _on_rows(search, found) if settle_on_rows else found
+
+
+def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
+    """So many steps of hypotheses, side by side."""
+    for _ in range(steps):
         active = [own for own in work if not own.done]
         if not active:
             break
-        wanted = [p for own in active for p in own.wanted()]
-        e = search.residuals(wanted)
+        wanted = [own.wanted() for own in active]
+        e = search.residuals([p for each in wanted for p in each])
         first = 0
-        for own in active:
-            count = len(own.wanted())
-            own.take(e[first : first + count])
-            first += count
-    found = [own.best for own in work if own.best is not None]
-    return [_on_rows(search, own) for own in found] if settle_on_rows else found
+        for own, each in zip(active, wanted, strict=True):
+            own.take(e[first : first + len(each)])
+            first += len(each)
 
 
 def settled(search: Search, found: Hypothesis, again_at_most: int = AGAIN) -> Hypothesis:
@@ -72,19 +78,33 @@ def settled(search: Search, found: Hypothesis, again_at_most: int = AGAIN) -> Hy
     return found
 
 
-def _on_rows(search: Search, found: Hypothesis) -> Hypothesis:
-    """The hypothesis, or a better one with a delay of whole rows: there likelihoods have steps, which stop refits."""
-    starts = []
+def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, or better ones with a delay of whole rows: there likelihoods have steps, which stop refits."""
+    better, owners, work = list(found), [], []
+    for at, own in enumerate(found):
+        for start in _whole_rows(search, own):
+            owners.append(at)
+            work.append(_Work(search, start))
+    _walk(search, work, GLANCE)
+    likely = [each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < found[at].cost]
+    _walk(search, likely, ITERATIONS - GLANCE)
+    for at, each in zip(owners, work, strict=True):
+        if each.best is not None and each.best.cost < better[at].cost:
+            better[at] = each.best
+    return better
+
+
+def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
+    """A hypothesis with a delay of it at the whole rows beside it."""
+    starts, step = [], search.bench.sample_time
     for k, axis in enumerate(found.axes):
-        rows = found.m[k] / search.bench.sample_time
+        rows = found.m[k] / step
         for whole in {np.floor(rows), np.ceil(rows)} if axis.shift else ():
-            at = whole * search.bench.sample_time
-            if whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
+            if whole > 0 and axis.low <= whole * step <= axis.high and whole * step != found.m[k]:
                 m = found.m.copy()
-                m[k] = at
+                m[k] = whole * step
                 starts.append(Start(found.candidates, m, found.theta, found.linear))
-    others = refit(search, starts, settle_on_rows=False) if starts else []
-    return min([found, *others], key=lambda own: own.cost)
+    return starts
 
 
 class _Work:
