@@ -146,6 +146,8 @@ class _Case:
     @cached_property
     def aliases(self) -> dict[str, tuple[str, ...]]:
         """What the recording cannot tell apart."""
+        if not self.drawn:
+            return {}
         causes = {
             name: Cause(entry.null, entry.at, entry.sizes(self.car.size, self.car.kind)[0], entry.sides)
             for name, entry in EFFECTS.items()

@@ -23,8 +23,7 @@ AT_ONCE, JUMPS_SD = 0.02, 1.0
 """Share of an abrupt tolerance that stands for the least there can be of it; how much of what that does is believed, of
 one at most."""
 MOST_SD = 3.0
-"""How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap. What shapes a curve
-is believed of the curve, and may go further."""
+"""How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap."""
 STRIDE = 1.0
 """What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
 BLOCK = 2.0
@@ -62,7 +61,7 @@ class Search:
         sds = np.sqrt(np.append(np.diag(own + more), [axis.sd**2 for axis in self.shifts]))
         together = np.any((more != 0) & ~np.eye(len(more), dtype=bool), axis=1)  # what shapes a curve, with others
         shaped = np.append(together, np.zeros(len(self.shifts), dtype=bool))
-        self._reach = np.where(shaped, np.inf, MOST_SD * sds)
+        self._reach = MOST_SD * sds
         self._stride = np.where(shaped, STRIDE * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.linear_by = np.zeros((*bench.measured.shape, 0))

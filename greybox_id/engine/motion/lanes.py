@@ -125,7 +125,8 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     places = np.minimum(places, offsets[-1] - 1)
     every = np.concatenate([plan.segments for plan in schedules])
     read_at = np.concatenate([plan.reads for plan in schedules])
-    segments = np.where(inside[:, :, None], every[places], 0.0)
+    segments = every.take(places, axis=0)
+    segments[~inside] = 0.0
     reads = np.any(inside & read_at[places], axis=0)
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[places[inside]] = np.repeat(np.arange(len(begin)), end - begin)
