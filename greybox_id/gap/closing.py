@@ -20,7 +20,6 @@ from ..signals import unit_of
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
 from .colour import sound, white_noise
-from .form import form_covariance
 from .gap import Closure, Errors
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
@@ -93,8 +92,7 @@ def refitted_tolerances(
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     sd, _ = stated_noise(bench, vehicle, start)
-    form = form_covariance([axis for axis in own if not axis.abrupt])
-    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows), form)
+    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
     search.about(None)
     found = refit(search, [search.start_of(search.at_means())])
     if not found:

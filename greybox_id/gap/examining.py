@@ -17,7 +17,6 @@ from .axes import candidates, nuisances, shifting
 from .closing import closed_by, misfit
 from .colour import sound, white_noise
 from .evidence import COST, Evidence, evidence, tempering
-from .form import form_covariance
 from .gap import Closure
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
@@ -94,7 +93,6 @@ def examine(
     moving = shifting(prepared.everything)
     believed = nuisances(prepared.everything, effects, moving)
     own = candidates(prepared.everything, prepared.effects, moving)
-    form = form_covariance([axis for axis in believed if not axis.abrupt])
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     sd, told = stated_noise(bench, vehicle, start)
     held = repeats(bench)
@@ -102,7 +100,7 @@ def examine(
     good = sound(start, bench.counted, bench.rows)
     if stale is not None:
         good &= ~held[:, None]
-    search = Search(bench, believed, white_noise(sd, good, bench.rows), form)
+    search = Search(bench, believed, white_noise(sd, good, bench.rows))
     tell(f"refitting {len(believed)} tolerances and what may be missing")
     rough = isinstance(model, MemoryModel) or any(not axis.abrupt for axis in believed)
     worth = COST / tempering(int(np.sum(good)), rough)

@@ -1,13 +1,15 @@
 """How rough the form of a tyre curve is: a magic formula comes near a tyre's curve, and is not that curve.
 
-Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to `OFF` of their peak. What B, C
-and E may do together without leaving that band is believed beyond their own tolerances. Of the peak D little is: a
-curve of another form that is laid through the same points peaks a percent higher or lower.
+Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to `OFF` of their peak, the slope
+at zero and the peak better than that: files state cornering stiffness and friction, whatever the form. B, C and E
+of an axle then move together: along one coordinate the slope changes, along two others the shape alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
 
 import numpy as np
 
@@ -16,10 +18,8 @@ from .axes import Axis
 
 OFF = 0.015
 """Root mean square distance of a curve from the true one, over the peak."""
-SLOPE = 0.03
-"""Standard deviation of the slope B C, relative: a file states cornering stiffness, whatever the curve's form."""
-PEAK = 0.012
-"""Standard deviation of the peak, relative."""
+SLOPE, PEAK = 0.015, 0.012
+"""Standard deviations of slope B C and of the peak, relative, beyond the stated tolerances."""
 REACH = 1.2
 """Up to so many times the slip of the peak."""
 LOOSE = {"B": 0.3, "C": 0.1, "E": 0.5}
@@ -27,23 +27,40 @@ LOOSE = {"B": 0.3, "C": 0.1, "E": 0.5}
 POINTS = 60
 
 
-def form_covariance(axes: Sequence[Axis]) -> Array:
-    """(axes, axes) covariance of nuisances that the form of the tyre curves adds to their own tolerances.
+def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
+    """Nuisances, those of tyre curves as far as curves are known, and how parameters move with them.
 
     Parameters
     ----------
     axes : nuisances; an axle of which B, C and E are all among them has a curve that is rough.
+
+    Returns
+    -------
+    axes : the same; those of B, C and E stand for slope and shape now, in their standard deviations beside the mean.
+    mix : (axes, axes) derivative of the parameters' coordinates by those of the axes.
     """
     places = {axis.name: k for k, axis in enumerate(axes)}
-    found = np.zeros((len(axes), len(axes)))
+    found, mix = list(axes), np.eye(len(axes))
     for axle in "fr":
         names = [f"{letter}_{axle}" for letter in "BCE"]
-        if all(name in places for name in names):
-            own = [places[name] for name in names]
-            found[np.ix_(own, own)] = _of_curve(*(axes[k].mean for k in own))
-            if (peak := places.get(f"D_{axle}")) is not None:
-                found[peak, peak] = (PEAK * axes[peak].mean) ** 2
-    return found
+        if not all(name in places for name in names):
+            continue
+        own = [places[name] for name in names]
+        B, C, E = (axes[k].mean for k in own)
+        stated = np.diag([axes[k].sd ** 2 for k in own])
+        mix[np.ix_(own, own)] = _slope_and_shape(stated + _of_curve(B, C, E), np.array([1 / B, 1 / C, 0.0]))
+        for k in own:
+            found[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
+        if (peak := places.get(f"D_{axle}")) is not None:
+            found[peak] = replace(axes[peak], sd=float(np.hypot(axes[peak].sd, PEAK * axes[peak].mean)))
+    return tuple(found), mix
+
+
+def _slope_and_shape(covariance: Array, slope: Array) -> Array:
+    """(3, 3) root of a covariance: the first column is what moves with the slope, the others leave it alone."""
+    along = covariance @ slope / np.sqrt(slope @ covariance @ slope)
+    sizes, ways = np.linalg.eigh(covariance - np.outer(along, along))
+    return np.column_stack([along, ways[:, 1:] * np.sqrt(sizes[1:])])
 
 
 def _of_curve(B: float, C: float, E: float) -> Array:

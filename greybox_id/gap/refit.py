@@ -137,7 +137,7 @@ class _Work:
         """Parameter vectors to simulate: where it stands, and beside it."""
         m, theta, _ = self.at
         search = self.search
-        p = search.placed(search.placed(search.nominal, search.moving, theta), self.axes, m)
+        p = search.placed(search.moved(theta), self.axes, m)
         found = [p]
         for k, axis in enumerate(self.axes):
             beside = m.copy()

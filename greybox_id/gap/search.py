@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from ..parameter import Array
 from .axes import Axis
 from .colour import Colour
+from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
 from .kinds import AnyBench, blocks
 
@@ -41,7 +41,6 @@ class Search:
     bench : what simulates.
     nuisances : what is believed.
     colour : how residuals count.
-    form : (moving, moving) covariance of nuisances beyond their own sds, of those that move; None where there is none.
 
     Attributes
     ----------
@@ -50,17 +49,13 @@ class Search:
     simulations : how many there have been.
     """
 
-    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, form: Array | None = None) -> None:
+    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour) -> None:
         self.bench = bench
-        self.moving = tuple(axis for axis in nuisances if not axis.abrupt)
+        self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
-        own = np.diag([axis.sd**2 for axis in self.moving])
-        more = np.zeros_like(own) if form is None else form
-        self._believed = np.linalg.inv(own + more)
-        sds = np.sqrt(np.append(np.diag(own + more), [axis.sd**2 for axis in self.shifts]))
-        together = np.any((more != 0) & ~np.eye(len(more), dtype=bool), axis=1)  # what shapes a curve, with others
-        shaped = np.append(together, np.zeros(len(self.shifts), dtype=bool))
+        sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
+        shaped = np.append(np.any(self._mix != np.diag(np.diag(self._mix)), axis=0), [False] * len(self.shifts))
         self._reach = MOST_SD * sds
         self._stride = np.where(shaped, STRIDE * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
@@ -79,12 +74,9 @@ class Search:
         delays : whether what delays do is simulated anew; else it stays as it was about the hypothesis before.
         """
         self._expand(hypothesis)
-        p = (
-            self.vector(hypothesis)
-            if hypothesis
-            else self.placed(self.nominal, self.moving, np.array([axis.mean for axis in self.moving]))
-        )
-        _, self.theta_by, S = self.bench.linearise(p, [axis.index for axis in self.moving])
+        p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
+        _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
+        self.theta_by = J @ self._mix
         slopes, jumps = self._secants(p, [delays or not axis.shift for axis in self.shifts])
         if not delays:
             kept, count = [k for k, axis in enumerate(self.shifts) if axis.shift], len(self.shifts)
@@ -133,7 +125,7 @@ class Search:
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in self.shifts), *[JUMPS_SD] * count, *starts]
-        self.precision = block_diag(self._believed, np.diag(1 / np.array(sds) ** 2 if sds else []))
+        self.precision = np.diag(1 / np.array([*(axis.sd for axis in self.moving), *sds]) ** 2)
         self.means = np.array([*(axis.mean for axis in axes), *np.zeros(count + len(starts))])
         means = self.means[: len(axes)]
         low = np.maximum([axis.low for axis in axes], means - self._reach)
@@ -164,7 +156,12 @@ class Search:
 
     def vector(self, hypothesis: Hypothesis) -> Array:
         """The parameter vector of a hypothesis; first-order nuisances stay where they are expanded."""
-        return self.placed(self.placed(self.nominal, self.moving, hypothesis.theta), hypothesis.axes, hypothesis.m)
+        return self.placed(self.moved(hypothesis.theta), hypothesis.axes, hypothesis.m)
+
+    def moved(self, theta: Array) -> Array:
+        """The nominal parameter vector with nuisances moved."""
+        means = np.array([axis.mean for axis in self.moving])
+        return self.placed(self.nominal, self.moving, means + self._mix @ (theta - means))
 
     @staticmethod
     def placed(p: Array, axes: Sequence[Axis], coordinates: Sequence[float] | Array) -> Array:
