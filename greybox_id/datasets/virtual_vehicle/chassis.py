@@ -50,7 +50,8 @@ FRONT_SHARE = 0.55
 """Of the lateral load transfer, carried by the front axle."""
 SLIP_STIFFNESS = 15.0
 """Longitudinal force over load and slip of a wheel that rotates."""
-_LONGITUDINAL_GRIP = 1.2
+_LONGITUDINAL_GRIP = 2.0
+"""Over the lateral peak: enough for an unloaded inner wheel. Brakes that ask for more than there is are no form."""
 _COOLING = 240.0
 """Time in which tyres cool, s."""
 _SIDE = 1.5
@@ -231,7 +232,7 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
 
 @compiled
 def rolling_force(car: Car, spin: float, rolling: float, load: float, peak: float) -> float:
-    """Longitudinal force of a wheel that rotates, N: saturating with slip at a little more than the lateral peak."""
+    """Longitudinal force of a wheel that rotates, N: saturating with slip far above the lateral peak."""
     slip = (spin * car.wheel_radius - rolling) / speed_for_slip(rolling)
     most = max(_LONGITUDINAL_GRIP * peak, 1e-6)
     t = SLIP_STIFFNESS * load * slip / most

@@ -74,12 +74,16 @@ def note(car: Car, s: Row, given: Row, seen: Row, wheels: Grid, spin: Row, off: 
 
 
 @compiled
-def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, h: float) -> None:
-    """Wheels that rotate, on for h seconds; implicit in what the tyre gives back."""
+def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: float, h: float) -> None:
+    """Wheels that rotate, on for h seconds; implicit in what the tyre gives back.
+
+    What speeds them up, at the vehicle's own rate, `faster`, comes on top: forces are stated as what accelerates the
+    vehicle.
+    """
     F_xf, F_xr = driven(car, s, given)
     R, I_w = car.wheel_radius, car.I_w
     for i in range(4):
-        asked = 0.5 * (F_xf if i < 2 else F_xr) * (1.0 + 4.0 * I_w / (car.m * R * R))
+        asked = 0.5 * (F_xf if i < 2 else F_xr) + I_w / (R * R) * faster
         peak = wheels[i, LOAD] * (car.D_f if i < 2 else car.D_r) * car.grip_scale
         rolling = wheels[i, ROLLING]
         back = R * R * SLIP_STIFFNESS * wheels[i, LOAD] / speed_for_slip(rolling)
@@ -183,7 +187,7 @@ def _simulator(stamp: str) -> Callable[..., tuple[Grid, Any, Grid]]:
                 for i in range(STATES):
                     s[i] += change[i]
                 if car.form_wheels == 1:
-                    turn_wheels(car, s, given, wheels, spin, h)
+                    turn_wheels(car, s, given, wheels, spin, rate[V_X], h)
             read(s, seen, readable[k, 1])
         return commands, readable, truth
 
