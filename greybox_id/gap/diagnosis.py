@@ -36,8 +36,6 @@ WIDER = 1.6
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
 JITTER_LEAVES = 0.3
 """Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
-NOISE_ALONE = {False: 0.03, True: 1.7}
-"""Excess over stated noise, as a share of it, that is no gap yet: of exact models, of rough ones."""
 
 
 def diagnose(
@@ -85,7 +83,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     """What a diagnosis says of what it found."""
     selection = found.selection
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
-    unexplained = found.told and found.signs.excess > NOISE_ALONE[found.rough]
+    unexplained = found.told and found.signs.beyond > 1.0
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
     unknown = unknown_probability(found.signs, found.rough) if detected else NOTHING_UNKNOWN
     if detected and not found.best.candidates and not scattered:  # a gap, and no name for it

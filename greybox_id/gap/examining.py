@@ -27,7 +27,7 @@ from .regimes import signals
 from .search import Search
 from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
-from .unknown import Signs, signs
+from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
 from .variance import Scatter, dropped, jitter, repeats, steady
 
 PRESENT = 0.5
@@ -132,7 +132,10 @@ def examine(
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > PRESENT else after
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
-    own_signs = signs(search, selection.base, best, closed.before, after, seen, scattered)
+    alone = LEARNT if isinstance(model, MemoryModel) else ROUGHLY if rough else EXACTLY
+    beyond = beyond_what_may_be(best.e, y, sd, good, alone, rough)
+    beyond *= np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)  # jitter leaves less
+    own_signs = signs(search, selection.base, best, closed.before, after, float(beyond), seen, scattered)
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,

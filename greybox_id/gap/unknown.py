@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import exp
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..parameter import Array
 from .constancy import Spread, spreads
@@ -20,6 +21,12 @@ MOST = 2
 """Where more effects than these are needed to explain what one cause might, that cause is none of them."""
 SURELY = 4.0
 """What noise alone may leave, in standard deviations of that, does not count."""
+EXACTLY, ROUGHLY, LEARNT = 0.03, 0.12, 1.7
+"""Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
+BEYOND = 3.0
+"""Log-odds of something unknown beside a name per logarithm of that."""
+OF_THE_SIGNAL = 0.018
+"""Error of rough equations that is none either, over the standard deviation of what they predict."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,7 @@ class Signs:
     ----------
     left : share of the gap that is left, by how much residuals exceed stated noise.
     excess : mean square of what is left over that of noise, less one.
+    beyond : the same over what is no gap yet, in the channel where that is most.
     structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
     spread : by which share the magnitude differs between parts of the recording.
     along : what those are parts of.
@@ -40,6 +48,7 @@ class Signs:
 
     left: float
     excess: float
+    beyond: float
     structure: float
     spread: float
     along: str
@@ -54,6 +63,7 @@ def signs(
     best: Hypothesis,
     before: float,
     after: float,
+    beyond: float,
     seen: Mapping[str, Array],
     scatter: float = 0.0,
 ) -> Signs:
@@ -63,6 +73,7 @@ def signs(
     ----------
     search, base, best : hypotheses and what refitted them.
     before, after : mean square of errors over that of noise.
+    beyond : as in `Signs`, of the best hypothesis.
     seen : signals per row.
     scatter : log-likelihood that effects of variance gain.
     """
@@ -90,6 +101,7 @@ def signs(
     return Signs(
         left,
         float(rest),
+        beyond,
         over / max(over + gain, 1e-9),
         spread,
         along,
@@ -99,11 +111,35 @@ def signs(
     )
 
 
+def beyond_what_may_be(e: Array, y: Array, sd: Array, good: NDArray[np.bool_], alone: float, rough: bool) -> float:
+    """Excess over noise, over what is no gap yet, in the channel where that is most.
+
+    Parameters
+    ----------
+    e, y : (N, channels) errors and predictions.
+    sd : (channels,) of noise.
+    good : (N, channels) readings that count.
+    alone : excess that is no gap, as a share of noise.
+    rough : whether equations may be off in proportion to what they predict.
+    """
+    if not rough:
+        count = max(int(np.sum(good)), 1)
+        return float((np.mean((e / sd)[good] ** 2) - 1.0 - SURELY * np.sqrt(2.0 / count)) / alone) if count > 1 else 0.0
+    most = 0.0
+    for c in range(len(sd)):
+        own = good[:, c]
+        if np.any(own):
+            excess = np.mean((e[own, c] / sd[c]) ** 2) - 1.0 - SURELY * np.sqrt(2.0 / np.sum(own))
+            most = max(most, float(excess / max(alone, (OF_THE_SIGNAL * np.std(y[own, c]) / sd[c]) ** 2)))
+    return most
+
+
 def unknown_probability(own: Signs, rough: bool) -> float:
     """The probability that something unknown is at work."""
     if rough:
         x = -4.0 + 1.5 * min(own.left, 1.0) + 9.0 * own.structure + 12.0 * min(own.spread, 0.4)
         x += 1.5 if own.effects > MOST else 0.0
+        x += BEYOND * np.log(max(own.beyond, 1.0))
     else:
         x = -5.0 + 30.0 * min(own.left, 0.3) + 25.0 * own.structure + 20.0 * min(own.spread, 0.4)
         x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)
