@@ -133,7 +133,7 @@ def examine(
         after = jittered.left if present > PRESENT else after
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
     alone = LEARNT if isinstance(model, MemoryModel) else ROUGHLY if rough else EXACTLY
-    beyond = beyond_what_may_be(best.e, y, sd, good, alone, rough)
+    beyond = beyond_what_may_be(best.e, y, sd, good, bench.channels, alone, rough)
     beyond *= np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)  # jitter leaves less
     own_signs = signs(search, selection.base, best, closed.before, after, float(beyond), seen, scattered)
     return Examined(

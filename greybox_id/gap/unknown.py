@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import exp
 
@@ -21,12 +21,13 @@ MOST = 2
 """Where more effects than these are needed to explain what one cause might, that cause is none of them."""
 SURELY = 4.0
 """What noise alone may leave, in standard deviations of that, does not count."""
-EXACTLY, ROUGHLY, LEARNT = 0.03, 0.12, 1.7
+EXACTLY, ROUGHLY, LEARNT = 0.03, 0.15, 1.7
 """Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
 BEYOND = 3.0
 """Log-odds of something unknown beside a name per logarithm of that."""
-OF_THE_SIGNAL = 0.018
-"""Error of rough equations that is none either, over the standard deviation of what they predict."""
+OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.025, 0.08
+"""Error of rough equations that is none either, over the standard deviation of what they predict; of v_y, which is the
+small difference of what is large."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,9 @@ def signs(
     )
 
 
-def beyond_what_may_be(e: Array, y: Array, sd: Array, good: NDArray[np.bool_], alone: float, rough: bool) -> float:
+def beyond_what_may_be(
+    e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, rough: bool
+) -> float:
     """Excess over noise, over what is no gap yet, in the channel where that is most.
 
     Parameters
@@ -119,6 +122,7 @@ def beyond_what_may_be(e: Array, y: Array, sd: Array, good: NDArray[np.bool_], a
     e, y : (N, channels) errors and predictions.
     sd : (channels,) of noise.
     good : (N, channels) readings that count.
+    channels : their names.
     alone : excess that is no gap, as a share of noise.
     rough : whether equations may be off in proportion to what they predict.
     """
@@ -126,11 +130,11 @@ def beyond_what_may_be(e: Array, y: Array, sd: Array, good: NDArray[np.bool_], a
         count = max(int(np.sum(good)), 1)
         return float((np.mean((e / sd)[good] ** 2) - 1.0 - SURELY * np.sqrt(2.0 / count)) / alone) if count > 1 else 0.0
     most = 0.0
-    for c in range(len(sd)):
-        own = good[:, c]
+    for c, channel in enumerate(channels):
+        own, share = good[:, c], OF_A_SMALL_ONE if channel == "v_y" else OF_THE_SIGNAL
         if np.any(own):
             excess = np.mean((e[own, c] / sd[c]) ** 2) - 1.0 - SURELY * np.sqrt(2.0 / np.sum(own))
-            most = max(most, float(excess / max(alone, (OF_THE_SIGNAL * np.std(y[own, c]) / sd[c]) ** 2)))
+            most = max(most, float(excess / max(alone, (share * np.std(y[own, c]) / sd[c]) ** 2)))
     return most
 
 

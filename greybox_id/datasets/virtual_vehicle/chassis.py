@@ -51,7 +51,7 @@ FRONT_SHARE = 0.55
 SLIP_STIFFNESS = 15.0
 """Longitudinal force over load and slip of a wheel that rotates."""
 _LONGITUDINAL_GRIP = 2.0
-"""Over the lateral peak: enough for an unloaded inner wheel. Brakes that ask for more than there is are no form."""
+"""Over the lateral peak: brakes that ask for more than there is are no mere form, nor are wheels that lock."""
 _COOLING = 240.0
 """Time in which tyres cool, s."""
 _SIDE = 1.5
@@ -162,7 +162,8 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
 
             F_x = 0.5 * F_axle if car.spread > 0.0 else (F_axle * peak / peaks if peaks > 0.0 else 0.0)
             if car.form_wheels == 1:
-                F_x = rolling_force(car, spin[i], u * c + w * d, wheels[i, LOAD], peak)
+                load = 0.5 * (wheels[2 * axle, LOAD] + wheels[2 * axle + 1, LOAD])
+                F_x = rolling_force(car, spin[i], u * c + w * d, load, 0.5 * peaks)
             left = left_beside(car.combined_slip, F_x, peak)
             if left_side or of_left != (used, stiffness, left):
                 if car.tyre_relaxation > 0.0 and car.form_relaxation == FORCE_LAGS:
@@ -232,7 +233,10 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
 
 @compiled
 def rolling_force(car: Car, spin: float, rolling: float, load: float, peak: float) -> float:
-    """Longitudinal force of a wheel that rotates, N: saturating with slip far above the lateral peak."""
+    """Longitudinal force of a wheel that rotates, N: saturating with slip far above the lateral peak.
+
+    Load and peak are those of the axle's wheels on average: an inner wheel that hardly touches the road does not lock.
+    """
     slip = (spin * car.wheel_radius - rolling) / speed_for_slip(rolling)
     most = max(_LONGITUDINAL_GRIP * peak, 1e-6)
     t = SLIP_STIFFNESS * load * slip / most

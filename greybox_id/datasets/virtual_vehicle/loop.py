@@ -84,10 +84,11 @@ def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: f
     R, I_w = car.wheel_radius, car.I_w
     for i in range(4):
         asked = 0.5 * (F_xf if i < 2 else F_xr) + I_w / (R * R) * faster
-        peak = wheels[i, LOAD] * (car.D_f if i < 2 else car.D_r) * car.grip_scale
+        load = 0.5 * (wheels[2 * (i // 2), LOAD] + wheels[2 * (i // 2) + 1, LOAD])
+        peak = load * (car.D_f if i < 2 else car.D_r) * car.grip_scale
         rolling = wheels[i, ROLLING]
-        back = R * R * SLIP_STIFFNESS * wheels[i, LOAD] / speed_for_slip(rolling)
-        force = rolling_force(car, spin[i], rolling, wheels[i, LOAD], peak)
+        back = R * R * SLIP_STIFFNESS * load / speed_for_slip(rolling)
+        force = rolling_force(car, spin[i], rolling, load, peak)
         spin[i] = max(spin[i] + h * R * (asked - force) / (I_w + h * back), 0.0)
 
 
