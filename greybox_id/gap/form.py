@@ -18,7 +18,7 @@ from .axes import Axis
 
 OFF = 0.015
 """Root mean square distance of a curve from the true one, over the peak."""
-SLOPE, PEAK = 0.015, 0.012
+SLOPE, PEAK = 0.015, 0.018
 """Standard deviations of slope B C and of the peak, relative, beyond the stated tolerances."""
 REACH = 1.2
 """Up to so many times the slip of the peak."""
