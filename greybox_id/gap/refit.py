@@ -13,13 +13,13 @@ from .hypothesis import Hypothesis, Start
 from .search import Search
 
 ITERATIONS = 10
-SETTLED = 0.02
+SETTLED = 0.2
 """A refit ends when a step gains less than this much log-likelihood."""
 HOPELESS = 2e-4
 """Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
 SHORTEST, SHORT = 0.03, 0.1
 """A step that must be shortened further leads nowhere; the same for a start seen from its origin."""
-SHY = 0.05
+SHY = 0.3
 """How far what shapes curves goes, of its usual stride, once that was too far."""
 BESIDE = 1e-3
 """Distance of the simulation beside a hypothesis, in its magnitude's scale."""

@@ -24,7 +24,7 @@ AT_ONCE, JUMPS_SD = 0.02, 1.0
 one at most."""
 MOST_SD = 3.0
 """How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap."""
-STRIDE = 1.0
+STRIDE = 3.0
 """What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
 BLOCK = 2.0
 """Seconds over which residuals may be alike."""
