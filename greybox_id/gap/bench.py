@@ -43,6 +43,8 @@ class Bench:
     loose : states whose starts are read, with noise.
     """
 
+    learnt = False
+
     def __init__(self, model: MotionModel, recordings: Sequence[Recording]) -> None:
         self.model = model
         self.simulator = Simulator(model, compiled=None)

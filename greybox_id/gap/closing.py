@@ -29,10 +29,8 @@ from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
 
-BLOCK, DRAWS = 2.0, 400
-"""Seconds in a block of the bootstrap, and how often it draws."""
-
-
+DRAWS = 400
+"""How often the bootstrap draws blocks."""
 LEAST_GAP = 0.01
 """Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
@@ -121,7 +119,7 @@ def closed_by(
     count = max(int(np.sum(good)), 1)
     first, then = (np.sum(np.where(good, own.e / sd, 0.0) ** 2, axis=1) for own in (before, after))
     rows = np.sum(good, axis=1)
-    edges = blocks(bench, BLOCK)
+    edges = blocks(bench)
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([before.charge, after.charge])
 

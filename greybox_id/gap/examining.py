@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
-from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
 from ..vehicle import Vehicle
@@ -102,10 +101,10 @@ def examine(
         good &= ~held[:, None]
     search = Search(bench, believed, white_noise(sd, good, bench.rows))
     tell(f"refitting {len(believed)} tolerances and what may be missing")
-    rough = isinstance(model, MemoryModel) or any(not axis.abrupt for axis in believed)
+    rough = bench.learnt or any(not axis.abrupt for axis in believed)
     worth = COST / tempering(int(np.sum(good)), rough)
     selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
-    if isinstance(model, MemoryModel):
+    if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
     left = float(np.mean((least.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # else nobody knows
@@ -132,7 +131,7 @@ def examine(
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > PRESENT else after
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
-    alone = LEARNT if isinstance(model, MemoryModel) else ROUGHLY if rough else EXACTLY
+    alone = LEARNT if bench.learnt else ROUGHLY if rough else EXACTLY
     beyond = beyond_what_may_be(best.e, y, sd, good, bench.channels, alone, rough)
     beyond *= np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)  # jitter leaves less
     own_signs = signs(search, selection.base, best, closed.before, after, float(beyond), seen, scattered)

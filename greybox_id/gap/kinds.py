@@ -14,6 +14,8 @@ from ..parameter import Array
 
 Diagnosed = MotionModel | MemoryModel
 """A model that can be diagnosed."""
+BLOCK = 2.0
+"""Seconds over which residuals may be alike."""
 
 
 class AnyRun(Protocol):
@@ -60,6 +62,10 @@ class AnyBench(Protocol):
         """(N, inputs)."""
 
     @property
+    def learnt(self) -> bool:
+        """Whether weights stand for the equations: what training left is its noise then, and rows are all it knows."""
+
+    @property
     def loose(self) -> tuple[int, ...]:
         """States whose starts are read, with noise."""
 
@@ -78,7 +84,7 @@ class AnyBench(Protocol):
         """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
 
 
-def blocks(bench: AnyBench, seconds: float) -> list[tuple[int, int]]:
-    """Rows [a, b) of stretches of so many seconds, none of them across runs."""
-    length = max(1, round(seconds / bench.sample_time))
+def blocks(bench: AnyBench) -> list[tuple[int, int]]:
+    """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
+    length = max(1, round(BLOCK / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

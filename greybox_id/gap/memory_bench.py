@@ -59,6 +59,7 @@ class MemoryBench:
     loose : no state is: windows start as they were read.
     """
 
+    learnt = True
     loose: tuple[int, ...] = ()
 
     def __init__(self, model: MemoryModel, recordings: Sequence[Recording]) -> None:

@@ -26,8 +26,6 @@ MOST_SD = 3.0
 """How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap."""
 STRIDE = 3.0
 """What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
-BLOCK = 2.0
-"""Seconds over which residuals may be alike."""
 BESIDE = 0.3
 """Of an abrupt tolerance: how far beside where it was found its derivative is taken; nearer to its null it is not
 expanded elsewhere."""
@@ -264,7 +262,7 @@ class Search:
         W, told = self._told(hypothesis)
         r = self.colour.white(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
-        own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench, BLOCK)])
+        own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
         own -= np.mean(own, axis=0)
         seen = told @ (own.T @ own) @ told
         found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..vehicle import Vehicle
 from .kinds import AnyBench
@@ -31,7 +30,7 @@ def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> 
             continue
         e = residuals[own, c]
         spread = 1.4826 * float(np.median(np.abs(e - np.median(e))))
-        held = isinstance(bench.model, MemoryModel) or spread > TOO_LARGE * stated.get(channel, 0.0)
+        held = bench.learnt or spread > TOO_LARGE * stated.get(channel, 0.0)
         if channel in stated and held:
             found.append(stated[channel])
             continue

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from ..memory_model import MemoryModel
 from ..parameter import Array
 from .kinds import AnyBench
 
@@ -48,7 +47,7 @@ def repeats(bench: AnyBench) -> NDArray[np.bool_]:
     """(N,) rows at which all sensors repeat the row before exactly."""
     found = np.zeros(len(bench.measured), dtype=bool)
     read = np.any(np.isfinite(bench.measured), axis=0)
-    if np.count_nonzero(read) < FEWEST_CHANNELS or isinstance(bench.model, MemoryModel):
+    if np.count_nonzero(read) < FEWEST_CHANNELS or bench.learnt:
         return found
     for rows in bench.rows:
         own = bench.measured[rows][:, read]
@@ -100,7 +99,7 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     sd : (channels,) of noise where nothing changes.
     good : (N, channels) readings that count.
     """
-    if isinstance(bench.model, MemoryModel):
+    if bench.learnt:
         return None
     rates, use = steady(bench, y, sd, good)
     a = np.where(use, rates / sd, 0.0)
