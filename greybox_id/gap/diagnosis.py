@@ -177,7 +177,12 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     """How often noise alone would look so: like the best hypothesis, like an effect of variance, or as loud."""
     many, temper, base = len(found.effects), found.evidence.temper, found.selection.base
     tried = found.selection.tried
-    p = [p_value(temper * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
+    p = [
+        p_value(
+            temper / found.selection.search.trust * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)
+        )
+        for own in tried
+    ]
     p += [p_value(temper * own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
     if unexplained:
         p.append(float(norm.sf(found.signs.excess * np.sqrt(found.selection.search.colour.readings / 2))))

@@ -35,7 +35,7 @@ class Evidence:
 
     Attributes
     ----------
-    temper : what gains are multiplied with.
+    temper : what log-likelihoods of readings are multiplied with.
     weights : of `selection.tried`, and the base last; they add up to one.
     scores : of `selection.tried`, over the base's.
     """
@@ -54,8 +54,9 @@ def evidence(selection: Selection, rough: bool, left: float = 0.0) -> Evidence:
     rough : whether tolerances are stated.
     left : mean square over that of noise, less one, of what the best of them leaves.
     """
-    temper = tempering(selection.search.colour.readings, rough, left)
-    scores = [temper * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
+    search = selection.search
+    temper = tempering(search.colour.readings, rough, left)
+    scores = [temper / search.trust * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))

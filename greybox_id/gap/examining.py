@@ -24,7 +24,7 @@ from .plainly import plainly
 from .preparing import Prepared, prepare
 from .regimes import signals
 from .search import Search
-from .selection import Firmly, Selection, select
+from .selection import Firmly, Selection, refitted, select
 from .stated_noise import stated_noise
 from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
 from .variance import Scatter, dropped, jitter, repeats, steady
@@ -99,15 +99,17 @@ def examine(
     good = sound(start, bench.counted, bench.rows)
     if stale is not None:
         good &= ~held[:, None]
-    search = Search(bench, believed, white_noise(sd, good, bench.rows))
     tell(f"refitting {len(believed)} tolerances and what may be missing")
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
-    worth = COST / tempering(int(np.sum(good)), rough)
-    selection = select(search, own, good, worth, _firmly(bench, start, sd, good))
+    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), rough))
+    selection = select(search, own, good, COST, _firmly(bench, start, sd, good))
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    left = float(np.mean((least.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # else nobody knows
+    left = 0.0
+    if told and np.any(good):  # else nobody knows
+        (least,) = _at_their_best(search, least)
+        left = float(np.mean((least.e / sd)[good] ** 2)) - 1.0
     weighed = evidence(selection, rough, left)
     best = selection.base
     if selection.tried and max(weighed.scores) > 0:
@@ -121,9 +123,8 @@ def examine(
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
     seen = signals(bench, y)
-    closed = closed_by(
-        misfit(search, selection.base), misfit(search, best), sd, good, bench, tuple(own.name for own in recordings)
-    )
+    before, then = (misfit(search, own) for own in _at_their_best(search, selection.base, best))
+    closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
     jittered, after = jitter(bench, best.e, y, sd, good), closed.after
     if jittered is not None:
@@ -132,13 +133,24 @@ def examine(
         after = jittered.left if present > PRESENT else after
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
     alone = LEARNT if bench.learnt else ROUGHLY if rough else EXACTLY
-    beyond = beyond_what_may_be(best.e, y, sd, good, bench.channels, alone, rough)
+    beyond = beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
     beyond *= np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)  # jitter leaves less
     own_signs = signs(search, selection.base, best, closed.before, after, float(beyond), seen, scattered)
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,
     )  # fmt: skip
+
+
+def _at_their_best(search: Search, *found: Hypothesis) -> list[Hypothesis]:
+    """Hypotheses with tolerances that do all they can: what is left then, no tolerance explains."""
+    trust = search.trust
+    if trust == 1.0:
+        return list(found)
+    search.trusting(1.0)
+    free = [refitted(search, own) for own in found]
+    search.trusting(trust)
+    return free
 
 
 def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:

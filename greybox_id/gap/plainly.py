@@ -32,7 +32,7 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
 
     def cost(own: Hypothesis) -> float:
         gain = float(np.sum(np.where(good, base.e**2 - own.e**2, 0.0) @ weight))
-        return max(own.cost, base.cost - gain)
+        return max(own.cost, base.cost - selection.search.trust * gain)
 
     tried = sorted((replace(own, cost=cost(own)) for own in selection.tried), key=lambda own: own.cost)
     return replace(selection, tried=tuple(tried))

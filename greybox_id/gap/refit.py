@@ -13,7 +13,7 @@ from .hypothesis import Hypothesis, Start
 from .search import Search
 
 ITERATIONS = 10
-SETTLED = 0.2
+SETTLED = 0.05
 """A refit ends when a step gains less than this much log-likelihood."""
 HOPELESS = 2e-4
 """Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
@@ -158,7 +158,7 @@ class _Work:
         """Simulations have come back."""
         search, (m, theta, linear) = self.search, self.at
         base = e[0] + search.linear_by @ (linear - search.null_linear)
-        r = search.colour.white(base[:, :, None]).ravel()
+        r = search.weighed(base[:, :, None]).ravel()
         u = np.concatenate([theta, linear])
         off = u - search.means
         precision = search.beliefs(self._own)
@@ -180,7 +180,7 @@ class _Work:
             else np.zeros((*base.shape, 0))
         )
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, base, J)
-        if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.colour.readings, 0.0):
+        if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.trust * search.colour.readings, 0.0):
             self.done = True
             return
         self._share, self._here = 1.0, (r, J, u, precision)
@@ -190,7 +190,7 @@ class _Work:
     def _solve(self, r: Array, J: Array, u: Array, precision: Array) -> Array:
         """A Gauss-Newton step within the bounds: what would leave them is held there, one after the other."""
         search = self.search
-        W = search.colour.white(J).reshape(-1, J.shape[2]) if J.shape[2] else np.zeros((len(r), 0))
+        W = search.weighed(J).reshape(-1, J.shape[2]) if J.shape[2] else np.zeros((len(r), 0))
         cross = search.white.T @ W
         H = np.block([[search.gram + precision, cross], [cross.T, W.T @ W]])
         g = np.concatenate([search.white.T @ r + precision @ (u - search.means), W.T @ r])

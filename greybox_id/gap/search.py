@@ -39,6 +39,7 @@ class Search:
     bench : what simulates.
     nuisances : what is believed.
     colour : how residuals count.
+    trust : as how many readings one counts: less than one where equations are rough, whatever noise says.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Search:
     simulations : how many there have been.
     """
 
-    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour) -> None:
+    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, trust: float = 1.0) -> None:
         self.bench = bench
         self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
@@ -59,7 +60,7 @@ class Search:
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0
-        self.colour = colour
+        self.colour, self.trust = colour, trust
 
     # ---- what everything is about
 
@@ -117,9 +118,19 @@ class Search:
         self.colour = colour
         self._whiten()
 
+    def trusting(self, trust: float) -> None:
+        """Let every reading count as so many."""
+        self.trust = trust
+        self._whiten()
+
+    def weighed(self, values: Array) -> Array:
+        """Residuals or their derivatives, (N, channels, ...), as they count: half their squares are log-likelihood."""
+        found: Array = self.colour.white(values) * np.sqrt(self.trust)
+        return found
+
     def _whiten(self) -> None:
         both = np.concatenate([self.theta_by, self.linear_by], axis=2)
-        self.white = self.colour.white(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
+        self.white = self.weighed(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in self.shifts), *[JUMPS_SD] * count, *starts]
@@ -235,8 +246,8 @@ class Search:
         columns : (N, channels, K) their derivatives by K coordinates.
         theta, linear : where nuisances stand.
         """
-        W = self.colour.white(columns).reshape(-1, columns.shape[2])
-        r = self.colour.white(e[:, :, None]).ravel()
+        W = self.weighed(columns).reshape(-1, columns.shape[2])
+        r = self.weighed(e[:, :, None]).ravel()
         u = np.concatenate([theta, linear])
         H = self.gram + self.precision
         g = self.white.T @ r + self.precision @ (u - self.means)
@@ -260,7 +271,7 @@ class Search:
         coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
         """
         W, told = self._told(hypothesis)
-        r = self.colour.white(hypothesis.e[:, :, None])
+        r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
         own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
         own -= np.mean(own, axis=0)
@@ -270,7 +281,7 @@ class Search:
 
     def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
         """What coordinates do that nuisances cannot undo, whitened, and the covariance that follows from it."""
-        plain = self.colour.white(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
+        plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         own = self.among({axis.index for axis in hypothesis.axes})
         white = self.white[:, ~own]
         H = (self.gram + self.precision)[np.ix_(~own, ~own)]

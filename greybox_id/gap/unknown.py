@@ -80,7 +80,7 @@ def signs(
     """
     gained, expected = left_gain(search, best, seen)
     over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
-    gain = base.cost - best.cost + scatter
+    gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
