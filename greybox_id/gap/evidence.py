@@ -1,9 +1,9 @@
 """From likelihoods to probabilities: which effects are present, and is there anything at all.
 
-Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. Where tolerances are
-stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in proportion to how
-much was read, for which readings count for less in refits already, and to how much the best hypothesis leaves: that
-tempers weights. An effect's probability is the weight of the hypotheses that hold it.
+Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. Where tolerances
+are stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in proportion
+to how much was read, for which readings count for less in refits already, and to how much the best hypothesis leaves:
+that tempers weights. An effect's probability is the weight of the hypotheses that hold it.
 """
 
 from __future__ import annotations
