@@ -68,6 +68,8 @@ class GivenBench:
     Stands in for `Bench` wherever simulations are not what is tested. Behind the K parameters is one that does nothing.
     """
 
+    learnt = False
+
     def __init__(self, respond, measured, size, dt=0.02, channels=None, lengths=None, inputs=None):
         count = len(measured)
         self.respond = lambda p: respond(p[:size])

@@ -22,8 +22,8 @@ def hypothesis(cost, *names, axes=1):
     return Hypothesis(own, m, NOTHING, NOTHING, cost, np.zeros((0, 1)), np.zeros((0, 1, len(m))))
 
 
-def weighed(base, tried, readings=5000, rough=False):
-    search = SimpleNamespace(colour=SimpleNamespace(readings=readings))
+def weighed(base, tried, readings=5000, rough=False, trust=1.0):
+    search = SimpleNamespace(colour=SimpleNamespace(readings=readings), trust=trust)
     return evidence(Selection(search, hypothesis(base), tuple(tried), ()), rough)
 
 
@@ -98,3 +98,10 @@ def test_p_values_of_noise_alone_are_not_too_small():
     found = np.array([p_value(gain, 1, 40) for gain in gains])
     for level in (0.01, 0.05):
         assert np.mean(found < level) == pytest.approx(level, rel=0.4)
+
+
+def test_gains_of_readings_that_counted_for_less_are_not_tempered_twice():
+    full = weighed(100.0, [hypothesis(0.0, "one")], rough=True)
+    trust = tempering(5000, True)
+    less = weighed(100.0 * trust, [hypothesis(0.0, "one")], rough=True, trust=trust)
+    assert less.scores == pytest.approx(full.scores)

@@ -93,6 +93,21 @@ def test_a_tolerance_reaches_so_far_and_what_is_further_off_is_a_gap():
     assert base.cost - gap.cost == pytest.approx(found.gain[0], rel=0.02)
 
 
+def test_readings_that_count_for_less_are_as_if_noise_were_larger():
+    X = smooth_columns(3)
+    bench = linear_bench(X, [0.25, 0.0, 0.3], SD)
+    less, louder = (search_on(bench, sd, [axis(0, sd=0.1), axis(1, sd=0.1)]) for sd in (SD, SD / np.sqrt(0.005)))
+    less.trusting(0.005)
+    one, other = (refit(own, [alone(own, candidate(2))])[0] for own in (less, louder))
+    assert one.cost == pytest.approx(other.cost)
+    np.testing.assert_allclose(one.theta, other.theta)
+    np.testing.assert_allclose(less.covariance(one), louder.covariance(other))
+    assert less.charge(one) == pytest.approx(louder.charge(other))  # beliefs keep their weight
+    less.trusting(1.0)
+    (again,) = refit(less, [less.start_of(one)])
+    assert again.theta[0] > one.theta[0] + 0.02
+
+
 def test_a_lag_is_expanded_where_it_is_found():
     rng = np.random.default_rng(0)
     X = rng.standard_normal((400, 2))
