@@ -105,7 +105,7 @@ def test_the_first_moments_of_runs_do_not_count_and_blocks_stay_within_runs():
     _, bench = prepared_bench(tiny("msnn_lat"), joined(60, 45))
     for rows in bench.rows:
         np.testing.assert_array_equal(np.flatnonzero(bench.counted[rows, 0])[0], 4)
-    for a, b in blocks(bench, 1.0):
+    for a, b in blocks(bench):
         assert b - a <= 20
         assert any(rows.start <= a < b <= rows.stop for rows in bench.rows)
 
@@ -203,7 +203,7 @@ def test_an_effect_gains_no_more_than_plain_errors_say(ar, lasting):
     rng, rows = np.random.default_rng(0), (slice(0, 300),)
     good = np.ones((300, 1), dtype=bool)
     sd = np.array([0.5])
-    search = SimpleNamespace(colour=Colour(sd, (np.array(ar),), rows, good))
+    search = SimpleNamespace(colour=Colour(sd, (np.array(ar),), rows, good), trust=1.0)
     nothing = np.empty(0)
 
     def of(share, cost):
