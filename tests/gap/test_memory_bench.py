@@ -106,7 +106,7 @@ def test_the_first_moments_of_runs_do_not_count_and_blocks_stay_within_runs():
     for rows in bench.rows:
         np.testing.assert_array_equal(np.flatnonzero(bench.counted[rows, 0])[0], 4)
     for a, b in blocks(bench):
-        assert b - a <= 20
+        assert b - a <= 40
         assert any(rows.start <= a < b <= rows.stop for rows in bench.rows)
 
 
