@@ -85,7 +85,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
     unexplained = found.told and found.signs.beyond > 1.0
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
-    unknown = unknown_probability(found.signs, found.rough) if detected else NOTHING_UNKNOWN
+    unknown = unknown_probability(found.signs, found.rough, found.told) if detected else NOTHING_UNKNOWN
     if detected and not found.best.candidates and not scattered:  # a gap, and no name for it
         unknown = max(unknown, NAMELESS)
     if scattered and not found.best.candidates and found.signs.left < JITTER_LEAVES:

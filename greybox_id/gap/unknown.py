@@ -25,6 +25,8 @@ EXACTLY, ROUGHLY, LEARNT = 0.03, 0.15, 1.7
 """Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
 BEYOND = 3.0
 """Log-odds of something unknown beside a name per logarithm of that."""
+UNTOLD = 1.5
+"""Log-odds for it where nobody can tell what is left from noise."""
 OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.025, 0.08
 """Error of rough equations that is none either, over the standard deviation of what they predict; of v_y, which is the
 small difference of what is large."""
@@ -138,12 +140,19 @@ def beyond_what_may_be(
     return most
 
 
-def unknown_probability(own: Signs, rough: bool) -> float:
-    """The probability that something unknown is at work."""
+def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
+    """The probability that something unknown is at work.
+
+    Parameters
+    ----------
+    own : what speaks for it.
+    rough : whether equations are.
+    told : whether noise was stated: else what is left passes for noise, and cannot speak.
+    """
     if rough:
         x = -4.0 + 1.5 * min(own.left, 1.0) + 9.0 * own.structure + 12.0 * min(own.spread, 0.4)
         x += 1.5 if own.effects > MOST else 0.0
-        x += BEYOND * np.log(max(own.beyond, 1.0))
+        x += BEYOND * np.log(max(own.beyond, 1.0)) + (0.0 if told else UNTOLD)
     else:
         x = -5.0 + 30.0 * min(own.left, 0.3) + 25.0 * own.structure + 20.0 * min(own.spread, 0.4)
         x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)

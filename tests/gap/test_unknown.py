@@ -64,3 +64,8 @@ def test_what_a_name_leaves_beyond_roughness_speaks_for_something_unknown():
     own = [unknown_probability(Signs(0.3, 0.5, b, 0.1, 0.0, "", 100.0, 1), True) for b in (0.5, 1.0, 2.0, 5.0)]
     assert own[0] == own[1] < own[2] < own[3]
     assert own[3] > 0.5
+
+
+def test_where_noise_is_not_stated_more_may_be_unknown():
+    own = Signs(0.0, 0.0, 0.0, 0.0, 0.0, "", 100.0, 3)
+    assert unknown_probability(own, True, told=False) > 2 * unknown_probability(own, True)
