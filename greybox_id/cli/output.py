@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import click
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from ..fitting import Say
@@ -81,14 +81,15 @@ PROTOCOL_WORDS = {
 def errors_table(metrics: Mapping[str, Any]) -> Table:
     """Errors by recording, protocol and output, each with its standard error and unit."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title, justify in (
+    titles: tuple[tuple[str, JustifyMethod], ...] = (
         ("error", "left"),
         ("protocol", "left"),
         ("RMSE", "right"),
         ("unit", "left"),
         ("FVU", "right"),
-    ):
-        table.add_column(title, header_style="dim", justify=justify)  # type: ignore[arg-type]
+    )
+    for title, justify in titles:
+        table.add_column(title, header_style="dim", justify=justify)
     for role, protocols in metrics.items():
         for protocol, outputs in protocols.items():
             for name, error in outputs.items():

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from math import inf, isfinite
 from typing import Any
 
+from rich.console import JustifyMethod
 from rich.table import Table
 
 from .measures import STRETCH
@@ -100,8 +101,8 @@ def _number(value: float | None, percent: bool, bare: bool = False) -> str:
     return f"{value:.3f}"
 
 
-def _table(*titles: tuple[str, str]) -> Table:
+def _table(*titles: tuple[str, JustifyMethod]) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title, justify in titles:
-        table.add_column(title, header_style="dim", justify=justify)  # type: ignore[arg-type]
+        table.add_column(title, header_style="dim", justify=justify)
     return table

@@ -25,7 +25,7 @@ from .hypothesis import Hypothesis
 from .kinds import Diagnosed
 from .regimes import where
 from .strip import strip
-from .unknown import unknown_probability
+from .unknown import SURELY, unknown_probability
 
 RANKED = 8
 """Effects that are listed at most."""
@@ -169,7 +169,8 @@ def _ranking(found: Examined, known: float) -> list[Ranked]:
     for name, (own, present) in found.scatter.items():
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
-        ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), own.gain))
+        gain = selection.search.trust * own.gain
+        ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain))
     return sorted(ranked, key=lambda own: (-round(own.probability / known, 6), -own.gain))[:RANKED]
 
 
@@ -177,15 +178,11 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     """How often noise alone would look so: like the best hypothesis, like an effect of variance, or as loud."""
     many, temper, base = len(found.effects), found.evidence.temper, found.selection.base
     tried = found.selection.tried
-    p = [
-        p_value(
-            temper / found.selection.search.trust * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)
-        )
-        for own in tried
-    ]
+    counts = temper / found.selection.search.trust
+    p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
     p += [p_value(temper * own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
     if unexplained:
-        p.append(float(norm.sf(found.signs.excess * np.sqrt(found.selection.search.colour.readings / 2))))
+        p.append(float(len(found.sd) * norm.sf(SURELY)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
 
 

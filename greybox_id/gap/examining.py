@@ -106,10 +106,8 @@ def examine(
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    left = 0.0
-    if told and np.any(good):  # else nobody knows
-        (least,) = _at_their_best(search, least)
-        left = float(np.mean((least.e / sd)[good] ** 2)) - 1.0
+    freed = {id(own): _at_its_best(search, own) for own in (selection.base, least)}
+    left = float(np.mean((freed[id(least)].e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, rough, left)
     best = selection.base
     if selection.tried and max(weighed.scores) > 0:
@@ -123,32 +121,32 @@ def examine(
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
     seen = signals(bench, y)
-    before, then = (misfit(search, own) for own in _at_their_best(search, selection.base, best))
+    before, then = (misfit(search, freed.get(id(own)) or _at_its_best(search, own)) for own in (selection.base, best))
     closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
-    jittered, after = jitter(bench, best.e, y, sd, good), closed.after
+    jittered, after, leaves = jitter(bench, best.e, y, sd, good), closed.after, 1.0
     if jittered is not None:
         present = _believed(jittered, after, weighed.temper)
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > PRESENT else after
+        leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)) if present > PRESENT else 1.0
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
     alone = LEARNT if bench.learnt else ROUGHLY if rough else EXACTLY
-    beyond = beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
-    beyond *= np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)  # jitter leaves less
-    own_signs = signs(search, selection.base, best, closed.before, after, float(beyond), seen, scattered)
+    beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
+    own_signs = signs(search, selection.base, best, closed.before, after, beyond, seen, scattered)
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,
     )  # fmt: skip
 
 
-def _at_their_best(search: Search, *found: Hypothesis) -> list[Hypothesis]:
-    """Hypotheses with tolerances that do all they can: what is left then, no tolerance explains."""
+def _at_its_best(search: Search, found: Hypothesis) -> Hypothesis:
+    """A hypothesis with tolerances that do all they can: what is left then, no tolerance explains."""
     trust = search.trust
     if trust == 1.0:
-        return list(found)
+        return found
     search.trusting(1.0)
-    free = [refitted(search, own) for own in found]
+    free = refitted(search, found)
     search.trusting(trust)
     return free
 

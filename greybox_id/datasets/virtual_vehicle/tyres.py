@@ -8,6 +8,7 @@ and its friction are those that are stated, within a few percent.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from math import atan, copysign, exp, sin, sqrt, tan, tanh
 from typing import Any, cast
 
@@ -70,6 +71,7 @@ def curve(car: Car, front: bool, alpha: float, stiffness: float) -> float:
     return float(car.peak_fit_r * share)
 
 
+@cache
 def fitted(
     form: float, B: float, C: float, E: float, peak_t: float, slide_t: float, slide: float
 ) -> tuple[float, float, float]:
