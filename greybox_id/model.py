@@ -32,12 +32,14 @@ class Combination:
     unit : SI unit in pint's spelling.
     of : parameters by name (symbols or numbers) -> the quantity.
     about : meaning, for people.
+    scaled_by : the quantity of the equations that scales it, 1 nominally; it is tracked through this one.
     """
 
     name: str
     unit: str
     of: Callable[[Namespace], Any]
     about: str = ""
+    scaled_by: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

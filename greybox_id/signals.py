@@ -56,3 +56,15 @@ SIGNALS: dict[str, Signal] = {
 def unit_of(name: str, otherwise: str = "1") -> str:
     """SI unit of a signal; `otherwise` where the name is none of `SIGNALS`."""
     return SIGNALS[name].unit if name in SIGNALS else otherwise
+
+
+QUANTITIES = {
+    "F": "N", "M": "N m", "a": "m/s^2", "gravity": "m/s^2", "alpha": "rad", "peak": "N", "drive": "N",
+    "inertial": "kg", "yaw": "rad/s",
+}  # fmt: skip
+"""First word of a quantity's symbol -> its SI unit: F_yf is a force, alpha_r an angle; others are shares."""
+
+
+def unit_of_quantity(name: str) -> str:
+    """SI unit of a quantity on the way from states to derivatives, which its symbol tells."""
+    return SIGNALS[name].unit if name in SIGNALS else QUANTITIES.get(name.partition("_")[0], "1")

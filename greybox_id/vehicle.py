@@ -51,6 +51,22 @@ class ChosenModel:
 
 
 @dataclass(frozen=True)
+class TrackingPlan:
+    """What is tracked of a vehicle while it drives, unless somebody asks for something else.
+
+    Attributes
+    ----------
+    parameters : what walks at random.
+    disturbances : what comes and goes about where it stands.
+    noise : name of a noise -> its size; noises that are not stated are tuned on the recording.
+    """
+
+    parameters: tuple[str, ...] = ()
+    disturbances: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Vehicle:
     """What is stated of a vehicle.
 
@@ -62,6 +78,7 @@ class Vehicle:
     noise : signal name -> standard deviation of its sensor.
     steer_max : largest road-wheel angle, rad; None where it is not stated.
     model : the model it is best described by; None where that is open.
+    tracking : what is tracked of it; None where that is open.
     about : for people.
     path : the file it was read from.
     """
@@ -72,5 +89,6 @@ class Vehicle:
     noise: Mapping[str, float] = field(default_factory=dict)
     steer_max: float | None = None
     model: ChosenModel | None = None
+    tracking: TrackingPlan | None = None
     about: str = ""
     path: Path | None = field(default=None, compare=False)

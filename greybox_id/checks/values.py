@@ -158,6 +158,12 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
     return findings
 
 
+def outlying(recording: Recording, name: str) -> Finding | None:
+    """Values of a signal that stand out from their neighbours, each for a sample or two."""
+    found = _spikes(recording, name, recording[name])
+    return found[0] if found else None
+
+
 def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
     departures = np.zeros(len(values))
     ends = np.zeros(len(values), dtype=bool)

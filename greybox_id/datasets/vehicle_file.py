@@ -13,6 +13,10 @@
     name = "single_track"
     tyre = "pacejka"
     effects = { steering_delay = { value = 0.03, sd = 0.002 } }
+    [tracking]                                        # optional: what `greybox track` tracks of it
+    parameters = ["C_alpha_f", "C_alpha_r"]
+    disturbances = ["road_bank"]
+    noise = { walk_v_y = 0.05 }
 
 Shipped ones lie in `vehicles/`.
 """
@@ -29,10 +33,11 @@ from typing import Any
 
 from ..errors import BadInput
 from ..signals import SIGNALS
-from ..vehicle import ChosenModel, Stated, Vehicle
+from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
 from .column_map import did_you_mean
 
-KEYS = ("name", "about", "steer_max", "parameters", "effects", "noise", "model")
+KEYS = ("name", "about", "steer_max", "parameters", "effects", "noise", "model", "tracking")
+TRACKING_KEYS = ("parameters", "disturbances", "noise")
 STATED_KEYS = ("value", "sd", "min", "max", "source")
 
 
@@ -103,6 +108,7 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
         noise={key: _above_zero(entry, f"{where}: [noise] {key}") for key, entry in sensors.items()},
         steer_max=_above_zero(table["steer_max"], f"{where}: steer_max") if "steer_max" in table else None,
         model=_model(_table(table, "model", where), effects, f"{where}: [model]") if "model" in table else None,
+        tracking=_tracking(_table(table, "tracking", where), f"{where}: [tracking]") if "tracking" in table else None,
         about=_text(table, "about", where, ""),
         path=path,
     )
@@ -138,6 +144,26 @@ def _model(table: Mapping[str, Any], effects: Collection[str], where: str) -> Ch
         settings={key: value for key, value in table.items() if key not in ("name", "effects")},
         effects={key: _with_value(entry, f"{where} effects {key}") for key, entry in added.items()},
     )
+
+
+def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
+    for key in table:
+        if key not in TRACKING_KEYS:
+            hint = did_you_mean(key, TRACKING_KEYS)
+            raise BadInput(f'{where}: there is no key "{key}".{hint} Known are {", ".join(TRACKING_KEYS)}.')
+    sizes = _table(table, "noise", where)
+    return TrackingPlan(
+        parameters=_names(table, "parameters", where),
+        disturbances=_names(table, "disturbances", where),
+        noise={key: _above_zero(entry, f"{where} noise {key}") for key, entry in sizes.items()},
+    )
+
+
+def _names(table: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
+    names = table.get(key, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise BadInput(f'{where}: {key} must be a list of names, as in {key} = ["C_alpha_f"], not {names!r:.60}.')
+    return tuple(names)
 
 
 def _with_value(entry: object, where: str) -> Stated:

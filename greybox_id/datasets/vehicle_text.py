@@ -49,6 +49,10 @@ def as_plain(vehicle: Vehicle) -> dict[str, Any]:
     plain["parameters"] = _plainly(vehicle.values)
     plain["effects"] = _plainly(vehicle.effects)
     plain["noise"] = dict(vehicle.noise)
+    if vehicle.tracking is not None:
+        own = vehicle.tracking
+        plan = {"parameters": list(own.parameters), "disturbances": list(own.disturbances), "noise": dict(own.noise)}
+        plain["tracking"] = {key: value for key, value in plan.items() if value}
     return {key: value for key, value in plain.items() if value != {}}
 
 

@@ -198,8 +198,8 @@ def source(value: cs.Function, slope: cs.Function) -> str:
             _table("B_COLUMN", B.get_triplet()[1]),
             _table("D_ROW", D.get_triplet()[0]),
             _table("D_COLUMN", D.get_triplet()[1]),
-            _product("A_times", A),
-            _product("C_times", C),
+            product("A_times", A),
+            product("C_times", C),
             ADD,
             LINEARISE,
         ]
@@ -210,7 +210,7 @@ def _table(name: str, entries: Sequence[int]) -> str:
     return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
 
 
-def _product(name: str, sparsity: cs.Sparsity) -> str:
+def product(name: str, sparsity: cs.Sparsity) -> str:
     """C of a sparse matrix times Z, column by column of Z so that the result may replace it."""
     row, column = sparsity.get_triplet()
     lines = [f"const v x{j} = Z[{j} * columns + c];" for j in sorted(set(column))]

@@ -120,8 +120,8 @@ def combinations(tyre: Tyre) -> tuple[Combination, ...]:
 
     return (
         Combination("l_f + l_r", "m", lambda p: p.l_f + p.l_r, "wheelbase"),
-        Combination("C_alpha_f", "N/rad", lambda p: slope(p, "f"), "cornering stiffness, front axle"),
-        Combination("C_alpha_r", "N/rad", lambda p: slope(p, "r"), "cornering stiffness, rear axle"),
+        Combination("C_alpha_f", "N/rad", lambda p: slope(p, "f"), "cornering stiffness, front axle", "stiffness_f"),
+        Combination("C_alpha_r", "N/rad", lambda p: slope(p, "r"), "cornering stiffness, rear axle", "stiffness_r"),
         Combination("C_alpha_f / m", "N/(rad kg)", lambda p: slope(p, "f") / p.m, "front stiffness per mass"),
         Combination("C_alpha_r / m", "N/(rad kg)", lambda p: slope(p, "r") / p.m, "rear stiffness per mass"),
         Combination("I_z / m", "m^2", lambda p: p.I_z / p.m, "yaw inertia per mass"),

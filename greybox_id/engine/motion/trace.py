@@ -11,7 +11,7 @@ step of the classical Runge-Kutta method, relaxed quantities by an exponential f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
 import casadi as cs
@@ -63,6 +63,24 @@ class MotionTrace:
         self.rates = cs.Function("rates", [z, s, p], [cs.vertcat(*rates)])
         A = cs.jacobian(cs.vertcat(*rates), z)[:, : len(model.states)]
         self.stiffness = SampledFunction(cs.Function("stiffness", [z, s, p], [cs.densify(cs.vec(A.T))]))
+
+    def told(self, names: Sequence[str]) -> cs.Function:
+        """(z, s, p) -> states, inputs, quantities and scaled combinations by name, just after a segment began.
+
+        Raises `BadModel` for a name the model has not.
+        """
+        z, s, p = cs.SX.sym("z", self.size), cs.SX.sym("s", self.segment_size), cs.SX.sym("p", self.model.size)
+        named = parameters(self.model, p)
+        segment = _Segment(self.model, s, self._shifts(named), self.delayed)
+        x, _, relaxed = self._split(z)
+        _, q = self._evaluate(x, self._seen(z, segment, named), named, just_after(*self._relaxing(relaxed)))
+        found = vars(q.x) | vars(q.u) | {name: getattr(q, name) for name in self.model.quantities}
+        scaled = [own for own in self.model.combinations if own.scaled_by]
+        found |= {own.name: own.of(q.p) * getattr(q, own.scaled_by) for own in scaled}
+        lacking = [name for name in names if name not in found]
+        if lacking:
+            raise BadModel(f"Model {self.model.name} has no {', '.join(lacking)}; it has {', '.join(found)}.")
+        return cs.Function("told", [z, s, p], [cs.vertcat(*[found[name] for name in names])])
 
     def start(self, measured: tuple[str, ...], given: tuple[str, ...] = ()) -> cs.Function:
         """(readings of the measured states, inputs, p) -> z at the start of a run.

@@ -1,0 +1,7 @@
+"""Tracking: EKF, UKF and smoother over any model of motion, with what drifts among its parameters."""
+
+from .points import SigmaPoints
+from .track import Track
+from .verb import How, Tracker, track
+
+__all__ = ["How", "SigmaPoints", "Track", "Tracker", "track"]

@@ -1,0 +1,117 @@
+"""One filter over the runs of a recording: where it starts, and what it goes through."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..engine.compiler import CannotCompile
+from ..parameter import Array
+from .kernel import CompiledFilter, History, Kind
+from .laid import LaidRun
+from .plain import PlainFilter
+from .points import SigmaPoints
+from .state_space import StateSpace
+
+GATE = 5.0
+"""Readings further off than so many standard deviations count as noisier."""
+START = 3.0
+"""How much worse than its noise a state is known where a reading starts it, and than its scale where none does."""
+
+
+class Filter(Protocol):
+    """What filters: compiled, or in plain Python."""
+
+    def run(
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+    ) -> tuple[Array, History | None]:
+        """As `CompiledFilter.run`."""
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """A state space, what filters it, and how.
+
+    Attributes
+    ----------
+    space : the model.
+    filter : EKF or UKF.
+    gate : in standard deviations.
+    """
+
+    space: StateSpace
+    filter: Filter
+    gate: float = GATE
+
+    def costs(self, runs: Sequence[LaidRun], p: Array) -> Array:
+        """(L,) half of minus two log-likelihoods of parameters (L, parameters), constants left out."""
+        cost = np.zeros(len(p))
+        x, P = self.begin(runs[0], p)
+        for k, own in enumerate(runs):
+            if k:
+                x, P = self.begin(own, p, (x, P))
+            cost += self.filter.run(x, P, own.segments, own.readings, p, self.gate, told=False)[0]
+        return cost
+
+    def histories(self, runs: Sequence[LaidRun], p: Array) -> list[History]:
+        """What the filter went through with parameters (parameters,), run by run."""
+        found = []
+        x, P = self.begin(runs[0], p[None])
+        for k, own in enumerate(runs):
+            if k:
+                x, P = self.begin(own, p[None], (x, P))
+            _, history = self.filter.run(x, P, own.segments, own.readings, p[None], self.gate, told=True)
+            assert history is not None
+            found.append(history)
+        return found
+
+    def begin(self, own: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+        """States and covariances at a run's start, (L, n) and (L, n, n).
+
+        Parameters
+        ----------
+        before : those at the end of the run before, from which what is tracked is carried over.
+        """
+        space, model = self.space, self.space.model
+        noise = dict(zip(space.noises, p.T[model.size :], strict=True))
+        first = {name: own.readings[0, k] for k, name in enumerate(model.outputs)}
+        read = tuple(name for name in space.trace.names if np.isfinite(first.get(name, np.nan)))
+        inputs = own.run.inputs[0]
+        start = space.trace.start(read)
+        x, sd = np.zeros((len(p), space.size)), np.zeros((len(p), space.size))
+        known = space.trace.size + len(space.tracked)
+        for lane, parameters in enumerate(p[:, : model.size]):
+            z = start([first[name] for name in read], inputs, parameters)
+            x[lane, : space.trace.size] = np.asarray(z.full()).ravel()
+        for k, state in enumerate(model.states):
+            sd[:, k] = START * noise[f"noise_{state.name}"] if state.name in read else START * state.scale
+        settled = slice(len(space.trace.names), space.trace.size)
+        sd[:, settled] = 0.1 * np.abs(x[:, settled]) + 1e-3
+        x[:, space.trace.size : known] = [one.start for one in space.tracked]
+        sd[:, space.trace.size : known] = [one.start_sd for one in space.tracked]
+        for k, name in enumerate(space.coloured):
+            sd[:, known + k] = noise[f"colour_{name}"]
+        P = sd[:, :, None] ** 2 * np.eye(space.size)
+        if before is not None:
+            kept = slice(space.trace.size, known)
+            x[:, kept], P[:, kept, kept] = before[0][:, kept], before[1][:, kept, kept]
+        return x, P
+
+
+def filtering(space: StateSpace, kind: Kind, points: SigmaPoints, gate: float = GATE) -> Filtering:
+    """A compiled filter where there is a compiler, else one in plain Python, which is a thousand times slower.
+
+    The environment variable GREYBOX_COMPILE=1 makes a missing compiler an error, 0 asks for plain Python.
+    """
+    said = os.environ.get("GREYBOX_COMPILE")
+    if said != "0":
+        try:
+            return Filtering(space, CompiledFilter(space, kind, points), gate)
+        except CannotCompile:
+            if said:
+                raise
+    return Filtering(space, PlainFilter(space, kind, points), gate)

@@ -1,0 +1,81 @@
+"""Sentences on what a track cannot be trusted for, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..engine.motion.runs import Mask
+from ..errors import BadInput
+from ..parameter import Array
+from .consistency import WINDOW
+from .kernel import History
+from .laid import LaidRun
+from .state_space import Tracked
+
+LOST = 5.0
+"""Where the median NIS of a window is beyond this, the filter has lost the vehicle: there it is 0.45 if it has not."""
+TOLD = 0.5
+"""A tracked number is told where its standard deviation is below this share of what it is without the recording."""
+MOSTLY = 0.9
+
+
+def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: str) -> None:
+    """Raise `BadInput` where a filter diverged."""
+    for own, history in zip(runs, histories, strict=True):
+        bad = np.flatnonzero(~np.all(np.isfinite(history.filtered), axis=1))
+        if len(bad):
+            row = min(int(np.searchsorted(own.row_segment, bad[0])), len(own.run) - 1)
+            raise BadInput(
+                f"{name}: the filter diverges at t = {own.run.time[row]:.2f} s. Check units and signs there (greybox "
+                "data check), the vehicle's numbers, or track less."
+            )
+
+
+def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping[str, int]) -> list[str]:
+    """On stretches where readings, by name and column, are far beyond what the filter expects of them."""
+    found = []
+    for name, column in columns.items():
+        seconds, first = 0.0, np.nan
+        for own, history in zip(runs, histories, strict=True):
+            size = max(2, round(WINDOW / own.run.sample_time))
+            nis = (history.off[:, column] ** 2 / history.spread[:, column])[own.row_segment]
+            for begin in range(0, len(nis) - size + 1, size):
+                window = nis[begin : begin + size]
+                if np.any(np.isfinite(window)) and np.nanmedian(window) > LOST:
+                    seconds += size * own.run.sample_time
+                    first = own.run.time[begin] if np.isnan(first) else first
+        if seconds > 0:
+            found.append(
+                f"{name}: for {seconds:.0f} s, first at t = {first:.1f} s, readings are far from what the filter "
+                "expects: do not trust the estimates there."
+            )
+    return found
+
+
+def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
+    """(n,) whether a recording tells a tracked number better than it was known without it."""
+    before = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)
+    return np.asarray(sds < TOLD * before)
+
+
+def untold(name: str, told: Mask, slip: Array | None, force: str) -> str:
+    """On a cornering stiffness that a recording leaves open in some rows; "" where it hardly does.
+
+    Parameters
+    ----------
+    told : (n,) whether a row tells it.
+    slip : (n,) the axle's slip angle, rad.
+    force : name of the axle's lateral force.
+    """
+    share = float(np.mean(told))
+    if share >= MOSTLY:
+        return ""
+    where = ""
+    if slip is not None and share > 0:
+        where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~told]), MOSTLY)):.1f}°"
+    return (
+        f"{name}: in {100 * (1 - share):.0f} % of the rows the recording does not tell it{where}; its band is open "
+        f"there. The lateral force {force} is told there, too."
+    )

@@ -1,0 +1,102 @@
+"""Filters compiled: a model's readings and segments in, states and their covariance out."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+import casadi as cs
+import numpy as np
+
+from ..engine.compiler import library
+from ..parameter import Array
+from .points import SigmaPoints
+from .source import ekf_source, ukf_source
+from .state_space import StateSpace
+
+Kind = Literal["ekf", "ukf"]
+
+
+@dataclass(frozen=True)
+class History:
+    """What a filter went through, segment by segment (S segments, n entries of x, m readings).
+
+    Attributes
+    ----------
+    predicted, predicted_P : (S, n), (S, n, n) before a segment's readings.
+    filtered, filtered_P : after them.
+    forward : (S, n, n) covariance of x after a segment's readings with x as predicted for the next one.
+    off : (S, m) innovations, reading minus prediction; NaN where nothing was read.
+    spread : (S, m) their variance as predicted.
+    """
+
+    predicted: Array
+    predicted_P: Array
+    filtered: Array
+    filtered_P: Array
+    forward: Array
+    off: Array
+    spread: Array
+
+
+class _Record(ctypes.Structure):
+    _fields_ = [(own.name, ctypes.c_void_p) for own in fields(History)]
+
+
+class CompiledFilter:
+    """An EKF or a UKF in C. Raises `CannotCompile`."""
+
+    def __init__(self, space: StateSpace, kind: Kind, points: SigmaPoints) -> None:
+        self.space, self.kind = space, kind
+        self._weights = points.weights(space.size)
+        write = ekf_source if kind == "ekf" else ukf_source
+        functions = (space.step, space.output)
+        known_by = "\0".join([_writers(), cs.__version__, kind, *(f.serialize() for f in functions)])
+        made = library(lambda: write(*functions), known_by, compile_it=True)
+        assert made is not None
+        made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
+        made.filter.restype = None
+        self._library = made
+
+    def run(
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+    ) -> tuple[Array, History | None]:
+        """Filter; x and P, (L, n) and (L, n, n), are moved to after the last segment's readings.
+
+        Parameters
+        ----------
+        s, y : (S, numbers) and (S, m) segments, and what was read at their starts (NaN where nothing was).
+        p : (L, parameters) of each filter.
+        gate : readings further off than so many standard deviations count as noisier.
+        told : whether the first filter's history is wanted.
+
+        Returns
+        -------
+        Half of minus two log-likelihoods of each filter, constants left out, (L,), and the history.
+        """
+        (lanes, n), (segments, m) = x.shape, y.shape
+        shapes = [P.shape, s.shape, p.shape]
+        expected = [(lanes, n, n), (segments, self.space.step.numel_in(1)), (lanes, self.space.step.numel_in(2))]
+        if shapes != expected or n != self.space.size or m != len(self.space.model.outputs):
+            raise ValueError(f"Shapes {shapes} do not go with {lanes} filters of {n} states over {segments} segments.")
+        for array in (x, P, s, y, p):
+            if not (array.flags.c_contiguous and array.dtype == np.float64):
+                raise ValueError("Filters work on contiguous arrays of doubles.")
+        cost = np.zeros(lanes)
+        sizes = [(segments, n), (segments, n, n)] * 2 + [(segments, n, n), (segments, m), (segments, m)]
+        history = History(*[np.zeros(size) for size in sizes]) if told else None
+        record = _Record(*([getattr(history, own.name).ctypes.data for own in fields(History)] if history else []))
+        places = [array.ctypes.data for array in (self._weights, s, y, p, x, P, cost)]
+        self._library.filter(lanes, segments, gate, *places, record)
+        return cost, history
+
+
+@lru_cache
+def _writers() -> str:
+    """The modules that write the C source, as text."""
+    engine = Path(__file__).parents[1] / "engine"
+    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "lanes")), Path(__file__).with_name("source.py")]
+    return "\0".join(file.read_text("utf-8") for file in files)

@@ -1,0 +1,91 @@
+"""Where the sizes of noises start from, before they are tuned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import BadInput, near_or_all
+from ..parameter import Array
+from ..recording import Recording
+from .state_space import StateSpace
+
+PER_ROOT_SECOND = 0.1
+"""A state walks by this share of its scale in the root of a second, and what is tracked by this share of its sd."""
+FORCE_WALK = 1.0
+"""The same for what takes the place of an input or a quantity of the equations: it may change within a second."""
+MEMORY = 5.0
+"""How long a disturbance lasts, s."""
+COLOUR_MEMORY = 1.0
+
+
+@dataclass(frozen=True)
+class NoiseLevels:
+    """Sizes of a state space's noises.
+
+    Attributes
+    ----------
+    values : (noises,) in their order.
+    open : names of those that nobody stated and readings tell.
+    """
+
+    values: Array
+    open: tuple[str, ...]
+
+
+def start_levels(
+    space: StateSpace, scatter: Mapping[str, float], read: Sequence[str], stated: Mapping[str, float]
+) -> NoiseLevels:
+    """Sizes to start from: as stated, else as readings scatter, else usual ones.
+
+    Parameters
+    ----------
+    scatter : reading -> standard deviation of its noise, as far as a recording tells it (`scatter_of`).
+    read : readings that are taken.
+    stated : name of a noise -> its size.
+
+    Raises
+    ------
+    BadInput : a stated name is none of the noises, or its size is not above zero.
+    """
+    for name, size in stated.items():
+        if name not in space.noises:
+            raise BadInput(f"There is no noise {name}.{near_or_all(name, space.noises)}")
+        if not 0 < size < np.inf:
+            raise BadInput(f"The noise {name} = {size:g} is no number above zero.")
+    sizes = {name: stated.get(name, _usual(space, name, scatter)) for name in space.noises}
+    unread = {f"noise_{name}" for name in space.model.outputs if name not in read}
+    return NoiseLevels(
+        np.array([sizes[name] for name in space.noises]),
+        tuple(name for name in space.noises if name not in stated and name not in unread),
+    )
+
+
+def scatter_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
+    """Standard deviations of readings' noise: how far each departs from the straight line between its neighbours."""
+    return {name: _scatter(recording[name]) for name in read}
+
+
+def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
+    kind, _, of = name.partition("_")
+    if kind == "noise":
+        return scatter.get(of, 1.0)
+    if kind == "colour":
+        return 0.3 * scatter.get(of, 1.0)
+    own = next((one for one in space.tracked if one.name == of), None)
+    if kind == "memory":
+        return MEMORY if own is not None else COLOUR_MEMORY
+    if own is None:
+        return PER_ROOT_SECOND * next(state.scale for state in space.model.states if state.name == of)
+    replaces = of in space.model.inputs or of in space.model.quantities
+    return (FORCE_WALK if replaces and not own.logarithmic else PER_ROOT_SECOND) * own.start_sd
+
+
+def _scatter(values: Array) -> float:
+    bent = values[1:-1] - 0.5 * (values[2:] + values[:-2])
+    bent = bent[np.isfinite(bent) & (bent != 0)]  # what is held between updates does not tell
+    if len(bent) == 0:
+        return 1e-3
+    return float(max(1.4826 * np.median(np.abs(bent)) / np.sqrt(1.5), 1e-6 * max(1.0, float(np.nanstd(values)))))

@@ -1,0 +1,165 @@
+"""Filters in plain Python, for machines without a compiler: CasADi evaluates the model, filterpy is the UKF.
+
+They do what the compiled ones do, reading by reading. filterpy: R. R. Labbe, github.com/rlabbe/filterpy.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+
+from ..parameter import Array
+from .kernel import History, Kind
+from .points import SigmaPoints
+from .state_space import StateSpace
+
+
+class PlainFilter:
+    """An EKF or a UKF in Python."""
+
+    def __init__(self, space: StateSpace, kind: Kind, points: SigmaPoints) -> None:
+        self.space, self.kind, self.points = space, kind, points
+
+    def run(
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+    ) -> tuple[Array, History | None]:
+        """As `CompiledFilter.run`."""
+        cost, first = np.zeros(len(x)), None
+        for lane in range(len(x)):
+            made = _Ekf if self.kind == "ekf" else _Ukf
+            one = made(self.space, x[lane], P[lane], p[lane], gate, self.points)
+            history = _went_through(one, s, y)
+            first = first or history
+            x[lane], P[lane], cost[lane] = one.x, one.P, one.cost
+        return cost, first if told else None
+
+
+def _went_through(one: _Ekf | _Ukf, s: Array, y: Array) -> History:
+    n, m, count = len(one.x), y.shape[1], len(s)
+    sizes = [(count, n), (count, n, n)] * 2 + [(count, n, n), (count, m), (count, m)]
+    told = History(*[np.zeros(size) for size in sizes])
+    for k in range(count):
+        told.predicted[k], told.predicted_P[k] = one.x, one.P
+        told.off[k], told.spread[k] = one.read(s[k], y[k])
+        told.filtered[k], told.filtered_P[k] = one.x, one.P
+        if k + 1 < count:
+            told.forward[k] = one.step(s[k])
+    return told
+
+
+def _numbers(function: cs.Function, *arguments: Array) -> list[Array]:
+    return [np.asarray(value.full()) for value in function(*arguments)]
+
+
+class _Ekf:
+    """Extended Kalman filter: a reading at a time, covariances in Joseph's form."""
+
+    def __init__(self, space: StateSpace, x: Array, P: Array, p: Array, gate: float, points: SigmaPoints) -> None:
+        del points
+        self.space, self.x, self.P, self.p, self.gate, self.cost = space, x.copy(), P.copy(), p, gate, 0.0
+
+    def read(self, s: Array, y: Array) -> tuple[Array, Array]:
+        """Take readings; innovations and their variances."""
+        y0, noise, H = _numbers(self.space.output, self.x, s, self.p)
+        off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
+        x0 = self.x.copy()
+        for i in np.flatnonzero(np.isfinite(y)):
+            h = H[i]
+            off[i] = y[i] - y0[i, 0] - h @ (self.x - x0)
+            told = float(h @ self.P @ h)
+            spread[i] = told + noise[i, 0]
+            taken = max(spread[i], off[i] ** 2 / self.gate**2)
+            self.cost += 0.5 * (off[i] ** 2 / taken + np.log(taken))
+            K = self.P @ h / taken
+            self.x = self.x + K * off[i]
+            left = np.eye(len(h)) - np.outer(K, h)
+            self.P = left @ self.P @ left.T + (taken - told) * np.outer(K, K)
+        return off, spread
+
+    def step(self, s: Array) -> Array:
+        """Go on; the covariance of x with what it becomes."""
+        ahead, noise, F = _numbers(self.space.step, self.x, s, self.p)
+        forward = self.P @ F.T
+        self.x, self.P = ahead[:, 0], F @ forward + np.diag(noise[:, 0])
+        return forward
+
+
+class _Ukf:
+    """Unscented Kalman filter: filterpy's, with the gate before each of its updates."""
+
+    def __init__(self, space: StateSpace, x: Array, P: Array, p: Array, gate: float, points: SigmaPoints) -> None:
+        self.space, self.p, self.gate, self.cost = space, p, gate, 0.0
+        n, m = space.size, len(space.model.outputs)
+        spread = MerweScaledSigmaPoints(n, points.alpha, points.beta, points.kappa, sqrt_method=_root)
+        self._filter: Any = UnscentedKalmanFilter(n, m, 1.0, self._read, self._step, spread)
+        self.x, self.P = x.copy(), P.copy()
+
+    @property
+    def x(self) -> Array:
+        """The mean."""
+        return np.asarray(self._filter.x)
+
+    @x.setter
+    def x(self, value: Array) -> None:
+        self._filter.x = value
+
+    @property
+    def P(self) -> Array:
+        """The covariance."""
+        return np.asarray(self._filter.P)
+
+    @P.setter
+    def P(self, value: Array) -> None:
+        self._filter.P = value
+
+    def read(self, s: Array, y: Array) -> tuple[Array, Array]:
+        """Take readings; innovations and their variances."""
+        there = np.flatnonzero(np.isfinite(y))
+        off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
+        if len(there) == 0:
+            return off, spread
+        own = self._filter
+        noise = _numbers(self.space.output, self.x, s, self.p)[1][there, 0]
+        own.sigmas_f = own.points_fn.sigma_points(own.x, own.P)
+        expected = np.array([self._read(point, s)[there] for point in own.sigmas_f])
+        mean = own.Wm @ expected
+        off[there] = y[there] - mean
+        spread[there] = own.Wc @ (expected - mean) ** 2 + noise
+        noise = noise + np.maximum(off[there] ** 2 / self.gate**2 - spread[there], 0)
+        own.update(y[there], R=np.diag(noise), hx=lambda point: self._read(point, s)[there])
+        own.P = (own.P + own.P.T) / 2
+        self.cost += 0.5 * float(own.y @ own.SI @ own.y + np.linalg.slogdet(own.S)[1])
+        return off, spread
+
+    def step(self, s: Array) -> Array:
+        """Go on; the covariance of x with what it becomes."""
+        own = self._filter
+        before = own.points_fn.sigma_points(own.x, own.P)
+        own.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
+        ahead = np.array([self._step(point, 0.0, s) for point in before])
+        own.compute_process_sigmas(0.0, s=s)
+        from_here, to_there = before - own.Wm @ before, ahead - own.Wm @ ahead
+        forward = np.asarray(np.einsum("k,ki,kj->ij", own.Wc, from_here, to_there))
+        own.predict(0.0, s=s)
+        return forward
+
+    def _step(self, point: Array, dt: float, s: Array) -> Array:
+        del dt
+        return _numbers(self.space.step, point, s, self.p)[0][:, 0]
+
+    def _read(self, point: Array, s: Array) -> Array:
+        return _numbers(self.space.output, point, s, self.p)[0][:, 0]
+
+
+def _root(P: Array) -> Array:
+    """Upper triangle U with U' U = P; a direction without variance has none."""
+    n, L = len(P), np.zeros_like(P)
+    for j in range(n):
+        d = P[j, j] - L[j, :j] @ L[j, :j]
+        if d > 1e-14 * P[j, j]:
+            L[j, j] = np.sqrt(d)
+            L[j + 1 :, j] = (P[j + 1 :, j] - L[j + 1 :, :j] @ L[j, :j]) / L[j, j]
+    return np.asarray(L.T)

@@ -1,0 +1,75 @@
+"""What tracking finds: states, tyres and forces over time, each with its standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from .consistency import Consistency
+
+
+@dataclass(frozen=True)
+class Track:
+    """Estimates over a recording.
+
+    Attributes
+    ----------
+    model : with what is tracked among its parameters.
+    recording : as the filter saw it, glitches of inputs bridged.
+    kind : "ekf" or "ukf".
+    smoothed : whether later readings count as well.
+    rows : (n,) of the recording that the estimates are of.
+    run : (n,) number of the unbroken run of each row, from 0.
+    values, sds : name -> (n,) estimate and its standard deviation, in SI units.
+    units : name -> SI unit.
+    tracked : names of what walks.
+    noise : name -> size, as used.
+    innovations, expected : channel -> (n,) innovations of readings, and their standard deviations as expected.
+    consistency : channel -> what these say.
+    widened : by how much standard deviations were widened for innovations that scatter further than expected.
+    log_likelihood : of all readings, constants left out.
+    sentences : what a reader must know: glitches, gaps, what this recording does not tell and where.
+    told : tracked name -> share of rows in which the recording tells more of it than was known before.
+    calibrated : parameter -> its value and standard deviation, where parameters were tuned along with the noise.
+    seconds : processor time of the filter itself.
+    """
+
+    model: MotionModel
+    recording: Recording
+    kind: str
+    smoothed: bool
+    rows: Array
+    run: Array
+    values: Mapping[str, Array]
+    sds: Mapping[str, Array]
+    units: Mapping[str, str]
+    tracked: tuple[str, ...]
+    noise: Mapping[str, float]
+    innovations: Mapping[str, Array]
+    expected: Mapping[str, Array]
+    consistency: Mapping[str, Consistency]
+    widened: float
+    log_likelihood: float
+    sentences: tuple[str, ...]
+    told: Mapping[str, float]
+    calibrated: Mapping[str, tuple[float, float]]
+    seconds: float
+
+    @property
+    def time(self) -> Array:
+        """(n,) s."""
+        return np.asarray(self.recording.time[self.rows.astype(int)])
+
+    def table(self) -> pd.DataFrame:
+        """One row per sample: time, run, and every estimate with its standard deviation as NAME and NAME_sd."""
+        columns: dict[str, Array] = {"time": self.time, "run": self.run}
+        for name, values in self.values.items():
+            columns[name] = values
+            columns[f"{name}_sd"] = self.sds[name]
+        return pd.DataFrame(columns)

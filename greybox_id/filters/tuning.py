@@ -1,0 +1,224 @@
+"""Noise from the data: the numbers under which what was read is least surprising.
+
+A filter predicts each reading with a variance; the likelihood of all innovations together says how well noise and, if
+asked, the model's own free parameters fit (prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2;
+Kristensen, Madsen & Jorgensen, Automatica 40, 2004). Gradients come from filters side by side, one for each number.
+
+The likelihood knows what was read and nothing else: a better one is not always a better sideslip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..errors import BadInput
+from ..motion_model import MotionModel
+from ..parameter import Array, Parameter
+from .filtering import Filtering
+from .laid import LaidRun
+
+STEP = 1e-5
+"""Of differences, in the coordinates below."""
+NOISE_SD = 2.0
+"""What is believed of a noise: its logarithm within so much of where it starts, one standard deviation."""
+WEAK = 1.0
+"""What is believed of a parameter that nothing is stated of, in its logarithm or in its usual size."""
+FARTHEST = 6.0
+"""No noise moves further than this, in its logarithm."""
+FAR_UP = 1e15
+"""Cost of numbers with which the filter diverges."""
+WIDE = 1e-3
+"""Of differences of slopes."""
+MOST_STEPS = 80
+BLOCK = 5.0
+"""Surprises within so many seconds may depend on each other."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One number of p, as it is searched: its logarithm, or itself over its scale.
+
+    Attributes
+    ----------
+    place : in p.
+    mean, sd : what is believed of the coordinate.
+    scale : of a number that is searched itself; 0 where it is its logarithm.
+    low, high : of the coordinate.
+    """
+
+    place: int
+    mean: float
+    sd: float
+    scale: float
+    low: float
+    high: float
+
+    def of(self, value: float) -> float:
+        """The coordinate of a value."""
+        return float(value / self.scale if self.scale else np.log(value))
+
+    def value(self, coordinate: Array) -> Array:
+        """The values of coordinates."""
+        return np.asarray(coordinate * self.scale if self.scale else np.exp(coordinate))
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What tuning found.
+
+    Attributes
+    ----------
+    p : (parameters,) all numbers.
+    cost : half of minus two log-likelihoods, constants left out, before and after.
+    steps : taken.
+    moves : (k, parameters) principal standard deviations of the model's own parameters, as moves of p.
+    """
+
+    p: Array
+    cost: tuple[float, float]
+    steps: int
+    moves: Array
+
+
+def noise_coordinates(filtering: Filtering, p: Array, tunable: Sequence[str]) -> list[Coordinate]:
+    """The noises by these names."""
+    begin, names = filtering.space.model.size, filtering.space.noises
+    found = []
+    for name in tunable:
+        place = begin + names.index(name)
+        at = float(np.log(p[place]))
+        found.append(Coordinate(place, at, NOISE_SD, 0.0, at - FARTHEST, at + FARTHEST))
+    return found
+
+
+def model_coordinates(model: MotionModel, tracked: Sequence[str]) -> list[Coordinate]:
+    """The model's free single parameters that are not tracked."""
+    found, place = [], 0
+    for own in model.parameters:
+        if not own.fixed and own.shape == () and own.name not in tracked:
+            found.append(_coordinate(own, place))
+        place += own.size
+    return found
+
+
+def tuned(
+    filtering: Filtering, runs: Sequence[LaidRun], p: Array, noise: Sequence[Coordinate], own: Sequence[Coordinate],
+    say: Callable[[str], None] = lambda line: None,
+) -> Tuned:  # fmt: skip
+    """The most likely numbers, near what is believed of them."""
+    search = _Search(filtering, runs, p, [*noise, *own])
+    before = float(filtering.costs(runs, p[None])[0])
+    if not np.isfinite(before):
+        raise BadInput(
+            "The filter diverges before anything is tuned: check units and signs (greybox data check) and the numbers "
+            "of the vehicle, or track less."
+        )
+    say(f"tuning {len(noise)} noises" + (f" and {len(own)} parameters" if own else ""))
+    found = minimize(
+        search.surprise, np.array([c.of(p[c.place]) for c in search.coordinates]), jac=True, method="L-BFGS-B",
+        bounds=[(c.low, c.high) for c in search.coordinates], options={"maxiter": MOST_STEPS, "maxcor": 30},
+    )  # fmt: skip
+    best = search.placed(found.x[None])[0]
+    moves = np.empty((0, len(p)))
+    if own:
+        values, vectors = np.linalg.eigh(search.spread(found.x)[len(noise) :, len(noise) :])
+        axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        moved = found.x + np.hstack([np.zeros((len(axes), len(noise))), axes])
+        moves = search.placed(moved) - best
+    return Tuned(best, (before, float(filtering.costs(runs, best[None])[0])), int(found.nit), moves)
+
+
+def _coordinate(own: Parameter, place: int) -> Coordinate:
+    value, (low, high) = float(own.array), own.bounds
+    positive = low >= 0 and value > 0
+    sd = float(np.asarray(own.prior.sd)) if own.prior is not None else np.inf
+    mean = float(np.asarray(own.prior.mean)) if own.prior is not None and own.prior.mean is not None else value
+    if positive:
+        believed = sd / mean if np.isfinite(sd) else WEAK
+        return Coordinate(place, float(np.log(mean)), believed, 0.0, np.log(max(low, 1e-12)), np.log(high))
+    scale = sd if np.isfinite(sd) else max(abs(value), 0.01)
+    return Coordinate(place, mean / scale, 1.0 if np.isfinite(sd) else WEAK, scale, low / scale, high / scale)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The likelihood in coordinates.
+
+    Attributes
+    ----------
+    filtering, runs : what is filtered.
+    p : all numbers, those that are not searched stay there.
+    coordinates : of those searched.
+    """
+
+    filtering: Filtering
+    runs: Sequence[LaidRun]
+    p: Array
+    coordinates: Sequence[Coordinate]
+
+    @cached_property
+    def mean(self) -> Array:
+        """What is believed of the coordinates."""
+        return np.array([c.mean for c in self.coordinates])
+
+    @cached_property
+    def sd(self) -> Array:
+        """How well."""
+        return np.array([c.sd for c in self.coordinates])
+
+    def placed(self, points: Array) -> Array:
+        """All numbers (L, parameters) at points (L, coordinates)."""
+        found = np.tile(self.p, (len(points), 1))
+        for column, c in zip(points.T, self.coordinates, strict=True):
+            found[:, c.place] = c.value(column)
+        return found
+
+    def surprise(self, point: Array) -> tuple[float, Array]:
+        """Half of minus two log-posteriors, constants left out, and its slope."""
+        around = point + STEP * np.vstack([np.zeros(len(point)), np.eye(len(point))])
+        costs = self.filtering.costs(self.runs, self.placed(around))
+        off = (point - self.mean) / self.sd
+        slope, cost = (costs[1:] - costs[0]) / STEP + off / self.sd, costs[0] + 0.5 * float(off @ off)
+        if not (np.isfinite(cost) and np.all(np.isfinite(slope))):
+            return FAR_UP, np.zeros_like(slope)
+        return float(cost), slope
+
+    def spread(self, point: Array) -> Array:
+        """Covariance of the coordinates at the best point.
+
+        The curvature says how sharply the likelihood tells them; the scores of blocks, how much they scatter, which is
+        more than the curvature says where the model is not the vehicle (sandwich). Nothing is known worse than before.
+        """
+        ahead, behind = (
+            np.array([self.surprise(point + sign * WIDE * e)[1] for e in np.eye(len(point))]) for sign in (1, -1)
+        )
+        H = (
+            (ahead - behind) / (2 * WIDE) * self.sd * self.sd[:, None]
+        )  # in units of what was believed, of which it has 1
+        values, vectors = np.linalg.eigh((H + H.T) / 2)
+        inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
+        here = self._blocks(point)
+        scores = np.array([(self._blocks(point + STEP * e) - here) / STEP for e in np.eye(len(point))])
+        scores *= self.sd[:, None]
+        values, vectors = np.linalg.eigh(inverse + inverse @ (scores @ scores.T) @ inverse)
+        return np.asarray((vectors * np.clip(values, 0.0, 1.0)) @ vectors.T * self.sd * self.sd[:, None])
+
+    def _blocks(self, point: Array) -> Array:
+        return _block_costs(self.filtering, self.runs, self.placed(point[None])[0])
+
+
+def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Array:
+    """What each block of readings adds to the cost."""
+    blocks = []
+    for own, history in zip(runs, filtering.histories(runs, p), strict=True):
+        taken = np.maximum(history.spread, history.off**2 / filtering.gate**2)
+        cost = np.nansum(0.5 * (history.off**2 / taken + np.log(taken)), axis=1)
+        elapsed = np.concatenate(([0.0], np.cumsum(own.segments[:-1, 0])))
+        number = (elapsed // BLOCK).astype(int)
+        blocks.append(np.bincount(number, weights=cost))
+    return np.concatenate(blocks)

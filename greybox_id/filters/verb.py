@@ -1,0 +1,314 @@
+"""The verb `track`: states, tyres and forces along a recording by an EKF or UKF."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..effect import Effect
+from ..errors import BadInput, near_or_all
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..signals import unit_of, unit_of_quantity
+from .consistency import WINDOW, Consistency, consistency, widening
+from .filtering import GATE, filtering
+from .findings import lost, must_be_finite, told_rows, untold
+from .guard import guarded
+from .kernel import History, Kind
+from .laid import LaidRun, laid
+from .noise import NoiseLevels, scatter_of, start_levels
+from .points import SigmaPoints
+from .smoother import smoothed
+from .state_space import StateSpace
+from .track import Track
+from .tuning import Tuned, model_coordinates, noise_coordinates, tuned
+from .uncertain import believed, padded
+from .walking import walking
+
+READINGS = ("v_x", "yaw_rate", "a_y")
+"""What a series car measures: readings that a filter takes unless others are named."""
+REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
+"""Estimated besides states and what is tracked, where a model has it."""
+TUNED_ON = 60.0
+"""Noise is tuned on so many seconds at the beginning of a recording."""
+STIFFNESSES = ("C_alpha_f", "C_alpha_r")
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class How:
+    """How a recording is tracked.
+
+    Attributes
+    ----------
+    filter : "ekf" or "ukf".
+    smooth : whether later readings count as well.
+    readings : outputs whose readings are taken.
+    coloured : outputs whose error has a slow part besides white noise.
+    noise : sizes that are stated; the others are tuned.
+    known : sizes known of the vehicle, which count for those of the noises that there are.
+    tune : seconds at the beginning on which noise is tuned; 0 takes it as stated or guessed.
+    calibrate : seconds at the beginning on which the model's free parameters are tuned along; 0 leaves them.
+    gate : readings further off than so many standard deviations count as noisier.
+    points : sigma points of the UKF.
+    """
+
+    filter: Kind = "ekf"
+    smooth: bool = False
+    readings: Sequence[str] = READINGS
+    coloured: Sequence[str] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    known: Mapping[str, float] = field(default_factory=dict)
+    tune: float = TUNED_ON
+    calibrate: float = 0.0
+    gate: float = GATE
+    points: SigmaPoints = field(default_factory=SigmaPoints)
+
+
+def track(
+    model: MotionModel, recording: Recording, parameters: Sequence[str] = (), *, disturbances: Sequence[str] = (),
+    effects: Mapping[str, Effect] | None = None, how: How | None = None, uncertain: Array | None = None,
+    say: Say = lambda line: None, **more: object,
+) -> Track:  # fmt: skip
+    """Track a vehicle along a recording.
+
+    Parameters
+    ----------
+    model : equations of motion. Free parameters with a prior are uncertain: what estimates owe to them is in their
+        standard deviations.
+    recording : in SI units. Glitches and short gaps of inputs are bridged and reported.
+    parameters : what walks at random: parameters, scaled combinations (C_alpha_f), effects, quantities (F_yf) or
+        inputs. Inputs that were not recorded walk without being named.
+    disturbances : what comes and goes about where it stands.
+    effects : those that may be tracked by name without being in the model.
+    how : filter, readings, noise.
+    uncertain : (k, parameters) principal standard deviations of the model's parameters, such as a fit knows; None
+        takes each parameter's own prior.
+    say : called with one line of progress at a time.
+    more : fields of `How`, in place of it.
+
+    Returns
+    -------
+    Track.
+
+    Raises
+    ------
+    BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
+    """
+    how = replace(how or How(), **more)  # type: ignore[arg-type]
+    with threadpool_limits(1):  # matrices are tiny
+        tracker = Tracker(model, recording, parameters, disturbances, effects or {}, how, uncertain)
+        return tracker.track(recording, say)
+
+
+class Tracker:
+    """A filter made for a model and what a recording holds; it tracks this and others like it.
+
+    Parameters as of `track`.
+
+    Attributes
+    ----------
+    space : the model as the filter sees it.
+    filtering : what filters it.
+    readings : those that are taken.
+    absent : inputs that are not recorded and walk therefore.
+    """
+
+    def __init__(
+        self, model: MotionModel, recording: Recording, parameters: Sequence[str], disturbances: Sequence[str],
+        effects: Mapping[str, Effect], how: How, uncertain: Array | None = None,
+    ) -> None:  # fmt: skip
+        self.how = how
+        self._uncertain = uncertain
+        named = (*parameters, *disturbances)
+        self.absent = tuple(name for name in _absent(model, recording) if name not in named)
+        for name in how.readings:
+            if name not in model.outputs and name not in model.inputs and name not in READINGS:
+                raise BadInput(f"{model.name} has no output {name} to be read.{near_or_all(name, model.outputs)}")
+        self.readings = tuple(n for n in how.readings if n in model.outputs and _recorded(recording, n))
+        if not self.readings:
+            raise BadInput(
+                f"{recording.name} has none of {', '.join(how.readings)}, which the filter is to read; name "
+                f"others with --readings: {model.name} has {', '.join(model.outputs)}."
+            )
+        changed, tracked = walking(model, (*parameters, *self.absent), disturbances, effects)
+        coloured = tuple(name for name in how.coloured if name in self.readings)
+        self.space = StateSpace(changed, tracked, coloured)
+        self.filtering = filtering(self.space, how.filter, how.points, how.gate)
+
+    def track(self, recording: Recording, say: Say = lambda line: None) -> Track:
+        """Estimates along a recording."""
+        space, how = self.space, self.how
+        inputs = tuple(n for name in space.model.inputs for n in _signals(space.model, name))
+        clean, sentences = guarded(recording, inputs)
+        runs = laid(space, clean, space.model.values, self.readings)
+        levels = start_levels(space, scatter_of(clean, self.readings), self.readings, self.stated_noise)
+        p = np.concatenate([space.model.values, levels.values])
+        p, moves = self._tune(runs, p, levels, say)
+        say(f"{how.filter.upper()} over {sum(len(own.run) for own in runs)} rows")
+        clock = time.process_time()
+        histories = self.filtering.histories(runs, p)
+        seconds = time.process_time() - clock
+        must_be_finite(histories, runs, recording.name)
+        found = self._estimates(runs, histories, p)
+        judged = self._judged(runs, histories)
+        widened = widening([judged[name] for name in self.readings])
+        sds = {name: np.sqrt(v) * widened for name, v in found.variances.items()}
+        for j, move in enumerate(moves):
+            say(f"what parameters leave open, {j + 1} of {len(moves)}")
+            again = self._estimates(runs, self.filtering.histories(runs, p + move), p + move)
+            for name in sds:
+                off = again.values[name] - found.values[name]
+                sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
+        told, about = self._told(found)
+        names = self.reported
+        rows = np.concatenate([np.asarray(own.run.rows) for own in runs])
+        off = np.vstack([h.off[own.row_segment] for own, h in zip(runs, histories, strict=True)])
+        spread = np.vstack([h.spread[own.row_segment] for own, h in zip(runs, histories, strict=True)])
+        columns = {name: space.model.outputs.index(name) for name in self.readings}
+        return Track(
+            model=space.model,
+            recording=clean,
+            kind=how.filter,
+            smoothed=how.smooth,
+            rows=rows,
+            run=np.repeat(np.arange(len(runs)), [len(own.run) for own in runs]),
+            values=found.values,
+            sds=sds,
+            units={name: self._unit(name) for name in names},
+            tracked=tuple(own.name for own in space.tracked),
+            noise=dict(zip(space.noises, p[space.model.size :].tolist(), strict=True)),
+            innovations={name: off[:, k] for name, k in columns.items()},
+            expected={name: np.sqrt(spread[:, k]) for name, k in columns.items()},
+            consistency=judged,
+            widened=widened,
+            log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
+            sentences=(*sentences, *about, *lost(runs, histories, columns)),
+            told=told,
+            calibrated=self._calibrated(p, moves) if how.calibrate else {},
+            seconds=seconds,
+        )
+
+    @property
+    def reported(self) -> tuple[str, ...]:
+        """Names of the estimates: sideslip, states, tyres and forces, and what is tracked."""
+        model = self.space.model
+        known = {*model.quantities, *(own.name for own in model.combinations if own.scaled_by)}
+        states = self.space.trace.names
+        has_slip = {"v_x", "v_y"} <= {*states, *model.inputs}
+        others = [n for n in REPORTED if n in known or (n == "sideslip" and has_slip)]
+        return tuple(dict.fromkeys([*others[:1], *states, *others[1:], *(own.name for own in self.space.tracked)]))
+
+    @property
+    def stated_noise(self) -> dict[str, float]:
+        """Sizes of noises that are not to be tuned."""
+        return {n: size for n, size in self.how.known.items() if n in self.space.noises} | dict(self.how.noise)
+
+    def stated_moves(self, size: int) -> Array:
+        """(k, size) what is stated of the model's uncertainty, as moves of p."""
+        return believed(self.space, size) if self._uncertain is None else padded(self.space, self._uncertain, size)
+
+    def _tune(self, runs: Sequence[LaidRun], p: Array, levels: NoiseLevels, say: Say) -> tuple[Array, Array]:
+        """Noise, and parameters if asked, tuned on the beginning; and what the parameters leave open."""
+        how, space = self.how, self.space
+        stated = self.stated_moves(len(p))
+        own = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
+        noise = noise_coordinates(self.filtering, p, levels.open) if how.tune or how.calibrate else []
+        if not noise and not own:
+            return p, stated
+        beginning = _beginning(runs, max(how.tune, how.calibrate))
+        found: Tuned = tuned(self.filtering, beginning, p, noise, own, say)
+        return found.p, found.moves if own else stated
+
+    def _calibrated(self, p: Array, moves: Array) -> dict[str, tuple[float, float]]:
+        """The model's free parameters as tuned, with their standard deviations."""
+        names = [own.name for own in self.space.tracked]
+        spread = np.sqrt(np.sum(moves**2, axis=0))
+        free = [
+            own for own in self.space.model.parameters if not own.fixed and own.shape == () and own.name not in names
+        ]
+        places = {own.name: self.space.place(own.name) for own in free}
+        return {name: (float(p[k]), float(spread[k])) for name, k in places.items()}
+
+    def _estimates(self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array) -> _Estimates:
+        names, n = self.reported, self.space.size
+        seen = self.space.seen(names)
+        values, variances = [], []
+        for own, history in zip(runs, histories, strict=True):
+            x, P = smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)
+            x, P = x[own.row_segment], P[own.row_segment]
+            found = seen(x, own.segments[own.row_segment], p)
+            values.append(found[:, : len(names)])
+            by_x = found[:, len(names) :].reshape(len(x), len(names), n)
+            variances.append(np.einsum("kij,kjl,kil->ki", by_x, P, by_x))
+        stacked, spread = np.vstack(values), np.maximum(np.vstack(variances), 0.0)
+        return _Estimates(
+            {name: stacked[:, k] for k, name in enumerate(names)}, {name: spread[:, k] for k, name in enumerate(names)}
+        )
+
+    def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
+        found = {}
+        per_window = max(2, round(WINDOW / runs[0].run.sample_time))
+        for name in self.readings:
+            k = self.space.model.outputs.index(name)
+            off = np.concatenate([h.off[:, k] for h in histories])
+            spread = np.concatenate([h.spread[:, k] for h in histories])
+            there = np.isfinite(off)
+            found[name] = consistency(off[there], spread[there], per_window, self.how.gate)
+        return found
+
+    def _told(self, found: _Estimates) -> tuple[dict[str, float], list[str]]:
+        """Of all that walks, the share of rows in which the recording tells it, and sentences on stiffness."""
+        shares, sentences = {}, []
+        for own in self.space.tracked:
+            told = told_rows(own, found.values[own.name], np.sqrt(found.variances[own.name]))
+            shares[own.name] = float(np.mean(told))
+            scaled = next((c.name for c in self.space.model.combinations if c.scaled_by == own.name), own.name)
+            if scaled in STIFFNESSES:
+                axle = scaled[-2:]
+                sentences.append(untold(scaled, told, found.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
+        return shares, [sentence for sentence in sentences if sentence]
+
+    def _unit(self, name: str) -> str:
+        model = self.space.model
+        own = next((c.unit for c in model.combinations if c.name == name), None)
+        if own is None and name in model:
+            own = model[name].unit
+        state = next((s.unit for s in model.states if s.name == name), None)
+        return own or state or (unit_of(name, "") or unit_of_quantity(name))
+
+
+@dataclass(frozen=True)
+class _Estimates:
+    values: dict[str, Array]
+    variances: dict[str, Array]
+
+
+def _absent(model: MotionModel, recording: Recording) -> list[str]:
+    """Inputs without a default that the recording does not hold."""
+    return [n for n in model.inputs if n not in model.defaults and not any(s in recording for s in _signals(model, n))]
+
+
+def _signals(model: MotionModel, name: str) -> tuple[str, ...]:
+    return model.aliases.get(name, (name,))
+
+
+def _recorded(recording: Recording, name: str) -> bool:
+    return name in recording and bool(np.any(np.isfinite(recording[name])))
+
+
+def _beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
+    found: list[LaidRun] = []
+    left = seconds
+    for own in runs:
+        if left <= 0 and found:
+            break
+        found.append(own.first(left))
+        left -= float(own.run.time[-1] - own.run.time[0])
+    return found
