@@ -11,7 +11,7 @@ import numpy as np
 
 from ..engine.compiler import CannotCompile
 from ..parameter import Array
-from .kernel import CompiledFilter, History, Kind
+from .kernel import CompiledFilter, History, Kept, Kind
 from .laid import LaidRun
 from .plain import PlainFilter
 from .points import SigmaPoints
@@ -27,7 +27,7 @@ class Filter(Protocol):
     """What filters: compiled, or in plain Python."""
 
     def run(
-        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
     ) -> tuple[Array, History | None]:
         """As `CompiledFilter.run`."""
 
@@ -54,17 +54,17 @@ class Filtering:
         for k, own in enumerate(runs):
             if k:
                 x, P = self.begin(own, p, (x, P))
-            cost += self.filter.run(x, P, own.segments, own.readings, p, self.gate, told=False)[0]
+            cost += self.filter.run(x, P, own.segments, own.readings, p, self.gate, "nothing")[0]
         return cost
 
-    def histories(self, runs: Sequence[LaidRun], p: Array) -> list[History]:
+    def histories(self, runs: Sequence[LaidRun], p: Array, kept: Kept = "filtered") -> list[History]:
         """What the filter went through with parameters (parameters,), run by run."""
         found = []
         x, P = self.begin(runs[0], p[None])
         for k, own in enumerate(runs):
             if k:
                 x, P = self.begin(own, p[None], (x, P))
-            _, history = self.filter.run(x, P, own.segments, own.readings, p[None], self.gate, told=True)
+            _, history = self.filter.run(x, P, own.segments, own.readings, p[None], self.gate, kept)
             assert history is not None
             found.append(history)
         return found

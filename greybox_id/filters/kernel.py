@@ -18,6 +18,8 @@ from .source import ekf_source, ukf_source
 from .state_space import StateSpace
 
 Kind = Literal["ekf", "ukf"]
+Kept = Literal["nothing", "filtered", "both ways"]
+"""What is kept of a filter's history: nothing, what came after each segment's readings, or all a smoother needs."""
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,9 @@ class History:
 
     Attributes
     ----------
-    predicted, predicted_P : (S, n), (S, n, n) before a segment's readings.
+    predicted, predicted_P : (S, n), (S, n, n) before a segment's readings; empty where no smoother needs them.
     filtered, filtered_P : after them.
-    forward : (S, n, n) covariance of x after a segment's readings with x as predicted for the next one.
+    forward : (S, n, n) covariance of x after a segment's readings with x as predicted for the next one; empty likewise.
     off : (S, m) innovations, reading minus prediction; NaN where nothing was read.
     spread : (S, m) their variance as predicted.
     """
@@ -62,7 +64,7 @@ class CompiledFilter:
         self._library = made
 
     def run(
-        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
     ) -> tuple[Array, History | None]:
         """Filter; x and P, (L, n) and (L, n, n), are moved to after the last segment's readings.
 
@@ -71,7 +73,7 @@ class CompiledFilter:
         s, y : (S, numbers) and (S, m) segments, and what was read at their starts (NaN where nothing was).
         p : (L, parameters) of each filter.
         gate : readings further off than so many standard deviations count as noisier.
-        told : whether the first filter's history is wanted.
+        kept : of the first filter's history.
 
         Returns
         -------
@@ -86,12 +88,23 @@ class CompiledFilter:
             if not (array.flags.c_contiguous and array.dtype == np.float64):
                 raise ValueError("Filters work on contiguous arrays of doubles.")
         cost = np.zeros(lanes)
-        sizes = [(segments, n), (segments, n, n)] * 2 + [(segments, n, n), (segments, m), (segments, m)]
-        history = History(*[np.zeros(size) for size in sizes]) if told else None
-        record = _Record(*([getattr(history, own.name).ctypes.data for own in fields(History)] if history else []))
+        history = blank_history(segments, n, m, kept) if kept != "nothing" else None
+        record = _Record(*(_place(getattr(history, own.name)) for own in fields(History))) if history else _Record()
         places = [array.ctypes.data for array in (self._weights, s, y, p, x, P, cost)]
         self._library.filter(lanes, segments, gate, *places, record)
         return cost, history
+
+
+def blank_history(segments: int, n: int, m: int, kept: Kept) -> History:
+    """A history to be filled in."""
+    backwards = segments if kept == "both ways" else 0
+    back = [(backwards, n), (backwards, n, n)]
+    sizes = [*back, (segments, n), (segments, n, n), (backwards, n, n), (segments, m), (segments, m)]
+    return History(*[np.zeros(size) for size in sizes])
+
+
+def _place(array: Array) -> int | None:
+    return array.ctypes.data if len(array) else None
 
 
 @lru_cache

@@ -74,7 +74,7 @@ class LiveFilter:
             self._go(row, u, step)
         segments, y = np.ascontiguousarray(row[None]), np.ascontiguousarray(readings[None], dtype=float)
         filtering = self._filtering
-        filtering.filter.run(self._x, self._P, segments, y, self._p, filtering.gate, told=False)
+        filtering.filter.run(self._x, self._P, segments, y, self._p, filtering.gate, "nothing")
         self._last = (time, u)
         return *self._told(row), glitches
 
@@ -106,7 +106,7 @@ class LiveFilter:
         segments[:, 1 + len(u) : 1 + 2 * len(u)] = slope
         nothing = np.full((parts + 1, len(space.model.outputs)), np.nan)
         filtering = self._filtering
-        filtering.filter.run(self._x, self._P, segments, nothing, self._p, filtering.gate, told=False)
+        filtering.filter.run(self._x, self._P, segments, nothing, self._p, filtering.gate, "nothing")
 
     def _told(self, row: Array) -> tuple[Array, Array]:
         count, n = len(self.names), self._filtering.space.size

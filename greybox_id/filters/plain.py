@@ -12,7 +12,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from ..parameter import Array
-from .kernel import History, Kind
+from .kernel import History, Kept, Kind, blank_history
 from .points import SigmaPoints
 from .state_space import StateSpace
 
@@ -24,7 +24,7 @@ class PlainFilter:
         self.space, self.kind, self.points = space, kind, points
 
     def run(
-        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, told: bool
+        self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
     ) -> tuple[Array, History | None]:
         """As `CompiledFilter.run`."""
         cost, first = np.zeros(len(x)), None
@@ -34,13 +34,12 @@ class PlainFilter:
             history = _went_through(one, s, y)
             first = first or history
             x[lane], P[lane], cost[lane] = one.x, one.P, one.cost
-        return cost, first if told else None
+        return cost, first if kept != "nothing" else None
 
 
 def _went_through(one: _Ekf | _Ukf, s: Array, y: Array) -> History:
-    n, m, count = len(one.x), y.shape[1], len(s)
-    sizes = [(count, n), (count, n, n)] * 2 + [(count, n, n), (count, m), (count, m)]
-    told = History(*[np.zeros(size) for size in sizes])
+    count = len(s)
+    told = blank_history(count, len(one.x), y.shape[1], "both ways")
     for k in range(count):
         told.predicted[k], told.predicted_P[k] = one.x, one.P
         told.off[k], told.spread[k] = one.read(s[k], y[k])

@@ -19,7 +19,7 @@ from .consistency import WINDOW, Consistency, consistency, widening
 from .filtering import GATE, filtering
 from .findings import lost, must_be_finite, told_rows, untold
 from .guard import guarded
-from .kernel import History, Kind
+from .kernel import History, Kept, Kind
 from .laid import LaidRun, laid
 from .noise import NoiseLevels, scatter_of, start_levels
 from .points import SigmaPoints
@@ -152,8 +152,9 @@ class Tracker:
         p = np.concatenate([space.model.values, levels.values])
         p, moves = self._tune(runs, p, levels, say)
         say(f"{how.filter.upper()} over {sum(len(own.run) for own in runs)} rows")
+        kept: Kept = "both ways" if how.smooth else "filtered"
         clock = time.process_time()
-        histories = self.filtering.histories(runs, p)
+        histories = self.filtering.histories(runs, p, kept)
         seconds = time.process_time() - clock
         must_be_finite(histories, runs, recording.name)
         found = self._estimates(runs, histories, p)
@@ -162,7 +163,7 @@ class Tracker:
         sds = {name: np.sqrt(v) * widened for name, v in found.variances.items()}
         for j, move in enumerate(moves):
             say(f"what parameters leave open, {j + 1} of {len(moves)}")
-            again = self._estimates(runs, self.filtering.histories(runs, p + move), p + move)
+            again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move)
             for name in sds:
                 off = again.values[name] - found.values[name]
                 sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
