@@ -41,20 +41,18 @@ class Carried:
 class Network:
     """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
 
-        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
+        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out
 
     Attributes
     ----------
     features : numbers it reads.
     hidden : units of each hidden layer.
     outputs : numbers it says.
-    skip : whether features also go straight to the output, W_skip.
     """
 
     features: int
     hidden: tuple[int, ...]
     outputs: int
-    skip: bool = False
 
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
@@ -64,8 +62,7 @@ class Network:
         for number, units in enumerate(self.hidden, 1):
             found |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
             before = units
-        found |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
-        return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
+        return found | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +72,7 @@ class HybridModel(Model):
     Attributes
     ----------
     states : in order.
+    commands : inputs that are held between rows where a recording says that commands are.
     network : its size; its weights are parameters by the names of `Network.shapes`.
     features : (x, u, p) -> what the network reads, each of order one.
     physics : see `Physics`. Outputs are states or quantities by name.
@@ -89,6 +87,7 @@ class HybridModel(Model):
     """
 
     states: tuple[Carried, ...]
+    commands: tuple[str, ...] = ()
     network: Network
     features: Callable[[Namespace, Namespace, Namespace], Sequence[Symbol]]
     physics: Physics

@@ -125,7 +125,7 @@ def _split(
 def _rows(whole: Stretch, start: int, stop: int) -> Stretch:
     first = whole.rows.start
     return Stretch(
-        slice(first + start, first + stop),
+        slice(first + start, first + stop), whole.sample_time,
         whole.inputs[:, start:stop], whole.outputs[:, start:stop], whole.states[:, start:stop],
     )  # fmt: skip
 

@@ -101,20 +101,17 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
         ("a_y", "yaw_rate", "sideslip"),
         forces,
         settings or HybridSettings(),
-        skip=False,
     )
 
 
 def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' lateral forces (Eq. 9-12).
 
-    Slip angles also go straight to its output, where it starts as a linear tyre: the vehicle would not turn without
-    forces, nor training begin.
+    What it says adds to a linear tyre: without any force the vehicle would not turn, nor training begin.
     """
 
     def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
-        del slips
-        return [load * each for each, load in zip(z, loads, strict=True)]
+        return [load * (SLOPE * slip + each) for each, slip, load in zip(z, slips, loads, strict=True)]
 
     return _hybrid(
         "hybrid_force",
@@ -122,7 +119,6 @@ def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
         forces,
         settings or HybridSettings(),
-        skip=True,
     )
 
 
@@ -132,9 +128,8 @@ def _hybrid(
     outputs: tuple[str, ...],
     forces: Callable[[Sequence[Symbol], Sequence[Symbol], Sequence[Symbol]], list[Symbol]],
     s: HybridSettings,
-    skip: bool,
 ) -> HybridModel:
-    network = Network(4, tuple(int(units) for units in s.hidden), 2, skip)
+    network = Network(4, tuple(int(units) for units in s.hidden), 2)
     speed, spread = s.speed or 15.0, s.speed_spread or 5.0
     sample_time = s.sample_time or 0.01
 
@@ -165,6 +160,7 @@ def _hybrid(
         name=name,
         about=about,
         inputs=("v_x", "steer"),
+        commands=("steer",),
         outputs=outputs,
         parameters=(*BODY[:4], *_weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
@@ -193,14 +189,11 @@ def _positive(z: Symbol) -> Symbol:
 
 
 def _weights(network: Network) -> tuple[Parameter, ...]:
-    """All zero, but for forces that start as linear tyres."""
-    found = []
-    for name, shape in network.shapes.items():
-        value = np.zeros(shape)
-        if name == "W_skip":
-            value[0, 0] = value[1, 1] = SLOPE * _SLIP
-        found.append(Parameter(name, "1", value, about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}"))
-    return tuple(found)
+    """All zero: the network adds nothing."""
+    return tuple(
+        Parameter(name, "1", np.zeros(shape), about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}")
+        for name, shape in network.shapes.items()
+    )
 
 
 _ABOUT = {"W": "weights of layer", "R": "weights of what it remembers, layer", "b": "biases of layer"}

@@ -15,8 +15,8 @@ from ...recording import Recording
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """A recording may differ from the model's sample time by this share."""
-_START = 2
-"""Rows to either side over which a start's reading is averaged."""
+_START = 0.02
+"""s to either side, through whose readings a line is laid for a start."""
 _SMOOTH, _ORDER = 15, 3
 """Rows and order of the polynomials that a signal follows: what it departs from them by is noise."""
 
@@ -28,12 +28,14 @@ class Stretch:
     Attributes
     ----------
     rows : of the recording.
-    inputs : (inputs, n).
+    sample_time : s.
+    inputs : (2 inputs, n), now and as they act until the next row: a command that is held acts as half its step.
     outputs : (outputs, n) as read; NaN where they are not.
     states : (states, n) as read; NaN where they are not.
     """
 
     rows: slice
+    sample_time: float
     inputs: Array
     outputs: Array
     states: Array
@@ -42,10 +44,10 @@ class Stretch:
         return int(self.inputs.shape[1])
 
     def start(self, row: int) -> Array:
-        """States at a row, averaged over the readings about it; zero, straight on, where there are none."""
-        near = self.states[:, max(row - _START, 0) : row + _START + 1]
-        count = np.sum(np.isfinite(near), axis=1)
-        return np.asarray(np.nansum(near, axis=1) / np.maximum(count, 1))
+        """States at a row, on straight lines through the readings about it; zero, straight on, where there are none."""
+        side = round(_START / self.sample_time)
+        first = min(max(row - side, 0), max(len(self) - 2 * side - 1, 0))
+        return np.array([_line(values[first : first + 2 * side + 1], row - first) for values in self.states])
 
 
 def stretches(model: HybridModel, recording: Recording) -> list[Stretch]:
@@ -75,7 +77,8 @@ def stretches(model: HybridModel, recording: Recording) -> list[Stretch]:
     for start, stop in recording.runs:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], usable[start:stop].astype(int), [0])))) + start
         for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-            found.append(Stretch(slice(a, b), inputs[:, a:b], outputs[:, a:b], states[:, a:b]))
+            both = np.concatenate((inputs[:, a:b], _acting(model, recording, inputs[:, a:b])))
+            found.append(Stretch(slice(a, b), h, both, outputs[:, a:b], states[:, a:b]))
     return found
 
 
@@ -85,7 +88,7 @@ class Windows:
 
     Attributes
     ----------
-    inputs : (rows, inputs, windows).
+    inputs : (rows, 2 inputs, windows), as in `Stretch`.
     outputs : (rows, outputs, windows), NaN where not read or not compared.
     starts : (states, windows).
     """
@@ -132,6 +135,26 @@ def noise(found: Sequence[Stretch]) -> Array:
             if len(values) > 2 * _SMOOTH and np.all(np.isfinite(values)):
                 squares[k].append((values - savgol_filter(values, _SMOOTH, _ORDER)) ** 2 / kept)
     return np.array([np.sqrt(np.mean(np.concatenate(own))) if own else np.nan for own in squares])
+
+
+def _acting(model: HybridModel, recording: Recording, inputs: Array) -> Array:
+    """Inputs as they act on states, see `cell`; before the first row commands were as there."""
+    found = inputs.copy()
+    if recording.hold == "zero":
+        for k, name in enumerate(model.inputs):
+            if name in model.commands:
+                found[k, 1:] = 0.5 * (inputs[k, 1:] + inputs[k, :-1])
+    return found
+
+
+def _line(values: Array, place: int) -> float:
+    """A straight line through readings, at one of their places."""
+    at = np.flatnonzero(np.isfinite(values))
+    if len(at) < 3:
+        return float(np.mean(values[at])) if len(at) else 0.0
+    slope, level = np.polyfit(at - place, values[at], 1)
+    del slope
+    return float(level)
 
 
 def _starts(rows: int, length: int, stride: int) -> list[int]:
