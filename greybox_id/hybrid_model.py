@@ -97,7 +97,7 @@ class HybridModel(Model):
     least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     sample_time: float
     substeps: int = 1
-    window: int = 60
+    window: int = 100
     warm_up: int = 20
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from ..hybrid_model import HybridModel
 from ..parameter import Array
 from ..provenance import Stage
 from ..recording import Recording
+from ..signals import SIGNALS
 from ..solvers.quasi_newton import Descent, descend
 from .how import How, Say
 
@@ -67,6 +68,8 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
         if len(one) >= model.window
     ]
     train, held_out, names = _split(named, model, how.seed)
+    if model.symmetric:
+        train = [*train, *(_mirrored(model, one) for one in train)]
     sd = _noise(model, [one for _, one in named], how)
     problem, outside = HybridProblem(model, train, sd), Errors(model, held_out, sd)
     found: list[Descent] = []
@@ -128,6 +131,21 @@ def _rows(whole: Stretch, start: int, stop: int) -> Stretch:
         slice(first + start, first + stop), whole.sample_time,
         whole.inputs[:, start:stop], whole.outputs[:, start:stop], whole.states[:, start:stop],
     )  # fmt: skip
+
+
+def _mirrored(model: HybridModel, one: Stretch) -> Stretch:
+    """The same drive with left and right swapped."""
+
+    def flips(names: Sequence[str]) -> Array:
+        return np.array([[-1.0 if name in SIGNALS and SIGNALS[name].mirrors else 1.0] for name in names])
+
+    inputs, states = flips(model.inputs), flips([state.name for state in model.states])
+    return replace(
+        one,
+        inputs=np.concatenate((inputs, inputs)) * one.inputs,
+        outputs=flips(model.outputs) * one.outputs,
+        states=states * one.states,
+    )
 
 
 def _noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:

@@ -49,15 +49,17 @@ class HybridSettings:
     window, warm_up : rows predicted from one start in training, and how many of them are not compared.
     speed, speed_spread : about which, and in which unit, the network reads the speed, m/s; None takes mean and standard
         deviation of the training recording.
+    symmetric : the vehicle is taken to be the same in a mirror; it is trained on every manoeuvre mirrored too.
     least_speed : below which a slip angle means nothing, m/s.
     sample_time : s; None takes the training recording's.
     """
 
     hidden: tuple[float, ...] = (25.0, 15.0, 10.0)
-    window: int = 60
+    window: int = 100
     warm_up: int = 20
     speed: float | None = None
     speed_spread: float | None = None
+    symmetric: bool = True
     least_speed: float = 3.0
     sample_time: float | None = None
 
@@ -68,7 +70,7 @@ class HybridSettings:
                 f"Setting warm_up must be smaller than window, {self.window}; {self.warm_up} rows were given."
             )
         if any(units != int(units) or not 1 <= units <= 500 for units in self.hidden):
-            raise BadInput("Setting hidden is a list of whole numbers from 1 to 500, as in hidden=25,15,10.")
+            raise BadInput("Setting hidden is a list of whole numbers from 1 to 500, as in hidden=[25,15,10].")
 
 
 def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSettings:
@@ -161,6 +163,7 @@ def _hybrid(
         about=about,
         inputs=("v_x", "steer"),
         commands=("steer",),
+        symmetric=s.symmetric,
         outputs=outputs,
         parameters=(*BODY[:4], *_weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),

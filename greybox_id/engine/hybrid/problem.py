@@ -17,7 +17,7 @@ from ...parameter import Array
 from .cell import Cell
 from .stretches import Stretch, Windows, windows
 
-_ABREAST = 256
+_ABREAST = 64
 """Windows that one call takes: more of them do not stay in the processor's caches."""
 _SHARE = 0.1
 """Unit of a physical parameter without a prior, over its nominal value."""

@@ -9,7 +9,7 @@ from greybox_id.errors import BadInput
 from greybox_id.models.registry import build
 from greybox_id.recording import join
 
-MODEL = build("hybrid_force")
+MODEL = build("hybrid_force", {"window": 60})
 
 
 def test_a_stretch_ends_at_a_gap_a_standstill_and_a_join():
