@@ -41,18 +41,20 @@ class Carried:
 class Network:
     """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
 
-        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out
+        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
 
     Attributes
     ----------
     features : numbers it reads.
     hidden : units of each hidden layer.
     outputs : numbers it says.
+    skip : whether features also go straight to the output, W_skip.
     """
 
     features: int
     hidden: tuple[int, ...]
     outputs: int
+    skip: bool = False
 
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
@@ -62,7 +64,8 @@ class Network:
         for number, units in enumerate(self.hidden, 1):
             found |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
             before = units
-        return found | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        found |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +100,7 @@ class HybridModel(Model):
     least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     sample_time: float
     substeps: int = 1
-    window: int = 100
+    window: int = 60
     warm_up: int = 20
 
     def __post_init__(self) -> None:

@@ -21,7 +21,7 @@ from .how import How, Say
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""
-WARM_UP, STEPS, PATIENCE = 60, 250, 40
+WARM_UP, STEPS, PATIENCE = 60, 300, 60
 _SAID = 10
 """Steps between lines of progress."""
 
@@ -69,7 +69,7 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     ]
     train, held_out, names = _split(named, model, how.seed)
     if model.symmetric:
-        train = [*train, *(_mirrored(model, one) for one in train)]
+        train = [*train, *(mirrored(model, one) for one in train)]
     sd = _noise(model, [one for _, one in named], how)
     problem, outside = HybridProblem(model, train, sd), Errors(model, held_out, sd)
     found: list[Descent] = []
@@ -133,7 +133,7 @@ def _rows(whole: Stretch, start: int, stop: int) -> Stretch:
     )  # fmt: skip
 
 
-def _mirrored(model: HybridModel, one: Stretch) -> Stretch:
+def mirrored(model: HybridModel, one: Stretch) -> Stretch:
     """The same drive with left and right swapped."""
 
     def flips(names: Sequence[str]) -> Array:

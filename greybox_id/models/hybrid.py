@@ -49,17 +49,18 @@ class HybridSettings:
     window, warm_up : rows predicted from one start in training, and how many of them are not compared.
     speed, speed_spread : about which, and in which unit, the network reads the speed, m/s; None takes mean and standard
         deviation of the training recording.
-    symmetric : the vehicle is taken to be the same in a mirror; it is trained on every manoeuvre mirrored too.
+    symmetric : the vehicle is taken to be the same in a mirror: it is trained on every manoeuvre mirrored too, at
+        twice the work. Where manoeuvres go to both sides nothing was gained by it.
     least_speed : below which a slip angle means nothing, m/s.
     sample_time : s; None takes the training recording's.
     """
 
     hidden: tuple[float, ...] = (25.0, 15.0, 10.0)
-    window: int = 100
+    window: int = 60
     warm_up: int = 20
     speed: float | None = None
     speed_spread: float | None = None
-    symmetric: bool = True
+    symmetric: bool = False
     least_speed: float = 3.0
     sample_time: float | None = None
 
@@ -103,13 +104,15 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
         ("a_y", "yaw_rate", "sideslip"),
         forces,
         settings or HybridSettings(),
+        skip=False,
     )
 
 
 def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' lateral forces (Eq. 9-12).
 
-    What it says adds to a linear tyre: without any force the vehicle would not turn, nor training begin.
+    What it says adds to a linear tyre, without which the vehicle would not turn, nor training begin; features also go
+    straight to its output, so that this tyre's slope need not be right.
     """
 
     def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
@@ -121,6 +124,7 @@ def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
         forces,
         settings or HybridSettings(),
+        skip=True,
     )
 
 
@@ -130,8 +134,9 @@ def _hybrid(
     outputs: tuple[str, ...],
     forces: Callable[[Sequence[Symbol], Sequence[Symbol], Sequence[Symbol]], list[Symbol]],
     s: HybridSettings,
+    skip: bool,
 ) -> HybridModel:
-    network = Network(4, tuple(int(units) for units in s.hidden), 2)
+    network = Network(4, tuple(int(units) for units in s.hidden), 2, skip)
     speed, spread = s.speed or 15.0, s.speed_spread or 5.0
     sample_time = s.sample_time or 0.01
 

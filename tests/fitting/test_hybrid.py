@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from linear_bicycle import VEHICLE, manoeuvres, recorded, sine, steps
 
+from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.hybrid import mirrored
 from greybox_id.models.registry import build, prepared
 from greybox_id.recording import join
 from greybox_id.scores.estimates import apply_hybrid
@@ -69,6 +71,21 @@ def test_the_same_seed_trains_the_same():
     one, two, other = (trained("hybrid_force", recordings, seed, brief) for seed in (1, 1, 2))
     assert np.array_equal(one.model.values, two.model.values)
     assert not np.array_equal(one.model.values, other.model.values)
+
+
+def test_in_a_mirror_a_stretch_is_that_of_the_mirrored_recording():
+    model, one = build("hybrid_force"), manoeuvres(C_F, C_R)[0]
+    (own,), (other,) = stretches(model, one), stretches(model, one.mirrored())
+    for name in ("inputs", "outputs", "states"):
+        assert np.allclose(getattr(mirrored(model, own), name), getattr(other, name))
+
+
+def test_what_is_symmetric_is_trained_in_the_mirror_too():
+    one_sided = [recorded(np.abs(sine(a, 0.5)), 12.0, C_F, C_R) for a in (0.03, 0.02)]
+    fits = [trained("hybrid_force", one_sided, 0, SMALL | {"symmetric": both}) for both in (False, True)]
+    mirrored_drive = recorded(-np.abs(sine(0.025, 0.5)), 12.0, C_F, C_R)
+    errors = [np.mean((apply_hybrid(each, mirrored_drive)["a_y"] - mirrored_drive["a_y"]) ** 2) for each in fits]
+    assert errors[1] < errors[0]
 
 
 def test_an_ensemble_has_a_spread(stiffness):

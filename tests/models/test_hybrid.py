@@ -59,7 +59,7 @@ def test_speed_and_sample_time_are_set_from_the_training_recording():
 
 @pytest.mark.parametrize(
     ("settings", "told"),
-    [({"warm_up": 100}, "warm_up"), ({"hidden": (2.5,)}, "whole numbers"), ({"window": 1}, "window")],
+    [({"warm_up": 60}, "warm_up"), ({"hidden": (2.5,)}, "whole numbers"), ({"window": 1}, "window")],
 )
 def test_settings_that_cannot_be_are_refused_in_a_sentence(settings, told):
     with pytest.raises(BadInput, match=told):
@@ -74,4 +74,4 @@ def test_a_recording_without_speed_is_refused_in_a_sentence():
 
 def test_a_window_must_be_longer_than_its_warm_up():
     with pytest.raises(BadModel, match="warm up"):
-        replace(hybrid_force(), warm_up=100)
+        replace(hybrid_force(), warm_up=60)

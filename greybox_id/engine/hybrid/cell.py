@@ -107,7 +107,7 @@ class Cell:
             said.append(layer)
             start += units
         z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
-        return z, said
+        return (z + p["W_skip"] @ features if network.skip else z), said
 
 
 def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:

@@ -1,5 +1,7 @@
 """Stretches end where an input is missing, the vehicle is slow or a run ends; windows compare each row once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from linear_bicycle import manoeuvres, recorded, sine
@@ -30,6 +32,16 @@ def test_what_a_recording_lacks_follows_from_what_it_holds():
     assert MODEL.read("v_y", type(one)("bare", one.time, kept)) is None
     rate = MODEL.read("yaw_acceleration", other)
     assert np.allclose(rate[1:-1], (one["yaw_rate"][2:] - one["yaw_rate"][:-2]) / 0.02)
+
+
+def test_a_steering_that_is_held_acts_as_half_its_step():
+    held = recorded(sine(0.02, 0.5), 12.0, 5e4, 6e4)
+    (found,) = stretches(MODEL, held)
+    v_x, steer, acting_v_x, acting_steer = found.inputs
+    assert np.allclose(acting_steer[1:], 0.5 * (steer[1:] + steer[:-1]))
+    assert np.array_equal(acting_v_x, v_x)
+    (straight,) = stretches(MODEL, replace(held, hold="linear"))
+    assert np.array_equal(straight.inputs[3], steer)
 
 
 def test_every_row_after_the_warm_up_is_compared():
