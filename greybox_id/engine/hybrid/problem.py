@@ -24,8 +24,7 @@ _SHARE = 0.1
 _HUGE = 1e8
 """Mean square of a vehicle that leaves all bounds."""
 PULL = 1e-5
-"""Of weights to zero. A hundred times as much on those by which layers remember left forces of held-out manoeuvres half
-as far off again."""
+"""Of weights to zero: weak, for what ends training is the held-out error."""
 
 
 class Errors:
