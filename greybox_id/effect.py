@@ -77,6 +77,8 @@ class Effect:
         if isinstance(model, MotionModel):
             there = not model.names.isdisjoint(self.touches) and model.names.issuperset(self.needs)
             return self.apply is not None and there
+        if not isinstance(model, MemoryModel):
+            return False
         return self.apply_to_memory is not None and not {*model.inputs, *model.outputs}.isdisjoint(self.touches)
 
     def _needing(self) -> str:

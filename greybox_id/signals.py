@@ -33,6 +33,7 @@ SIGNALS: dict[str, Signal] = {
         Signal("v_x", "m/s", "longitudinal velocity"),
         Signal("v_y", "m/s", "lateral velocity", mirrors=True),
         Signal("yaw_rate", "rad/s", "yaw rate", mirrors=True),
+        Signal("yaw_acceleration", "rad/s^2", "yaw acceleration", mirrors=True),
         Signal("a_x", "m/s^2", "longitudinal specific force"),
         Signal("a_y", "m/s^2", "lateral specific force", mirrors=True),
         Signal("sideslip", "rad", "sideslip angle atan2(v_y, v_x)", mirrors=True),

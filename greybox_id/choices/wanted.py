@@ -11,6 +11,7 @@ from ..checks.consistency import GIVEN_WHEELBASE
 from ..checks.pairs import pairs
 from ..datasets.vehicle_file import shipped_vehicles
 from ..errors import BadInput
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.registry import MODELS, build, candidates
@@ -70,6 +71,11 @@ def must_suit_options(model: Model, given: Sequence[str]) -> None:
     """Raise `BadInput` for options that make no sense for this kind of model."""
     memory = isinstance(model, MemoryModel)
     for option in given:
+        if isinstance(model, HybridModel) and option != "--noise":
+            raise BadInput(
+                f"{option} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that "
+                "are held out. Leave it away."
+            )
         if memory and option in FOR_MOTION:
             raise BadInput(f"{option} is for equations of motion; {model.name} is a model with memory. Leave it away.")
         if not memory and option in FOR_MEMORY:

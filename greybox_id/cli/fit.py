@@ -17,6 +17,7 @@ from ..engine.motion.shooting import Starts
 from ..files import ensure_writable
 from ..fitting import How, Solver
 from ..fitting import fit as fit_model
+from ..hybrid_model import HybridModel
 from ..motion_model import MotionModel
 from ..recording import join
 from ..scores.prediction import must_suit
@@ -98,6 +99,7 @@ def fit(
     greybox fit --model single_track lap1.csv lap2.csv --vehicle roboracer --columns roboracer
     greybox fit --model lateral lap.csv --vehicle car.toml --with steering_delay --fix m=3.5kg --prior B_f=6±3
     greybox fit --model msnn_full train.csv --columns roboracer --validate valid.csv --out run
+    greybox fit --model hybrid_force step*.csv sine*.csv --vehicle simrod --columns canonical
 
     Numbers may carry a unit; without one they are SI. Where weights of a model with memory are held to priors, how
     strongly is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength says
@@ -148,6 +150,7 @@ def fit(
         print_json(summary(result) | {"vehicle": vehicle or None, "warnings": warnings, "written": str(path)})
         return
     show(result, vehicle)
-    console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
+    figures = "" if isinstance(result.model, HybridModel) else f"   figures and report: greybox report {path}"
+    console().print(f"\nwritten  {path}{figures}")
     if isinstance(result.model, MotionModel):
         console().print(f"         on other recordings: greybox validate {path}")

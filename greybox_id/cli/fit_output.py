@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..fit import Fit
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
@@ -43,7 +44,9 @@ def show(result: Fit, vehicle: str = "") -> None:
         out.print(f"vehicle  {vehicle}")
     for stage in result.stages:
         _show_stage(out, result, stage, motion)
-    if not motion:
+    if isinstance(result.model, HybridModel):
+        out.print(f"stopped  by {', '.join(result.how['stopped_by'])}, held out; {_over_windows(result)}")
+    elif not motion:
         strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
         out.print(f"priors   strengths {strengths or 'as stated'} ({result.mode})")
     if any(p.shape == () for p in result.model.parameters):
@@ -232,6 +235,12 @@ def _held_out(data: Sequence[DataRecord]) -> dict[str, str]:
     names = {role: [record.name for record in data if record.role == role] for role in ("train", "validate")}
     trained = ", ".join(names["train"]) if len(names["train"]) < 4 else counted(len(names["train"]), "recording")
     return {"train": f"train ({trained})", "validate": f"held out ({', '.join(names['validate'])})"}
+
+
+def _over_windows(result: Fit) -> str:
+    """The paper's loss, Eq. 13, in units of noise."""
+    trained, held_out = result.how["errors_over_windows"]
+    return f"RMSSE over windows {trained:.3f} of the noise, held out {held_out:.3f}"
 
 
 def _starts(objectives: Sequence[float]) -> str:

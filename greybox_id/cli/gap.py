@@ -22,6 +22,7 @@ from ..gap import Gap, diagnose
 from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from ..gap.kinds import Diagnosed
 from ..gap.memory_bench import must_suit
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.effects import EFFECTS
@@ -195,6 +196,11 @@ def _nominal(
         if model is not None:
             raise BadInput(f"--model {model}: a fit brings its own model; leave --model away, or name --vehicle.")
         loaded = load(fit, build)
+        if isinstance(loaded.model, HybridModel):
+            raise BadInput(
+                f"{fit} is a fit of {loaded.model.name}; the gap of hybrid models is not looked for: their "
+                "network takes up what the equations lack. Name equations of motion or a model with memory."
+            )
         nominal, stated = loaded.model, fitted_vehicle(loaded, str(fit))
         assert isinstance(nominal, MotionModel | MemoryModel)
         return nominal, stated

@@ -75,6 +75,7 @@ PROTOCOL_WORDS = {
     "honest": "one sample ahead, pooled, no window across a join",
     "published": "as published: batches of 100, windows across joins",
     "closed_loop": "free run on own predictions, pooled",
+    "free run": "free run of whole manoeuvres, pooled",
 }
 
 

@@ -16,6 +16,7 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..files import replacing
 from ..fit import load
+from ..hybrid_model import HybridModel
 from ..model import Model
 from ..models.registry import build
 from ..motion_model import MotionModel
@@ -63,6 +64,8 @@ def predict(
     if isinstance(model, MotionModel):
         how = "free run" if horizon is None else f"{horizon:g} s ahead"
         told: dict[str, Any] = {"horizon": horizon}
+    elif isinstance(model, HybridModel):
+        how, told = "free run", {}
     else:
         told = {"loop": "open" if open_loop or model.feedback is None else "closed"}  # type: ignore[attr-defined]
         how = f"{told['loop']} loop"

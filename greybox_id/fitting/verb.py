@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..engine.hybrid.stretches import stretches
 from ..engine.motion.runs import motion_runs
 from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
@@ -31,6 +33,7 @@ from ..solvers.gauss_newton import Solution, Status
 from ..uncertainty import uncertainty
 from .crossvalidation import choose_structure
 from .how import How, Say, Solver
+from .hybrid import fit_hybrid
 from .memory import fit_alone, fit_together
 from .motion import fit_motion
 
@@ -71,6 +74,8 @@ def fit(
         models = [model] if isinstance(model, Model) else list(model)
         if isinstance(models[0], MotionModel):
             return _fit_motion(models[0], recordings, validate, how or How(), say, command)
+        if isinstance(models[0], HybridModel):
+            return _fit_hybrid(models[0], recordings, validate, how or How(), say, command)
         structures = [one for one in models if isinstance(one, MemoryModel)]
         if validate is not None:
             runs(Trace(structures[0]), validate)  # what is wrong with it is better said before the work than after
@@ -170,6 +175,27 @@ def _fit_motion(
             "robust": how.robust,
             "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
         },
+        command=command,
+    )
+
+
+def _fit_hybrid(
+    model: HybridModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
+) -> Fit:
+    if how.solver == "ipopt":
+        raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; leave --solver away.")
+    if validate is not None:
+        stretches(model, validate)  # what is wrong with it is better said before the work than after
+    trained = fit_hybrid(model, recordings, how, say)
+    return Fit(
+        model=trained.model,
+        sd={p.name: np.full(p.shape, np.nan) for p in model.parameters},  # trainings from several seeds tell a spread
+        stages=(trained.stage,),
+        metrics=_metrics(trained.model, recordings, validate),
+        data=_records(recordings, validate),
+        mode="early stopping",
+        seed=how.seed,
+        how={"stopped_by": list(trained.held_out), "errors_over_windows": list(trained.errors)},
         command=command,
     )
 

@@ -13,6 +13,7 @@ from ..model import Model
 from ..recording import Recording
 from ..vehicle import Stated, Vehicle
 from .effects import EFFECTS
+from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .longitudinal import longitudinal
@@ -70,6 +71,8 @@ MODELS: dict[str, Entry] = {
     "msnn_lat": Entry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": Entry(LongitudinalSettings, msnn_long, covering_long),
     "msnn_full": Entry(FullSettings, msnn_full, covering_full),
+    "hybrid_stiffness": Entry(HybridSettings, hybrid_stiffness, covering_hybrid),
+    "hybrid_force": Entry(HybridSettings, hybrid_force, covering_hybrid),
     "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus, alternatives_plus),
 }
 

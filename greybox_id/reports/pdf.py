@@ -11,8 +11,10 @@ from pathlib import Path
 
 import typst
 
+from ..errors import BadInput
 from ..files import replacing
 from ..fit import Fit
+from ..hybrid_model import HybridModel
 from ..motion_model import MotionModel
 from ..recording import Recording
 from .content import Content
@@ -59,6 +61,10 @@ def prepared(fit: Fit, recordings: Sequence[Recording]) -> Report:
         drives = driven(fit, recordings)
         heard = noise([one.recording for one in drives])
         return Report(motion_content(fit, drives, heard), motion_drawings(fit, drives, heard))
+    if isinstance(fit.model, HybridModel):
+        raise BadInput(
+            f"There is no report of {fit.model.name} yet; greybox validate and greybox predict tell its errors."
+        )
     found = seen(fit, recordings)
     heard = noise([one.recording for one in found])
     return Report(memory_content(fit, found, heard), memory_drawings(fit, found, heard))

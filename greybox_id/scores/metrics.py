@@ -8,7 +8,7 @@ closed_loop : no window across a join, pooled; the model runs on its own predict
     each run to its end.
 
 Motion models are scored over horizons instead: so many seconds ahead from the readings of every row, and in free
-run from the first row of each run to its end.
+run from the first row of each run to its end. Hybrid models are scored in free run.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from typing import Literal
 
 import numpy as np
 
+from ..engine.hybrid.free_run import free_run
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.simulator import Simulator
 from ..engine.sensing import Sensing
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
@@ -86,6 +88,20 @@ def predictions(model: MemoryModel, recording: Recording, protocol: Protocol = "
     )
 
 
+def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:
+    """Free run of a hybrid model over every stretch with complete inputs."""
+    found = free_run(model, recording)
+    predicted = np.array([found[name] for name in model.outputs]).T
+    read = [model.read(name, recording) for name in model.outputs]
+    measured = np.array([np.full(len(recording), np.nan) if own is None else own for own in read]).T
+    rows = np.flatnonzero(np.any(np.isfinite(predicted), axis=1))
+    joins = np.searchsorted([start for start, _ in recording.runs], rows, side="right")
+    apart = np.concatenate(([False], (np.diff(rows) > 1) | (np.diff(joins) > 0))) if len(rows) else np.empty(0, bool)
+    return Prediction(
+        rows=np.asarray(rows, dtype=np.intp), predicted=predicted[rows], measured=measured[rows], run=np.cumsum(apart)
+    )
+
+
 HORIZONS = (0.1, 0.5, 1.0, 2.0)
 """Seconds ahead at which motion models are scored."""
 FREE_RUN = "free run"
@@ -100,6 +116,9 @@ def score(model: Model, recording: Recording) -> dict[str, dict[str, Error]]:
     """Errors of every output under every protocol that the model has."""
     if isinstance(model, MotionModel):
         return score_motion(Simulator(model), recording, model.values)
+    if isinstance(model, HybridModel):
+        run = hybrid_predictions(model, recording)
+        return {FREE_RUN: prediction_errors(model.outputs, run, recording.sample_time)}
     assert isinstance(model, MemoryModel)
     return {str(name): errors for name, errors in _score_memory(model, recording).items()}
 

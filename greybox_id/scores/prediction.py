@@ -10,12 +10,13 @@ import pandas as pd
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..signals import SIGNALS
-from .metrics import Prediction, predictions
+from .metrics import Prediction, hybrid_predictions, predictions
 
 
 def simulate(model: Model, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:
@@ -34,6 +35,10 @@ def simulate(model: Model, recording: Recording, start: Mapping[str, float] | No
     """
     if isinstance(model, MotionModel):
         return _as_prediction(Predictor(Simulator(model), recording, model.values, start or {}).free_run())
+    if isinstance(model, HybridModel):
+        if start:
+            raise BadInput(f"{model.name} starts from the readings of each run's first rows. Give it no start.")
+        return hybrid_predictions(model, recording)
     assert isinstance(model, MemoryModel)
     if start:
         raise BadInput(f"{model.name} has no states: it starts from a window of the recording. Give it no start.")
@@ -49,7 +54,7 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
 
     Parameters
     ----------
-    model : equations of motion, or a map with memory.
+    model : equations of motion, a map with memory, or a hybrid of physics and network.
     recording : inputs and readings.
     horizon : s; equations of motion predict every row from the readings so much earlier. None runs freely from
         the first row of each run.
@@ -67,6 +72,12 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
             return _as_prediction(predictor.free_run())
         must_suit(horizon, [recording])
         return _as_prediction(predictor.ahead(horizon))
+    if isinstance(model, HybridModel):
+        if horizon is not None or open_loop:
+            raise BadInput(
+                f"{model.name} runs freely from the start of each run; leave --horizon and --open-loop away."
+            )
+        return hybrid_predictions(model, recording)
     assert isinstance(model, MemoryModel)
     if horizon is not None:
         raise BadInput(

@@ -10,7 +10,7 @@ a true vehicle about what `vehicle_file_text` states. It shares no code with the
 
 from .car import VirtualCar
 from .classes import random_vehicle
-from .drive import Truth, drive, replay
+from .drive import Truth, drive, replay, steered
 from .effects import EFFECTS, OUTSIDE
 from .entries import Entry
 from .forms import Forms
@@ -29,6 +29,7 @@ __all__ = [
     "drive",
     "random_vehicle",
     "replay",
+    "steered",
     "toleranced",
     "tolerances",
     "vehicle_file_text",

@@ -18,7 +18,7 @@ from .effects import ALL, complete
 from .forms import NOMINAL, Forms, other
 from .layout import READABLE, ROAD, ROW_TRUTH
 from .loop import STEP, simulator
-from .manoeuvres import planned, robot
+from .manoeuvres import planned, robot, steering_robot
 from .record import record
 from .road import closed_road
 from .sensors import Motion, hung, instants, noisy, read
@@ -128,6 +128,37 @@ def replay(
     plan = robot(commands["steer"], commands[car.drive_channel])
     nowhere = np.zeros((8, ROAD))
     return made.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, outliers, quantisation))
+
+
+def steered(
+    car: VirtualCar,
+    name: str,
+    steer: Row,
+    speed: Row,
+    rate: float = 100.0,
+    effects: Mapping[str, float] = MappingProxyType({}),
+    forms: str | Forms = "nominal",
+    seed: int = 0,
+    *,
+    noise: float = 1.0,
+    colour: float = 0.0,
+) -> tuple[Recording, Truth]:
+    """Let a robot steer as told while a driver keeps a speed, as on a proving ground; straight on before.
+
+    Parameters
+    ----------
+    name : of the recording.
+    steer : (n,) road-wheel angle, rad, of every row.
+    speed : (n,) m/s, that the driver keeps as well as the vehicle lets him; it starts at the first one.
+
+    Other parameters, what is raised : as for `drive`.
+    """
+    hold = _hold(rate)
+    rng = _streams(seed)
+    made = _Made(car, effects, _forms(forms, rng["forms"]), rng, hold)
+    begin = np.array([speed[0], 0.0, 0.0])
+    plan = steering_robot(steer, speed)
+    return made.recorded(name, plan, np.zeros((8, ROAD)), 1.0, 0, begin, (noise, colour, 0.0, 0.0))
 
 
 @dataclass(frozen=True)

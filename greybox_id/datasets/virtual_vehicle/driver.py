@@ -78,8 +78,10 @@ def decide(
 ) -> tuple[float, float]:
     """Steering, rad, and drive, in the unit of its channel, that the driver commands at a row of the plan."""
     asked = plan[row]
-    if asked[FOLLOW] < 0.0:
+    if asked[FOLLOW] < 0.0 and isnan(asked[SPEED]):
         return asked[TURN], asked[OPEN_DRIVE]
+    if asked[FOLLOW] < 0.0:
+        return asked[TURN], on_the_pedals(knows, road, spacing, plan, row, s, mind, period, 0.0) / knows.force_per_unit
     v = max(s[V_X], 0.3)
     drift = atan2(s[V_Y], v)
     lost = 0.0

@@ -22,8 +22,8 @@ FOLLOW, TURN, SPEED, OPEN_DRIVE = 0, 1, 2, 3
 PLAN = 4
 """What a row of a manoeuvre asks of the driver: 1 to follow the road; lateral acceleration to steer for, on top of that
 of following; speed, or not a number where the road says it or, off the road, where the drive channel is commanded as it
-stands in the last column. Below zero, FOLLOW makes the driver a robot: steering, rad, and drive as they stand in the
-columns TURN and OPEN_DRIVE."""
+stands in the last column. Below zero, FOLLOW makes the driver a robot: steering, rad, as it stands in the column
+TURN, and drive as it stands in OPEN_DRIVE or, where a speed is asked for, such as keeps it."""
 
 ROAD_X, ROAD_Y, ROAD_YAW, ROAD_CURVATURE, ROAD_SPEED = 0, 1, 2, 3, 4
 ROAD = 5

@@ -197,3 +197,10 @@ def robot(steer: Row, drive: Row) -> Grid:
     plan = _plan(len(steer))
     plan[:, FOLLOW], plan[:, TURN], plan[:, OPEN_DRIVE], plan[:, SPEED] = -1.0, steer, drive, nan
     return plan
+
+
+def steering_robot(steer: Row, speed: Row) -> Grid:
+    """A plan of steering as it is, rad, at a speed that the driver keeps, m/s; (rows,) each."""
+    plan = robot(steer, np.zeros(len(steer)))
+    plan[:, SPEED] = speed
+    return plan

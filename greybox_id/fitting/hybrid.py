@@ -1,0 +1,162 @@
+"""Training hybrid models: some manoeuvres are trained on, others say when to stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine.hybrid.problem import Errors, HybridProblem, drawn
+from ..engine.hybrid.stretches import Stretch, noise, stretches
+from ..errors import BadInput
+from ..hybrid_model import HybridModel
+from ..parameter import Array
+from ..provenance import Stage
+from ..recording import Recording
+from ..signals import SIGNALS
+from ..solvers.quasi_newton import Descent, descend
+from .how import How, Say
+
+HELD_OUT = 0.2
+"""Share of the manoeuvres that say when to stop."""
+WARM_UP, STEPS, PATIENCE = 60, 300, 60
+_SAID = 10
+"""Steps between lines of progress."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained hybrid model.
+
+    Attributes
+    ----------
+    model : at its estimates.
+    stage : how it got there; noise is that of the readings, by which errors are weighed.
+    held_out : names of the unbroken runs that said when to stop.
+    errors : root mean square errors over windows, in units of noise (the paper's RMSSE), trained on and held out.
+    """
+
+    model: HybridModel
+    stage: Stage
+    held_out: tuple[str, ...]
+    errors: tuple[float, float]
+
+
+def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
+    """Train a hybrid model.
+
+    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
+    end.
+
+    Parameters
+    ----------
+    model : nominal values of physical parameters; weights are drawn.
+    recordings : training data.
+    how : seed, number of starts and known noise.
+
+    Raises
+    ------
+    BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
+    """
+    clock = time.process_time()
+    named = [
+        (f"{recording.name}, rows {one.rows.start} to {one.rows.stop - 1}", one)
+        for recording in recordings
+        for one in stretches(model, recording)
+        if len(one) >= model.window
+    ]
+    train, held_out, names = _split(named, model, how.seed)
+    if model.symmetric:
+        train = [*train, *(mirrored(model, one) for one in train)]
+    sd = _noise(model, [one for _, one in named], how)
+    problem, outside = HybridProblem(model, train, sd), Errors(model, held_out, sd)
+    found: list[Descent] = []
+    for k in range(how.starts):
+        found.append(_descent(problem, outside, model, how.seed + k, say))
+        if found[-1].status == "interrupted":
+            break
+    best = min(found, key=lambda each: each.held_out[each.best])
+    p = problem.parameters(best.x)
+    stage = Stage(
+        model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
+        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in found)), strengths={},
+        strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, sd.tolist(), strict=True)),
+        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0,
+    )  # fmt: skip
+    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
+    return Trained(model.with_values(p), stage, names, errors)
+
+
+def _descent(problem: HybridProblem, outside: Errors, model: HybridModel, seed: int, say: Say) -> Descent:
+    def told(step: int, loss: float, held_out: float) -> None:
+        line = f"{model.name}, seed {seed}: step {step}, error {np.sqrt(2.0 * loss):.3f} of noise, held out "
+        say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
+
+    start = problem.unknowns(drawn(model, seed))
+    return descend(
+        problem, lambda q: outside(problem.parameters(q)), start, problem.bounds,
+        warm_up=WARM_UP, steps=STEPS, patience=PATIENCE, say=told,
+    )  # fmt: skip
+
+
+def _split(
+    named: Sequence[tuple[str, Stretch]], model: HybridModel, seed: int
+) -> tuple[list[Stretch], list[Stretch], tuple[str, ...]]:
+    """What is trained on, what says when to stop, and the names of the latter."""
+    if not named:
+        raise BadInput(
+            f"No unbroken stretch of the recordings is as long as a window of {model.name}, {model.window} rows, with "
+            f"all of {', '.join(model.inputs)} there; set window and warm_up to smaller ones."
+        )
+    if len(named) == 1:
+        name, whole = named[0]
+        cut = int((1.0 - HELD_OUT) * len(whole))
+        if len(whole) - cut < model.window:
+            raise BadInput(
+                f"The only unbroken stretch has {len(whole)} rows; its last fifth, which says when to stop, is "
+                f"shorter than a window of {model.name}, {model.window} rows. Name more recordings."
+            )
+        return [_rows(whole, 0, cut)], [_rows(whole, cut, len(whole))], (f"{name}, the last fifth",)
+    count = max(int(round(HELD_OUT * len(named))), 1)
+    chosen = set(np.random.default_rng((seed, 613)).permutation(len(named))[:count].tolist())
+    train = [one for k, (_, one) in enumerate(named) if k not in chosen]
+    return train, [named[k][1] for k in sorted(chosen)], tuple(named[k][0] for k in sorted(chosen))
+
+
+def _rows(whole: Stretch, start: int, stop: int) -> Stretch:
+    first = whole.rows.start
+    return Stretch(
+        slice(first + start, first + stop), whole.sample_time,
+        whole.inputs[:, start:stop], whole.outputs[:, start:stop], whole.states[:, start:stop],
+    )  # fmt: skip
+
+
+def mirrored(model: HybridModel, one: Stretch) -> Stretch:
+    """The same drive with left and right swapped."""
+
+    def flips(names: Sequence[str]) -> Array:
+        return np.array([[-1.0 if name in SIGNALS and SIGNALS[name].mirrors else 1.0] for name in names])
+
+    inputs, states = flips(model.inputs), flips([state.name for state in model.states])
+    return replace(
+        one,
+        inputs=np.concatenate((inputs, inputs)) * one.inputs,
+        outputs=flips(model.outputs) * one.outputs,
+        states=states * one.states,
+    )
+
+
+def _noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
+    """Standard deviation of each output's readings: as stated, else as they tell."""
+    found_noise = noise(found)
+    for k, name in enumerate(model.outputs):
+        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in found])
+        if name in how.noise:
+            found_noise[k] = how.noise[name]
+        elif len(read):  # of a signal without noise a thousandth, lest it outweigh all others
+            found_noise[k] = np.fmax(found_noise[k], 1e-3 * max(float(np.std(read)), 1e-12))
+    if not np.any(np.isfinite(found_noise)):
+        raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
+    return found_noise

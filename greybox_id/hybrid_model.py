@@ -1,0 +1,119 @@
+"""Known physics, and a recurrent network in place of what is not known.
+
+    def physics(x, u, p, z):
+        F_yf = stiffness(z[0]) * alpha_f                  # z: what the network says, of order one
+        ...
+        return {"v_y": a_y - u.v_x * x.yaw_rate, ...}, {"F_yf": F_yf, "a_y": a_y, ...}
+
+At every sample the network reads features of states and inputs, remembers what it has read before, and says z; the
+physics make states' derivatives and named quantities of it. Only outputs of the physics are compared with a recording:
+what the network says, the tyres' forces for example, is never measured.
+
+Source: "Tire cornering stiffness estimation using hybrid modeling", Sec. 2 and 3.2, Fig. 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from .errors import BadModel
+from .model import Model, Namespace, Symbol
+from .parameter import Array
+from .recording import Recording
+
+Physics = Callable[
+    [Namespace, Namespace, Namespace, Sequence[Symbol]], tuple[Mapping[str, Symbol], Mapping[str, Symbol]]
+]
+"""(x, u, p, z) -> derivatives by state, quantities by name. Symbols are rows of numbers, one for each window."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A state of the physics: a signal that recordings may hold, and its SI unit."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Network:
+    """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
+
+        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
+
+    Attributes
+    ----------
+    features : numbers it reads.
+    hidden : units of each hidden layer.
+    outputs : numbers it says.
+    skip : whether features also go straight to the output, W_skip.
+    """
+
+    features: int
+    hidden: tuple[int, ...]
+    outputs: int
+    skip: bool = False
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Parameter name -> its shape."""
+        found: dict[str, tuple[int, ...]] = {}
+        before = self.features
+        for number, units in enumerate(self.hidden, 1):
+            found |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
+            before = units
+        found |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
+
+
+@dataclass(frozen=True, kw_only=True)
+class HybridModel(Model):
+    """Physics with a network inside.
+
+    Attributes
+    ----------
+    states : in order.
+    commands : inputs that are held between rows where a recording says that commands are.
+    network : its size; its weights are parameters by the names of `Network.shapes`.
+    features : (x, u, p) -> what the network reads, each of order one.
+    physics : see `Physics`. Outputs are states or quantities by name.
+    estimates : quantities that an estimator is asked for, name -> SI unit.
+    untold : estimate -> (quantity, least size of it): where that is smaller, the estimate means nothing.
+    readings : state or output -> what it follows from where a recording does not hold it; None where it cannot.
+    least : input -> its smallest value at which the physics hold.
+    sample_time : s; recordings must have it.
+    substeps : of each sample, that time is cut into.
+    window, warm_up : rows that are predicted from one start in training, and how many of them are not compared: until
+        the network has something to remember and the start is forgotten.
+    """
+
+    states: tuple[Carried, ...]
+    commands: tuple[str, ...] = ()
+    network: Network
+    features: Callable[[Namespace, Namespace, Namespace], Sequence[Symbol]]
+    physics: Physics
+    estimates: Mapping[str, str]
+    untold: Mapping[str, tuple[str, float]] = field(default_factory=lambda: MappingProxyType({}))
+    readings: Mapping[str, Callable[[Recording], Array | None]] = field(default_factory=lambda: MappingProxyType({}))
+    least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    sample_time: float
+    substeps: int = 1
+    window: int = 60
+    warm_up: int = 20
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sample_time > 0:
+            raise BadModel(f"Model {self.name} needs a sample time above zero; {self.sample_time} s was given.")
+        if not 0 <= self.warm_up < self.window:
+            raise BadModel(
+                f"Model {self.name}: of a window of {self.window} rows {self.warm_up} to warm up leave none to compare."
+            )
+
+    def read(self, name: str, recording: Recording) -> Array | None:
+        """A state or output as recorded, or as it follows from what is; None where it cannot."""
+        if name in recording:
+            return recording[name]
+        return self.readings[name](recording) if name in self.readings else None

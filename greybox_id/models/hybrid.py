@@ -1,0 +1,228 @@
+"""Hybrid models of the lateral dynamics: a linear single track whose tyres are a recurrent network.
+
+`hybrid_stiffness`: the network says the cornering stiffnesses, F_y = C_alpha alpha; trained on a_y, yaw rate and
+sideslip. At zero slip a stiffness is not observable. `hybrid_force`: the network says the lateral forces themselves,
+and is trained on a_y, yaw rate, v_y and yaw acceleration; that has no such gap.
+
+ISO 8855 axes. States v_y [m/s], yaw_rate [rad/s]; inputs v_x [m/s], steer [rad] at the road wheels. Slip angles have
+the sign that makes positive forces of positive ones: the negative of the paper's.
+
+Source: "Tire cornering stiffness estimation using hybrid modeling", Eq. 2-12, 18. What differs: arc tangents and
+cos(steer) are kept, for they cost nothing; the network reads slip angles, centripetal acceleration and speed, which say
+the same as state and input, in numbers of order one at any speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import ceil
+
+import casadi as cs
+import numpy as np
+
+from ..errors import BadInput
+from ..hybrid_model import Carried, HybridModel, Network
+from ..model import Namespace, Symbol
+from ..parameter import Array, Parameter
+from ..recording import Recording
+from .settings import within
+from .single_track import BODY, G
+
+SLOPE = 12.0
+"""Cornering stiffness over load, 1/rad, at which the network starts; radial tyres lie between 8 and 20."""
+EXCITED = 0.01
+"""Slip angle, rad, below which a force over it tells no stiffness."""
+_SLIP = 0.1
+"""Slip angles are read in this unit, rad."""
+_LONGEST_STEP = 0.0125
+"""s; see `engine.hybrid.cell`."""
+
+
+@dataclass(frozen=True)
+class HybridSettings:
+    """Hyperparameters of hybrid models; the defaults for the network are the paper's.
+
+    Attributes
+    ----------
+    hidden : units of the hidden layers.
+    window, warm_up : rows predicted from one start in training, and how many of them are not compared.
+    speed, speed_spread : about which, and in which unit, the network reads the speed, m/s; None takes mean and standard
+        deviation of the training recording.
+    symmetric : the vehicle is taken to be the same in a mirror: it is trained on every manoeuvre mirrored too, at
+        twice the work. Where manoeuvres go to both sides nothing was gained by it.
+    least_speed : below which a slip angle means nothing, m/s.
+    sample_time : s; None takes the training recording's.
+    """
+
+    hidden: tuple[float, ...] = (25.0, 15.0, 10.0)
+    window: int = 60
+    warm_up: int = 20
+    speed: float | None = None
+    speed_spread: float | None = None
+    symmetric: bool = False
+    least_speed: float = 3.0
+    sample_time: float | None = None
+
+    def __post_init__(self) -> None:
+        within(self, window=(2, 5000), warm_up=(0, 4999), least_speed=(0.1, 100.0))
+        if self.warm_up >= self.window:
+            raise BadInput(
+                f"Setting warm_up must be smaller than window, {self.window}; {self.warm_up} rows were given."
+            )
+        if any(units != int(units) or not 1 <= units <= 500 for units in self.hidden):
+            raise BadInput("Setting hidden is a list of whole numbers from 1 to 500, as in hidden=[25,15,10].")
+
+
+def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSettings:
+    """Speed and sample time left open are set from a training recording."""
+    recording.require(("v_x", "steer", "a_y", "yaw_rate"), "a hybrid model")
+    v_x = recording["v_x"]
+    driven = v_x[np.isfinite(v_x) & (v_x >= settings.least_speed)]
+    if len(driven) == 0:
+        raise BadInput(
+            f"{recording.name} is nowhere faster than {settings.least_speed:g} m/s; slower, slip angles mean nothing."
+        )
+    mean, spread = float(np.mean(driven)), float(np.std(driven))
+    return replace(
+        settings,
+        speed=round(mean, 3) if settings.speed is None else settings.speed,
+        speed_spread=round(max(spread, 0.1 * mean), 3) if settings.speed_spread is None else settings.speed_spread,
+        sample_time=round(recording.sample_time, 9) if settings.sample_time is None else settings.sample_time,
+    )
+
+
+def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
+    """The network says the axles' cornering stiffnesses (Eq. 6-8)."""
+
+    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
+        return [SLOPE * load * _positive(each) * slip for each, slip, load in zip(z, slips, loads, strict=True)]
+
+    return _hybrid(
+        "hybrid_stiffness",
+        "linear single track whose cornering stiffnesses are said by a recurrent network",
+        ("a_y", "yaw_rate", "sideslip"),
+        forces,
+        settings or HybridSettings(),
+        skip=False,
+    )
+
+
+def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
+    """The network says the axles' lateral forces (Eq. 9-12).
+
+    What it says adds to a linear tyre, without which the vehicle would not turn, nor training begin; features also go
+    straight to its output, so that this tyre's slope need not be right.
+    """
+
+    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
+        return [load * (SLOPE * slip + each) for each, slip, load in zip(z, slips, loads, strict=True)]
+
+    return _hybrid(
+        "hybrid_force",
+        "rigid single track whose lateral tyre forces are said by a recurrent network",
+        ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
+        forces,
+        settings or HybridSettings(),
+        skip=True,
+    )
+
+
+def _hybrid(
+    name: str,
+    about: str,
+    outputs: tuple[str, ...],
+    forces: Callable[[Sequence[Symbol], Sequence[Symbol], Sequence[Symbol]], list[Symbol]],
+    s: HybridSettings,
+    skip: bool,
+) -> HybridModel:
+    network = Network(4, tuple(int(units) for units in s.hidden), 2, skip)
+    speed, spread = s.speed or 15.0, s.speed_spread or 5.0
+    sample_time = s.sample_time or 0.01
+
+    def slips(x: Namespace, u: Namespace, p: Namespace) -> tuple[Symbol, Symbol]:
+        front = u.steer - cs.atan((x.v_y + p.l_f * x.yaw_rate) / u.v_x)
+        return front, -cs.atan((x.v_y - p.l_r * x.yaw_rate) / u.v_x)
+
+    def features(x: Namespace, u: Namespace, p: Namespace) -> Sequence[Symbol]:
+        alpha_f, alpha_r = slips(x, u, p)
+        return alpha_f / _SLIP, alpha_r / _SLIP, u.v_x * x.yaw_rate / G, (u.v_x - speed) / spread
+
+    def physics(
+        x: Namespace, u: Namespace, p: Namespace, z: Sequence[Symbol]
+    ) -> tuple[Mapping[str, Symbol], Mapping[str, Symbol]]:
+        alpha_f, alpha_r = slips(x, u, p)
+        weight = p.m * G / (p.l_f + p.l_r)
+        F_yf, F_yr = forces(z, (alpha_f, alpha_r), (weight * p.l_r, weight * p.l_f))
+        across = F_yf * cs.cos(u.steer)
+        a_y = (across + F_yr) / p.m
+        yaw_acceleration = (p.l_f * across - p.l_r * F_yr) / p.I_z
+        return {"v_y": a_y - u.v_x * x.yaw_rate, "yaw_rate": yaw_acceleration}, {
+            "F_yf": F_yf, "F_yr": F_yr, "alpha_f": alpha_f, "alpha_r": alpha_r,
+            "C_alpha_f": F_yf / alpha_f, "C_alpha_r": F_yr / alpha_r,
+            "a_y": a_y, "yaw_acceleration": yaw_acceleration, "sideslip": cs.atan(x.v_y / u.v_x),
+        }  # fmt: skip
+
+    return HybridModel(
+        name=name,
+        about=about,
+        inputs=("v_x", "steer"),
+        commands=("steer",),
+        symmetric=s.symmetric,
+        outputs=outputs,
+        parameters=(*BODY[:4], *_weights(network)),
+        states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
+        network=network,
+        features=features,
+        physics=physics,
+        estimates={
+            "F_yf": "N", "F_yr": "N", "C_alpha_f": "N/rad", "C_alpha_r": "N/rad", "alpha_f": "rad", "alpha_r": "rad",
+            "v_y": "m/s", "sideslip": "rad", "yaw_rate": "rad/s", "a_y": "m/s^2",
+        },
+        untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
+        readings={"v_y": _v_y, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
+        least={"v_x": s.least_speed},
+        sample_time=sample_time,
+        substeps=max(ceil(sample_time / _LONGEST_STEP - 1e-9), 1),
+        window=s.window,
+        warm_up=s.warm_up,
+        settings=asdict(s),
+        together=("masses and inertia with forces: without a force sensor, F/m and I_z/m are told, m is not",),
+    )  # fmt: skip
+
+
+def _positive(z: Symbol) -> Symbol:
+    """One at zero, nearly z where that is large, and never negative; it overflows nowhere."""
+    return (z + cs.sqrt(z * z + 4.0)) / 2.0
+
+
+def _weights(network: Network) -> tuple[Parameter, ...]:
+    """All zero: the network adds nothing."""
+    return tuple(
+        Parameter(name, "1", np.zeros(shape), about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}")
+        for name, shape in network.shapes.items()
+    )
+
+
+_ABOUT = {"W": "weights of layer", "R": "weights of what it remembers, layer", "b": "biases of layer"}
+
+
+def _v_y(recording: Recording) -> Array | None:
+    if "sideslip" not in recording:
+        return None
+    return np.asarray(recording["v_x"] * np.tan(recording["sideslip"]))
+
+
+def _sideslip(recording: Recording) -> Array | None:
+    if "v_y" not in recording:
+        return None
+    return np.asarray(np.arctan2(recording["v_y"], recording["v_x"]))
+
+
+def _yaw_acceleration(recording: Recording) -> Array | None:
+    """Central differences of the yaw rate, run by run (Sec. 3.1)."""
+    found = np.full(len(recording), np.nan)
+    for start, stop in recording.runs:
+        if stop - start > 2:
+            found[start:stop] = np.gradient(recording["yaw_rate"][start:stop], recording.time[start:stop])
+    return found

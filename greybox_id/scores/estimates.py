@@ -1,0 +1,86 @@
+"""What hybrid models make of a recording: forces, stiffnesses, slips and motion, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ..engine.hybrid.free_run import free_run
+from ..errors import BadInput
+from ..fit import Fit
+from ..hybrid_model import HybridModel
+from ..parameter import Array
+from ..recording import Recording
+
+SD = "_sd"
+"""What the name of a standard deviation ends in."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates of every row of a recording.
+
+    Attributes
+    ----------
+    time : (n,) s.
+    columns : name -> (n,); NaN where the model does not hold or, of stiffnesses, where slip does not tell them.
+        Ensembles have `<name>_sd` besides, the spread of their members.
+    units : name -> SI unit.
+    """
+
+    time: Array
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self.columns:
+            raise BadInput(f"There is no estimate {name}; there are {', '.join(self.columns)}.")
+        return self.columns[name]
+
+    def table(self) -> pd.DataFrame:
+        """Time and all estimates, a column each."""
+        return pd.DataFrame({"time": self.time, **self.columns})
+
+
+def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
+    """Forces, stiffnesses, slips and motion of a recording, from its inputs and each stretch's first readings.
+
+    Parameters
+    ----------
+    fits : of one hybrid model, or several trained from different seeds: then their mean and, as `<name>_sd`, their
+        spread. That is how far trainings differ, not all that is uncertain: what no member can represent is missing.
+    recording : v_x [m/s] and steer [rad]; of a_y, yaw_rate, v_y no more than the first rows are read.
+
+    Returns
+    -------
+    Estimates with the columns of `HybridModel.estimates`: F_yf, F_yr [N], C_alpha_f, C_alpha_r [N/rad], alpha_f,
+    alpha_r [rad], v_y [m/s], sideslip [rad], yaw_rate [rad/s], a_y [m/s^2].
+
+    Raises
+    ------
+    BadInput : a fit is of another kind of model, or the recording lacks an input.
+    """
+    members = [fits] if isinstance(fits, Fit) else list(fits)
+    models = [fit.model for fit in members if isinstance(fit.model, HybridModel)]
+    if not members or len(models) < len(members):
+        others = ", ".join(fit.model.name for fit in members if not isinstance(fit.model, HybridModel))
+        raise BadInput(
+            f"{others} is no hybrid model; fit hybrid_stiffness or hybrid_force."
+            if others
+            else "There is no fit to apply."
+        )
+    if len({model.name for model in models}) > 1:
+        raise BadInput("An ensemble is of one hybrid model; stiffness and force are applied one after the other.")
+    runs = [free_run(model, recording) for model in models]
+    units = dict(models[0].estimates)
+    columns = {}
+    for name in units:
+        every = np.array([run[name] for run in runs])
+        columns[name] = np.asarray(np.mean(every, axis=0))
+        if len(runs) > 1:
+            columns[name + SD] = np.asarray(np.std(every, axis=0, ddof=1))
+    units |= {name + SD: unit for name, unit in models[0].estimates.items() if name + SD in columns}
+    return Estimates(recording.time, columns, units)

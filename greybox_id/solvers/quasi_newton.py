@@ -1,0 +1,127 @@
+"""Minimising a smooth loss of many unknowns by its gradient, stopped where something held out is fitted best.
+
+First some steps of Adam (Kingma & Ba 2015): from random weights a line search runs off into vehicles that spin. Then
+L-BFGS (scipy's, with bounds), which converges from there ten times as fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import Bounds, minimize
+
+from ..parameter import Array
+
+Loss = Callable[[Array], tuple[float, Array]]
+"""Unknowns -> loss and its gradient."""
+_MEAN, _SQUARE, _RATE = 0.9, 0.99, 5e-3
+_MEMORY = 30
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where it ended.
+
+    Attributes
+    ----------
+    x : the unknowns at which what is held out was fitted best.
+    loss, held_out : history, step by step, from the start on.
+    best : step of x.
+    status : how it ended, in words.
+    converged : whether the held-out error stopped falling, or the loss could not be lowered.
+    """
+
+    x: Array
+    loss: tuple[float, ...]
+    held_out: tuple[float, ...]
+    best: int
+    status: str
+    converged: bool
+
+
+class _Stop(Exception):
+    """Patience has run out."""
+
+
+def descend(
+    loss: Loss,
+    held_out: Callable[[Array], float],
+    start: Array,
+    bounds: Array,
+    *,
+    warm_up: int,
+    steps: int,
+    patience: int,
+    say: Callable[[int, float, float], None],
+) -> Descent:
+    """Minimise a loss.
+
+    Parameters
+    ----------
+    loss : unknowns -> value and gradient.
+    held_out : unknowns -> error on what is not trained on.
+    start : (n,) unknowns.
+    bounds : (n, 2).
+    warm_up : steps of Adam.
+    steps : at most so many of L-BFGS after them.
+    patience : steps without a better held-out error after which it stops.
+    say : told (step, loss, held-out error).
+
+    Returns
+    -------
+    The best point. Ctrl-C keeps the best so far.
+    """
+    losses, outside = [], [held_out(start)]
+    best, place = start.copy(), 0
+    losses.append(loss(start)[0])
+
+    def seen(x: Array, value: float) -> None:
+        nonlocal best, place
+        losses.append(value)
+        outside.append(held_out(x))
+        if outside[-1] < outside[place]:
+            best, place = x.copy(), len(outside) - 1
+        say(len(outside) - 1, value, outside[-1])
+        if len(outside) - 1 - max(place, warm_up) >= patience:
+            raise _Stop
+
+    last: tuple[float, Array] = (losses[0], start)
+
+    def watched(x: Array) -> tuple[float, Array]:
+        nonlocal last
+        value, slope = loss(x)
+        last = (value, x.copy())
+        return value, slope
+
+    try:
+        x = _adam(loss, start, bounds, warm_up, seen)
+        done: Any = minimize(
+            watched,
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=Bounds(bounds[:, 0], bounds[:, 1]),
+            callback=lambda x: seen(x, last[0]),
+            options={"maxiter": steps, "maxcor": _MEMORY, "maxfun": 3 * steps},
+        )
+        status, converged = ("most steps", False) if done.nit >= steps else ("loss no lower", True)
+    except _Stop:
+        status, converged = f"held-out error not lower for {patience} steps", True
+    except KeyboardInterrupt:
+        status, converged = "interrupted", False
+    return Descent(best, tuple(losses), tuple(outside), place, status, converged)
+
+
+def _adam(loss: Loss, start: Array, bounds: Array, steps: int, seen: Callable[[Array, float], None]) -> Array:
+    x, mean, square = start.copy(), np.zeros(len(start)), np.zeros(len(start))
+    for k in range(1, steps + 1):
+        value, slope = loss(x)
+        mean = _MEAN * mean + (1.0 - _MEAN) * slope
+        square = _SQUARE * square + (1.0 - _SQUARE) * slope**2
+        step = mean / (1.0 - _MEAN**k) / (np.sqrt(square / (1.0 - _SQUARE**k)) + 1e-10)
+        x = np.clip(x - _RATE * step, bounds[:, 0], bounds[:, 1])
+        seen(x, value)
+    return x

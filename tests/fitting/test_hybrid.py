@@ -1,0 +1,131 @@
+"""Training hybrid models: known stiffnesses come back, seeds repeat, files hold all of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_bicycle import VEHICLE, manoeuvres, recorded, sine, steps
+
+from greybox_id.engine.hybrid.stretches import stretches
+from greybox_id.errors import BadInput
+from greybox_id.fit import load
+from greybox_id.fitting import How, fit
+from greybox_id.fitting.hybrid import mirrored
+from greybox_id.models.registry import build, prepared
+from greybox_id.recording import join
+from greybox_id.scores.estimates import apply_hybrid
+
+SMALL = {"hidden": [6, 4], "window": 50, "warm_up": 15}
+C_F, C_R = 48e3, 66e3
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _brief():
+    """Small networks need fewer steps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("greybox_id.fitting.hybrid.STEPS", 120)
+        patch.setattr("greybox_id.fitting.hybrid.PATIENCE", 30)
+        yield
+
+
+def trained(name, recordings, seed=0, settings=SMALL, **more):
+    model = prepared(name, join(recordings, "training"), settings, vehicle=VEHICLE)
+    model = model.with_parameters(replace(model["I_z"], fixed=True))
+    return fit(model, recordings, how=How(seed=seed, **more))
+
+
+@pytest.fixture(scope="module")
+def stiffness():
+    return trained("hybrid_stiffness", manoeuvres(C_F, C_R))
+
+
+@pytest.mark.parametrize(("seed", "within"), [(None, 0.02), (0, 0.08)], ids=["generated", "noisy"])
+def test_constant_stiffnesses_are_found(seed, within):
+    noise = {"a_y": 0.2, "yaw_rate": 0.01, "sideslip": 0.004}
+    other = recorded(steps(-0.025), 13.0, C_F, C_R)
+    found = apply_hybrid(trained("hybrid_stiffness", manoeuvres(C_F, C_R, seed), noise=noise), other)
+    for name, true in (("C_alpha_f", C_F), ("C_alpha_r", C_R)):
+        told = found[name][np.isfinite(found[name])]
+        assert len(told) > 50
+        assert np.max(np.abs(told - true)) < within * true
+
+
+def test_forces_are_found_without_having_been_measured():
+    found = apply_hybrid(trained("hybrid_force", manoeuvres(C_F, C_R)), recorded(sine(0.03, 0.6), 13.0, C_F, C_R))
+    other = recorded(sine(0.03, 0.6), 13.0, C_F, C_R)
+    across = 930.0 * other["a_y"]
+    turning = 700.0 * np.gradient(other["yaw_rate"], other.time)
+    F_yf = (turning + 1.171 * across) / 2.346
+    assert np.sqrt(np.mean((found["F_yf"] - F_yf) ** 2)) < 0.03 * np.max(np.abs(F_yf))
+
+
+def test_the_fit_tells_what_stopped_it_and_how_far_off_it_is(stiffness):
+    assert len(stiffness.how["stopped_by"]) == 1
+    trained_on, held_out = stiffness.how["errors_over_windows"]
+    assert trained_on == pytest.approx(1.0, abs=0.1)
+    assert held_out == pytest.approx(1.0, abs=0.15)
+    assert stiffness.metrics["train"]["free run"]["yaw_rate"]["rmse"] == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_fit_is_the_same_after_being_saved(stiffness, tmp_path):
+    again = load(stiffness.save(tmp_path / "fit.json"), build)
+    other = recorded(sine(0.03, 0.6), 13.0, C_F, C_R)
+    before, after = apply_hybrid(stiffness, other), apply_hybrid(again, other)
+    assert np.array_equal(before["F_yf"], after["F_yf"])
+    assert np.array_equal(again.model.values, stiffness.model.values)
+
+
+def test_the_same_seed_trains_the_same():
+    recordings, brief = manoeuvres(C_F, C_R)[:2], {"hidden": [3], "window": 40, "warm_up": 10}
+    one, two, other = (trained("hybrid_force", recordings, seed, brief) for seed in (1, 1, 2))
+    assert np.array_equal(one.model.values, two.model.values)
+    assert not np.array_equal(one.model.values, other.model.values)
+
+
+def test_in_a_mirror_a_stretch_is_that_of_the_mirrored_recording():
+    model, one = build("hybrid_force"), manoeuvres(C_F, C_R)[0]
+    (own,), (other,) = stretches(model, one), stretches(model, one.mirrored())
+    for name in ("inputs", "outputs", "states"):
+        assert np.allclose(getattr(mirrored(model, own), name), getattr(other, name))
+
+
+def test_an_ensemble_has_a_spread(stiffness):
+    other = recorded(steps(0.02), 12.0, C_F, C_R)
+    alike = apply_hybrid([stiffness, stiffness], other)
+    assert np.all(alike["F_yf_sd"] == 0.0)
+    assert alike.units["F_yf_sd"] == "N"
+    assert list(alike.table()[["time", "F_yf"]].columns) == ["time", "F_yf"]
+
+
+def test_progress_is_told_and_an_interruption_keeps_the_best():
+    heard = []
+
+    def say(line, passing=False):
+        heard.append(line)
+        if len(heard) == 8:
+            raise KeyboardInterrupt
+
+    recordings = manoeuvres(C_F, C_R)[:3]
+    model = prepared("hybrid_force", join(recordings, "training"), {"hidden": [3]}, vehicle=VEHICLE)
+    found = fit(model, recordings, how=How(), say=say)
+    assert found.stages[0].status == "interrupted"
+    assert "held out" in heard[0]
+
+
+def test_one_short_recording_is_refused_in_a_sentence():
+    short = [recorded(sine(0.02, 0.5, 100), 12.0, C_F, C_R)]
+    with pytest.raises(BadInput, match="Name more recordings"):
+        trained("hybrid_force", short)
+
+
+def test_ipopt_is_refused_in_a_sentence():
+    with pytest.raises(BadInput, match="leave --solver away"):
+        trained("hybrid_force", manoeuvres(C_F, C_R)[:2], solver="ipopt")
+
+
+def test_a_fit_of_another_kind_is_refused_in_a_sentence(stiffness):
+    with pytest.raises(BadInput, match="no fit to apply"):
+        apply_hybrid([], recorded(steps(0.02), 12.0, C_F, C_R))
+    other = trained("hybrid_force", manoeuvres(C_F, C_R)[:2], 0, {"hidden": [2], "window": 20, "warm_up": 5})
+    with pytest.raises(BadInput, match="one hybrid model"):
+        apply_hybrid([stiffness, other], recorded(steps(0.02), 12.0, C_F, C_R))

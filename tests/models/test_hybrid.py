@@ -1,0 +1,77 @@
+"""Hybrid models before training are plain linear vehicles; their settings are checked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_bicycle import SIMROD, VEHICLE, recorded, sine, steps
+
+from greybox_id.engine.hybrid.free_run import free_run
+from greybox_id.errors import BadInput, BadModel
+from greybox_id.models.hybrid import SLOPE, HybridSettings, hybrid_force, hybrid_stiffness
+from greybox_id.models.registry import build, prepared
+from greybox_id.models.single_track import G
+
+BOTH = ("hybrid_stiffness", "hybrid_force")
+L = SIMROD["l_f"] + SIMROD["l_r"]
+C_F = SLOPE * SIMROD["m"] * G * SIMROD["l_r"] / L
+C_R = SLOPE * SIMROD["m"] * G * SIMROD["l_f"] / L
+
+
+@pytest.mark.parametrize("name", BOTH)
+@pytest.mark.parametrize("steer", [steps(0.02), sine(0.02, 1.0)], ids=["step", "sine"])
+def test_untrained_they_are_a_linear_single_track(name, steer):
+    recording = recorded(steer, 12.0, C_F, C_R)
+    found = free_run(build(name, vehicle=VEHICLE), recording)
+    for signal in ("v_y", "yaw_rate", "a_y"):
+        error = found[signal] - recording[signal]
+        assert np.sqrt(np.mean(error**2)) < 0.01 * np.max(np.abs(recording[signal]))
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_forces_are_stiffness_times_slip(name):
+    found = free_run(build(name, vehicle=VEHICLE), recorded(steps(0.03), 12.0, C_F, C_R))
+    told = np.isfinite(found["C_alpha_f"])
+    assert np.any(told)
+    assert np.array_equal(told, np.abs(found["alpha_f"]) >= 0.01)
+    assert np.allclose(found["C_alpha_f"][told], C_F, rtol=1e-9)
+    assert np.allclose(found["F_yr"], C_R * found["alpha_r"], rtol=1e-9)
+
+
+def test_slow_samples_are_cut_into_steps_that_stay_stable():
+    slow = recorded(sine(0.02, 0.5, 60, 20.0), 8.0, C_F, C_R, rate=20.0)
+    assert build("hybrid_stiffness", {"sample_time": 0.05}).substeps == 4
+    found = free_run(build("hybrid_stiffness", {"sample_time": 0.05}, vehicle=VEHICLE), slow)
+    assert np.max(np.abs(found["yaw_rate"] - slow["yaw_rate"])) < 0.02 * np.max(np.abs(slow["yaw_rate"]))
+
+
+def test_the_networks_size_is_the_papers():
+    model = hybrid_stiffness()
+    assert [model[f"W_{k}"].shape[0] for k in (1, 2, 3)] == [25, 15, 10]
+    assert hybrid_force()["W_out"].shape == (2, 10)
+
+
+def test_speed_and_sample_time_are_set_from_the_training_recording():
+    model = prepared("hybrid_force", recorded(steps(0.02), 12.0, C_F, C_R, rate=50.0))
+    assert model.sample_time == pytest.approx(0.02)
+    assert model.settings["speed"] == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [({"warm_up": 60}, "warm_up"), ({"hidden": (2.5,)}, "whole numbers"), ({"window": 1}, "window")],
+)
+def test_settings_that_cannot_be_are_refused_in_a_sentence(settings, told):
+    with pytest.raises(BadInput, match=told):
+        HybridSettings(**settings)
+
+
+def test_a_recording_without_speed_is_refused_in_a_sentence():
+    slow = recorded(steps(0.02), 2.0, C_F, C_R)
+    with pytest.raises(BadInput, match="nowhere faster than 3 m/s"):
+        prepared("hybrid_force", slow)
+
+
+def test_a_window_must_be_longer_than_its_warm_up():
+    with pytest.raises(BadModel, match="warm up"):
+        replace(hybrid_force(), warm_up=60)
