@@ -1,11 +1,13 @@
 """Sideslip, cornering stiffness and tyre forces by filter, smoother and hybrid network, against what was measured.
 
-    python benchmarks/estimators.py --data DIR [--json] [--parts sideslip simrod speed]
+    python benchmarks/estimators.py --data DIR [--json] [--quick] [--parts sideslip simrod speed]
 
 sideslip  The Ferrari 250 LM's recordings in DIR/revs_250lm (or DIR): v_x, steer, yaw_rate and a_y go in, the measured
           sideslip only scores. The vehicle's numbers were tuned on the innovations of the first 200 s; every other
           segment is new to them. The first 2 s of each segment are left out.
-simrod    The synthetic SimRod's held-out manoeuvres against its true tyre forces: IMU and sideslip (v_y) go in.
+simrod    The synthetic SimRod's held-out manoeuvres against its true tyre forces: filters read yaw_rate, a_y and v_y;
+          hybrid networks are trained on the other manoeuvres. Forces: RMSE over the largest force of each manoeuvre.
+          Stiffnesses (force over slip angle): relative RMSE where the true slip angle is above 0.01 rad.
 speed     Samples per second of processor time of filters with four states, beside filterpy's.
 """
 
@@ -23,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from hybrid import row, scored, trained
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -30,6 +33,8 @@ from threadpoolctl import threadpool_limits
 from greybox_id.choices.parameters import wanted_vehicle
 from greybox_id.choices.wanted import Wanted
 from greybox_id.datasets.read import SUFFIXES, read
+from greybox_id.datasets.synthetic_simrod import make
+from greybox_id.datasets.synthetic_simrod.truth import EXCITED
 from greybox_id.errors import GreyboxError
 from greybox_id.filters import How, Track, track
 from greybox_id.models.effects import EFFECTS
@@ -37,6 +42,7 @@ from greybox_id.models.registry import build
 from greybox_id.motion_model import MotionModel
 from greybox_id.parameter import Array, Parameter
 from greybox_id.recording import Recording
+from greybox_id.scores.estimates import Estimates
 
 SKIPPED = 2.0
 """s at the beginning of each segment."""
@@ -57,6 +63,7 @@ def main() -> int:
     arguments.add_argument("--data", type=Path, help="folder of the recordings; the part sideslip needs it")
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    arguments.add_argument("--quick", action="store_true", help="no hybrid networks: training takes minutes")
     given = arguments.parse_args()
     found: dict[str, list[dict[str, Any]]] = {}
     try:
@@ -66,7 +73,7 @@ def main() -> int:
                     raise GreyboxError("The part sideslip needs --data DIR; or name others with --parts.")
                 found["sideslip"] = [row for name, part in segments(given.data) for row in sideslip_rows(name, part)]
             if "simrod" in given.parts:
-                found["simrod"] = simrod_rows()
+                found["simrod"] = simrod_rows(train=not given.quick)
             if "speed" in given.parts:
                 found["speed"] = speed_rows()
     except GreyboxError as error:
@@ -105,7 +112,7 @@ def sideslip_rows(name: str, recording: Recording) -> Iterator[dict[str, Any]]:
     truth, skipped = recording["sideslip"], recording.time - recording.time[0] < SKIPPED
     blind = replace(recording, signals={n: recording[n] for n in ("v_x", "steer", "yaw_rate", "a_y")})
 
-    def row(method: str, estimate: Array, sd: Array | None = None, found: Track | None = None) -> dict[str, Any]:
+    def told_of(method: str, estimate: Array, sd: Array | None = None, found: Track | None = None) -> dict[str, Any]:
         error = np.degrees(estimate - truth)[~skipped]
         told: dict[str, Any] = {"method": method, "segment": name}
         told |= {"rmse_deg": float(np.sqrt(np.mean(error**2))), "max_deg": float(np.max(np.abs(error)))}
@@ -116,12 +123,12 @@ def sideslip_rows(name: str, recording: Recording) -> Iterator[dict[str, Any]]:
         told["prototype_rmse_deg"] = PROTOTYPE.get(method) if name == "200-400 s" else None
         return told
 
-    yield row("sideslip is zero", np.zeros(len(recording)))
-    yield row("leaky integration", leaky(recording))
+    yield told_of("sideslip is zero", np.zeros(len(recording)))
+    yield told_of("leaky integration", leaky(recording))
     linear = Wanted("lateral", vehicle, {"tyre": "linear"}).model()
     assert isinstance(linear, MotionModel)
     found = track(linear, blind, ("C_alpha_f", "C_alpha_r"), how=How("ekf"))
-    yield row("EKF, linear tyres, stiffness tracked", found.values["sideslip"], found.sds["sideslip"], found)
+    yield told_of("EKF, linear tyres, stiffness tracked", found.values["sideslip"], found.sds["sideslip"], found)
     model = Wanted(None, vehicle).model()
     assert isinstance(model, MotionModel)
     for kind in ("ekf", "ukf"):
@@ -129,7 +136,7 @@ def sideslip_rows(name: str, recording: Recording) -> Iterator[dict[str, Any]]:
             how = How(kind, smooth, known=plan.noise)
             found = track(model, blind, plan.parameters, disturbances=plan.disturbances, effects=EFFECTS, how=how)
             method = f"{kind.upper()}, vehicle's own model{', smoothed' if smooth else ''}"
-            yield row(method, found.values["sideslip"], found.sds["sideslip"], found)
+            yield told_of(method, found.values["sideslip"], found.sds["sideslip"], found)
 
 
 def leaky(recording: Recording) -> Array:
@@ -141,44 +148,37 @@ def leaky(recording: Recording) -> Array:
     return found
 
 
-def simrod_rows() -> list[dict[str, Any]]:
-    """Each estimator over all held-out manoeuvres: errors of stiffness where slip excites it, and of forces."""
-    from greybox_id.datasets.synthetic_simrod import EXCITED, make
-
+def simrod_rows(train: bool) -> list[dict[str, Any]]:
+    """Each estimator over all held-out manoeuvres; hybrid networks are trained on the others, which takes minutes."""
     vehicle = wanted_vehicle("simrod")
-    linear = build("lateral", {"tyre": "linear"}, vehicle=vehicle)
-    free = build("lateral", vehicle=vehicle)
-    tests = list(make(seed=0, part="held_out"))
-    rows = []
+    models = {
+        ("C_alpha_f", "C_alpha_r"): build("lateral", {"tyre": "linear"}, vehicle=vehicle),
+        ("F_yf", "F_yr"): build("lateral", vehicle=vehicle),
+    }
+    tests, rows = make(0, "held out"), []
     for kind in ("ekf", "ukf"):
         for smooth in (False, True):
-            for what, model, names in (
-                ("stiffness", linear, ("C_alpha_f", "C_alpha_r")), ("forces", free, ("F_yf", "F_yr")),
-            ):  # fmt: skip
-                how = How(kind, smooth, readings=("yaw_rate", "a_y", "v_y"), tune=20.0)
-                errors: dict[str, list[float]] = {"force": [], "stiffness": []}
-                for test in tests:
-                    assert isinstance(model, MotionModel)
-                    found = track(model, test.recording, names, how=how)
-                    for axle in "fr":
-                        told = found.values[f"F_y{axle}"]
-                        force, slip = getattr(test.truth, f"F_y{axle}"), getattr(test.truth, f"alpha_{axle}")
-                        errors["force"].append(float(np.sqrt(np.mean((told - force) ** 2)) / np.max(np.abs(force))))
-                        if what == "stiffness":
-                            excited = np.abs(slip) > EXCITED
-                            ratio = found.values[f"C_alpha_{axle}"][excited] * slip[excited] / force[excited]
-                            errors["stiffness"].append(float(np.median(np.abs(ratio - 1))))
+            how = How(kind, smooth, readings=("yaw_rate", "a_y", "v_y"), tune=20.0)
+            for names, model in models.items():
+                assert isinstance(model, MotionModel)
+                found = [_as_estimates(track(model, test.recording, names, how=how)) for test in tests]
                 rows.append(
-                    {
-                        "method": f"{kind.upper()}, {what} tracked{', smoothed' if smooth else ''}",
-                        "stiffness_error": float(np.mean(errors["stiffness"])) if errors["stiffness"] else None,
-                        "stiffness_error_worst": max(errors["stiffness"], default=None),
-                        "force_rmse_of_peak": float(np.mean(errors["force"])),
-                        "force_rmse_of_peak_worst": max(errors["force"]),
-                        "manoeuvres": len(tests),
-                    }
+                    row(f"{kind.upper()}, {names[0]} {names[1]}{', smoothed' if smooth else ''}", "all", tests, found)
                 )
-    return rows
+    if train:
+        for name in ("hybrid_stiffness", "hybrid_force"):
+            rows += [own for own in scored(name, [trained(name, 0, 0)], tests) if own["manoeuvre"] == "all"]
+    return [dict(own) for own in rows]
+
+
+def _as_estimates(found: Track) -> Estimates:
+    """Stiffness is force over slip angle, where slip tells it: what the truth is, too."""
+    columns = dict(found.values) | {f"{name}_sd": sd for name, sd in found.sds.items()}
+    for axle in "fr":
+        excited = np.abs(columns[f"alpha_{axle}"]) > EXCITED / 2
+        safe = np.where(excited, columns[f"alpha_{axle}"], np.nan)
+        columns[f"C_alpha_{axle}"] = columns[f"F_y{axle}"] / safe
+    return Estimates(found.time, columns, found.units)
 
 
 def speed_rows() -> list[dict[str, Any]]:
@@ -273,10 +273,11 @@ def _filterpy_speed(kind: str, signals: dict[str, Array]) -> float:
 def show(title: str, rows: list[dict[str, Any]]) -> None:
     """A table."""
     table = Table(title=title, box=None, padding=(0, 2, 0, 0), pad_edge=False, title_justify="left")
-    for name in rows[0]:
+    names = list(dict.fromkeys(name for own in rows for name in own))
+    for name in names:
         table.add_column(name.replace("_", " "), header_style="dim")
-    for row in rows:
-        table.add_row(*(_text(value) for value in row.values()))
+    for own in rows:
+        table.add_row(*(_text(own.get(name)) for name in names))
     console = Console(highlight=False)
     console.width = max(console.width, 180)
     console.print(table)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ...filters import Track
 from ...parameter import Array
 from ...recording import Recording
-from ..figures.style import BLUE, MEASURED, canvas, label, legend_above, look
+from ..figures.style import BLUE, MEASURED, canvas, legend_above, look, words
 from ..numbers import pretty_unit
 
 SHOWN = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr")
@@ -39,9 +39,7 @@ def over_time(found: Track, recording: Recording, names: Sequence[str] = ()) -> 
             if measured is not None:
                 line = MEASURED.shape() | {"linewidth": 0.7}
                 axes.plot(found.time[::every], measured[rows][::every], label=MEASURED.words, zorder=1.5, **line)
-            axes.set_ylabel(
-                label(name, found.units[name]) if name != "sideslip" else f"sideslip [{pretty_unit('rad')}]"
-            )
+            axes.set_ylabel(f"{words(name)} [{pretty_unit(found.units[name])}]")
             axes.margins(x=0)
         figure.align_ylabels()
         panels[-1].set_xlabel("time [s]")

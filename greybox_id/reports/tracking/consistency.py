@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ...filters import Track
 from ...filters.consistency import WINDOW, bounds, windowed
@@ -28,6 +29,9 @@ def innovations(found: Track) -> Figure:
             axes.axhspan(low, high, color=PALE, alpha=0.4, linewidth=0, label="95 % of windows, if consistent")
             axes.plot(time, means, color=BLUE, marker=".", markersize=2.5, linewidth=0.6, label="mean over 2 s")
             axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+            axes.yaxis.set_minor_locator(NullLocator())
             axes.set_ylabel(f"NIS {words(name)} [1]")
             axes.margins(x=0)
         figure.align_ylabels()
