@@ -102,7 +102,7 @@ class Bench:
         known = {key: self._simulated[key] for key in keys if key in self._simulated}
         new = {key: k for k, key in enumerate(keys) if key not in known}
         if new:
-            made = self._anew(P[list(new.values())])
+            made = self.simulate_anew(P[list(new.values())])
             known |= dict(zip(new, made, strict=True))
         for key in keys:  # what was asked for last is forgotten last
             self._simulated.pop(key, None)
@@ -112,7 +112,8 @@ class Bench:
             del self._simulated[key]
         return [known[key] for key in keys]
 
-    def _anew(self, P: Array) -> list[Simulated]:
+    def simulate_anew(self, P: Array) -> list[Simulated]:
+        """Simulations with each vector, whatever is remembered."""
         shifts = [tuple(self.simulator.shifts(p)) for p in P]
         starts = self._starts(P)[0]
         found: list[Simulated | None] = [None] * len(P)

@@ -46,7 +46,7 @@ class Search:
     ----------
     nominal : the parameter vector everything is about.
     expanded : (shifts,) coordinates about which abrupt nuisances are linearised.
-    simulations : how many there have been.
+    simulations : how many were asked for; the bench remembers some.
     """
 
     def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, trust: float = 1.0) -> None:
