@@ -90,3 +90,20 @@ def test_rotating_wheels_carry_the_force_that_is_asked_for():
     found, plain = (driven(forms) for forms in (Forms(wheels="rotating"), NOMINAL))
     for name, most in {"v_x": 0.02, "yaw_rate": 0.01, "a_x": 0.1}.items():
         assert np.sqrt(np.mean((found[name] - plain[name]) ** 2)) < most * np.std(plain[name])
+
+
+@pytest.mark.parametrize("kind", ["racer", "car", "truck"])
+def test_rotating_wheels_add_nothing_to_the_mass(kind):
+    car = random_vehicle(12, kind)
+    rows = 400
+    pulse = 0.3 * np.sin(2 * np.pi * np.arange(rows) / 100.0) * car.size.drive * car.parameters["m"]
+    given = Recording(
+        "straight", np.arange(rows) / 100.0,
+        {"steer": np.zeros(rows), car.drive_channel: pulse / car.parameters["force_per_unit"]},
+    )  # fmt: skip
+    start = {"v_x": 0.5 * car.size.top_speed}
+    found, plain = (
+        replay(car, given, start, {}, forms)[1].states["v_x"] for forms in (Forms(wheels="rotating"), NOMINAL)
+    )
+    moved, asked = found - np.mean(found), plain - np.mean(plain)
+    assert np.sum(moved * asked) / np.sum(asked**2) == pytest.approx(1.0, abs=0.003)
