@@ -78,8 +78,8 @@ def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: f
     """Wheels that rotate, on for h seconds; implicit in what the tyre gives back.
 
     What speeds them up, at the vehicle's own rate, `faster`, comes on top: forces are stated as what accelerates the
-    vehicle. While the vehicle goes on, wheels keep their speed: it is that of the middle of the step to come. That of its
-    beginning had slip, and force with it, fall behind by half a step: 1.8 % of a small car's mass.
+    vehicle. While the vehicle goes on, wheels keep their speed, which is that of the middle of the step to come: with
+    that of its beginning slip, and force with it, fall behind by half a step, 1.8 % of a small car's mass.
     """
     F_xf, F_xr = driven(car, s, given)
     R, I_w = car.wheel_radius, car.I_w
