@@ -30,7 +30,7 @@ from reference_vehicle import FULL_SIZE_CAR, simulate
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.gap import diagnose
-from greybox_id.gap.bench import Bench
+from greybox_id.gap.bench import Bench, Simulated
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -104,21 +104,21 @@ def measure(cases: list[str], seconds: float, repeats: int) -> list[dict[str, An
 
 
 def diagnosed(model: MotionModel, recording: Recording, vehicle: Vehicle) -> tuple[Gap, float, int]:
-    """A diagnosis, its CPU seconds, and how many whole recordings it simulated."""
-    count, own = 0, Bench.simulate
+    """A diagnosis, its CPU seconds, and how many whole recordings it simulated; those it remembered do not count."""
+    count, own = 0, Bench.simulate_anew
 
-    def counted(bench: Bench, P: Array) -> Array:
+    def counted(bench: Bench, P: Array) -> list[Simulated]:
         nonlocal count
         count += len(P)
         return own(bench, P)
 
-    Bench.simulate = counted  # type: ignore[method-assign]
+    Bench.simulate_anew = counted  # type: ignore[method-assign]
     try:
         begun = time.process_time()
         gap = diagnose(model, [recording], EFFECTS, vehicle=vehicle)
         return gap, time.process_time() - begun, count
     finally:
-        Bench.simulate = own  # type: ignore[method-assign]
+        Bench.simulate_anew = own  # type: ignore[method-assign]
 
 
 def plain(model: MotionModel, recording: Recording, runs: int = 20) -> float:

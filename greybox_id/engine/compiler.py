@@ -13,7 +13,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -59,12 +59,14 @@ class Compiler:
         """What a library is called: the same for the same source, compiler, flags and machine."""
         return hashlib.sha256("\0".join([known_by, *self.command, self.identity]).encode()).hexdigest()[:32]
 
-    def compile(self, source: str, target: Path) -> None:
-        """Make a library, beside its place first: another process may be making the same one."""
+    def compile(self, sources: Sequence[str], target: Path) -> None:
+        """Make a library of some files, beside its place first: another process may be making the same one."""
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".kernel-") as folder:
-            text, library = Path(folder, "kernel.c"), Path(folder, "kernel.so")
-            text.write_text(source, encoding="utf-8")
-            command = [*self.command, "-shared", str(text), "-o", str(library), "-lm"]
+            library = Path(folder, "kernel.so")
+            texts = [Path(folder, f"kernel{k}.c") for k in range(len(sources))]
+            for text, source in zip(texts, sources, strict=True):
+                text.write_text(source, encoding="utf-8")
+            command = [*self.command, "-shared", *map(str, texts), "-o", str(library), "-lm"]
             try:
                 made = subprocess.run(command, capture_output=True, text=True, check=False)
             except OSError as error:
@@ -85,13 +87,14 @@ def compiler() -> Compiler:
     raise CannotCompile(f"There is no C compiler: looked for {', '.join(command[0] for command in candidates)}.")
 
 
-def library(source: Callable[[], str], known_by: str, *, compile_it: bool) -> ctypes.CDLL | None:
-    """The compiled source; None if that is not there yet and not to be made.
+def library(sources: Callable[[], Sequence[str]], known_by: str, *, compile_it: bool) -> ctypes.CDLL | None:
+    """The compiled sources; None if that is not there yet and not to be made.
 
     Parameters
     ----------
-    source : writes it; not asked for where the library is in the cache, as writing takes a second for large models.
-    known_by : what the source follows from.
+    sources : writes the files it is made of; not asked for where the library is in the cache, as writing takes a second
+        for large models.
+    known_by : what they follow from.
     compile_it : whether a library that is missing is made.
 
     Raises
@@ -103,7 +106,7 @@ def library(source: Callable[[], str], known_by: str, *, compile_it: bool) -> ct
     if not path.exists():
         if not compile_it:
             return None
-        chosen.compile(source(), path)
+        chosen.compile(sources(), path)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:  # a truncated file, or a folder from which nothing may be executed

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..parameter import Array
 from .compiler import CannotCompile, library
-from .lanes import source
+from .lanes import FEW, WIDE, narrow_source, source
 from .virtual import VirtualMachine
 
 PAYS = 100_000
@@ -87,7 +87,13 @@ class Kernel:
             return self._model.virtual.simulate(*given)
         z = np.empty((lanes, segments + 1, self._model.states))
         y = np.empty((lanes, readings, self._model.outputs))
-        self._library.simulate(lanes, segments, readings, *_places(*given, z, y))
+        few = lanes % WIDE if hasattr(self._library, "simulate_few") else 0
+        whole = lanes - few if few <= FEW else lanes
+        for run, first, last in (("simulate", 0, whole), ("simulate_few", whole, lanes)):
+            if first < last:
+                own = [array[first:last] for array in (*given[:3], z, y)]
+                places = _places(*own[:3], given[3], *own[3:])
+                getattr(self._library, run)(last - first, segments, readings, *places)
         return z, y
 
     def linearise(
@@ -148,7 +154,7 @@ class Kernel:
         if self._library is None and self._wanted is not False and not self._cannot and (looks or pays):
             self._looked = True
             try:
-                found = library(lambda: self._model.source, self._model.known_by, compile_it=pays)
+                found = library(lambda: self._model.sources, self._model.known_by, compile_it=pays)
                 self._library = found and _declared(found)
             except CannotCompile:
                 if self._wanted:
@@ -191,10 +197,11 @@ class _Functions:
         return VirtualMachine(*[cs.Function(name, self.arguments, results) for name, results in parts.items()])
 
     @cached_property
-    def source(self) -> str:
+    def sources(self) -> tuple[str, str]:
         """To be compiled."""
         value = cs.Function("value", self.arguments, self.results)
-        return source(value, cs.Function("slope", self.arguments, [*self.results, *self.slopes]))
+        slope = cs.Function("slope", self.arguments, [*self.results, *self.slopes])
+        return source(value, slope), narrow_source(value)
 
 
 @lru_cache
@@ -209,6 +216,8 @@ def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     made.simulate.argtypes = [ctypes.c_ssize_t] * 3 + [ctypes.c_void_p] * 6
     made.linearise.argtypes = [ctypes.c_ssize_t] * 4 + [ctypes.c_void_p] * 9
     made.simulate.restype = made.linearise.restype = None
+    if hasattr(made, "simulate_few"):
+        made.simulate_few.argtypes, made.simulate_few.restype = made.simulate.argtypes, None
     return made
 
 

@@ -2,7 +2,9 @@
 
 Lanes are GCC's vector type (clang has it too), as wide as the machine's registers: 8 with AVX-512, 4 with AVX2,
 else 2. Functions come from glibc's libmvec on x86-64, whose results are within 4 ulp; elsewhere each lane calls the
-mathematical library. Infinities and NaN behave as in CasADi's virtual machine: the flags promise nothing about them.
+mathematical library. With AVX-512 up to four lanes that are left over run in vectors of four, in three quarters of the
+time: divisions and square roots take as long as a vector is wide. Infinities and NaN behave as in CasADi's virtual
+machine: the flags promise nothing about them.
 """
 
 from __future__ import annotations
@@ -13,12 +15,15 @@ import casadi as cs
 
 from .emit import Result, straight_line
 
+WIDE, FEW = 8, 4
+"""Lanes of the widest vectors, and of those that take what they would leave half empty."""
+
 PRELUDE = r"""
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
 
-#if defined __AVX512F__
+#if defined __AVX512F__ && !defined NARROW
 #define W 8
 #define MVEC(arguments, name) _ZGVeN8##arguments##_##name
 #elif defined __AVX2__
@@ -168,7 +173,7 @@ static inline void add(const v *J, ptrdiff_t n, const short *row, const short *c
 
 
 def source(value: cs.Function, slope: cs.Function) -> str:
-    """The C of a kernel.
+    """The C of a kernel; beside it stands `narrow_source`.
 
     Parameters
     ----------
@@ -178,9 +183,8 @@ def source(value: cs.Function, slope: cs.Function) -> str:
     Raises `CannotCompile`.
     """
     A, B, C, D = (slope.sparsity_out(k) for k in range(2, 6))
-    sizes = {"NZ": value.nnz_in(0), "NS": value.nnz_in(1), "NP": value.nnz_in(2), "NY": value.nnz_out(1)}
-    sizes |= {"NA": A.nnz(), "NB": B.nnz(), "NC": C.nnz(), "ND": D.nnz()}
-    following, y = Result("next"), Result("y", ["reading"] * sizes["NY"])
+    sizes = {"NA": A.nnz(), "NB": B.nnz(), "NC": C.nnz(), "ND": D.nnz()}
+    following, y = _results(value)
     derivatives = [
         Result("A"),
         Result("B", [f"moving[{parameter}] >= 0" for parameter in B.get_triplet()[1]]),
@@ -189,10 +193,8 @@ def source(value: cs.Function, slope: cs.Function) -> str:
     ]
     return "\n".join(
         [
-            PRELUDE,
+            _simulation(value),
             *[f"#define {name} {size}" for name, size in sizes.items()],
-            straight_line("value", value, [following, y], ["int reading"]),
-            SIMULATE,
             straight_line("slope", slope, [following, y, *derivatives], ["int reading", "const ptrdiff_t *moving"]),
             _table("B_ROW", B.get_triplet()[0]),
             _table("B_COLUMN", B.get_triplet()[1]),
@@ -204,6 +206,28 @@ def source(value: cs.Function, slope: cs.Function) -> str:
             LINEARISE,
         ]
     )
+
+
+def narrow_source(value: cs.Function) -> str:
+    """The C of `simulate_few`, in vectors of `FEW` lanes; none where these are the widest there are."""
+    simulation = _simulation(value).replace("void simulate(", "void simulate_few(")
+    return f"#if defined __AVX512F__\n#define NARROW\n{simulation}\n#endif"
+
+
+def _simulation(value: cs.Function) -> str:
+    sizes = {"NZ": value.nnz_in(0), "NS": value.nnz_in(1), "NP": value.nnz_in(2), "NY": value.nnz_out(1)}
+    return "\n".join(
+        [
+            PRELUDE,
+            *[f"#define {name} {size}" for name, size in sizes.items()],
+            straight_line("value", value, _results(value), ["int reading"]),
+            SIMULATE,
+        ]
+    )
+
+
+def _results(value: cs.Function) -> list[Result]:
+    return [Result("next"), Result("y", ["reading"] * value.nnz_out(1))]
 
 
 def _table(name: str, entries: Sequence[int]) -> str:

@@ -7,12 +7,13 @@ lie side by side in lanes; delays and latencies that are zero, and stay so, cut 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..engine.motion.chain import chained
-from ..engine.motion.lanes import Interval, Lanes, lay
-from ..engine.motion.runs import MotionRun, motion_runs
+from ..engine.motion.lanes import Interval, Lanes, cut_rows, lay
+from ..engine.motion.runs import Index, MotionRun, motion_runs
 from ..engine.motion.schedule import Schedule, schedule
 from ..engine.motion.simulator import Simulator
 from ..engine.motion.stiffness import longest_segment
@@ -24,6 +25,22 @@ SETTLING = 0.2
 """First stretch of a run that does not count, s."""
 LANES = 8
 """Simulations that run at once."""
+REMEMBERED = 8_000_000
+"""Readings of simulations that are remembered: refits begin where the refit before them ended."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulation that may be asked for again.
+
+    Attributes
+    ----------
+    y : (N, outputs) predicted readings.
+    cuts : (lanes, nz) states where `linearise` cuts the runs.
+    """
+
+    y: Array
+    cuts: Array
 
 
 class Bench:
@@ -61,6 +78,7 @@ class Bench:
         self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
+        self._simulated: dict[bytes, Simulated] = {}
         self._laid: dict[tuple[tuple[float, ...], ...], Lanes] = {}
 
     @property
@@ -75,20 +93,53 @@ class Bench:
 
     def simulate(self, P: Array) -> Array:
         """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
+        return np.stack([own.y for own in self._simulations(P)])
+
+    def _simulations(self, P: Array) -> list[Simulated]:
+        """Simulations with each vector: those that are remembered, and new ones."""
+        P = np.ascontiguousarray(P, dtype=float)
+        keys = [p.tobytes() for p in P]
+        known = {key: self._simulated[key] for key in keys if key in self._simulated}
+        new = {key: k for k, key in enumerate(keys) if key not in known}
+        if new:
+            made = self.simulate_anew(P[list(new.values())])
+            known |= dict(zip(new, made, strict=True))
+        for key in keys:  # what was asked for last is forgotten last
+            self._simulated.pop(key, None)
+            self._simulated[key] = known[key]
+        most = max(LANES, REMEMBERED // max(self.measured.size, 1))
+        for key in list(self._simulated)[: max(len(self._simulated) - most, 0)]:
+            del self._simulated[key]
+        return [known[key] for key in keys]
+
+    def simulate_anew(self, P: Array) -> list[Simulated]:
+        """Simulations with each vector, whatever is remembered."""
         shifts = [tuple(self.simulator.shifts(p)) for p in P]
         starts = self._starts(P)[0]
-        found = np.empty((len(P), *self.measured.shape))
+        found: list[Simulated | None] = [None] * len(P)
         order = sorted(range(len(P)), key=lambda k: [s != 0 for s in shifts[k]])  # alike ones share a call's segments
-        per_call = max(1, LANES // len(self.runs))
+        per_call, runs = max(1, LANES // len(self.runs)), range(len(self.runs))
         for first in range(0, len(P), per_call):
             own = order[first : first + per_call]
             lanes = self._lanes(tuple(shifts[k] for k in own))
             p = np.repeat(P[own], len(self.runs), axis=0)
             z0 = starts[own].reshape(len(p), -1)
             with np.errstate(all="ignore"):
-                _, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads)
-            found[own] = lanes.gathered(y).reshape(len(own), *self.measured.shape)
-        return found
+                z, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads)
+            read = lanes.gathered(y).reshape(len(own), *self.measured.shape)
+            z = z.reshape(len(own), len(self.runs), *z.shape[1:])
+            for at, k in enumerate(own):
+                cuts = [z[at, i, self._cut(plan)] for i, plan in zip(runs, self._scheduled(shifts[k]), strict=True)]
+                found[k] = Simulated(read[at].copy(), np.concatenate(cuts))
+        return [own for own in found if own is not None]
+
+    def _cut(self, plan: Schedule) -> Index:
+        """Segments at which the lanes of a run begin that `linearise` cuts."""
+        return plan.row_segment[cut_rows(0, len(plan.row_segment), self._cuts)]
+
+    @property
+    def _cuts(self) -> int:
+        return max(1, LANES // len(self.runs))
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation and its derivatives.
@@ -105,14 +156,16 @@ class Bench:
         S : (N, outputs, runs * loose) by the starts of every run.
         """
         moving, shifts = self._moving(columns), self.simulator.shifts(p)
-        plans = [schedule(self.simulator.trace, run, shifts, self.longest, moving) for run in self.runs]
+        plans = self._scheduled(tuple(shifts))
+        if any(moving):
+            plans = [schedule(self.simulator.trace, run, shifts, self.longest, moving) for run in self.runs]
         intervals = [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)]
-        whole, cut = lay(plans, intervals), lay(plans, intervals, max(1, LANES // len(plans)))
-        (z0,), (by_p,) = self._starts(p[None])
+        cut = lay(plans, intervals, self._cuts)
+        by_p = self._starts(p[None])[1][0]
+        (found,) = self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            z, y = kernel.simulate(z0, whole.segments, p, whole.reads)
-            _, Z_end, _, Y = kernel.linearise(z[cut.interval, cut.offset], cut.segments, p, cut.reads, chosen)
+            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, p, cut.reads, chosen)
             G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose))
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
@@ -122,7 +175,7 @@ class Bench:
         S = np.zeros((*self.measured.shape, len(self.runs) * loose))
         for k, rows in enumerate(self.rows):
             S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
-        return whole.gathered(y), J[:, :, : len(chosen)], S
+        return found.y.copy(), J[:, :, : len(chosen)], S
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
         """Which shifts any of the parameters moves."""
@@ -137,18 +190,25 @@ class Bench:
 
     def _lanes(self, shifts: tuple[tuple[float, ...], ...]) -> Lanes:
         """Lanes of so many simulations, laid out anew only when a delay moved."""
-        if shifts not in self._laid:
+        if shifts in self._laid:
+            self._laid[shifts] = self._laid.pop(shifts)  # used last, forgotten last
+            return self._laid[shifts]
+        per_call = max(1, LANES // len(self.runs))
+        if len(set(shifts)) == 1 and len(shifts) < per_call:  # part of a full call of such
+            found = self._lanes(shifts[:1] * per_call).of_first(len(shifts) * len(self.runs))
+        else:
             plans = [plan for own in shifts for plan in self._scheduled(own)]
             lengths = [len(run) for _ in shifts for run in self.runs]
-            if len(self._laid) > 4:
-                self._laid.clear()
-            self._laid[shifts] = lay(plans, [Interval(k, 0, rows) for k, rows in enumerate(lengths)])
-        return self._laid[shifts]
+            found = lay(plans, [Interval(k, 0, rows) for k, rows in enumerate(lengths)])
+        while len(self._laid) > LANES:
+            del self._laid[next(iter(self._laid))]
+        self._laid[shifts] = found
+        return found
 
     def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
         if shifts not in self._schedules:
-            if len(self._schedules) > 8:
-                self._schedules.clear()
+            while len(self._schedules) > 2 * LANES:
+                del self._schedules[next(iter(self._schedules))]
             still = [False] * len(shifts)
             self._schedules[shifts] = [
                 schedule(self.simulator.trace, run, np.array(shifts), self.longest, still) for run in self.runs

@@ -22,9 +22,10 @@ from .kinds import AnyBench, Diagnosed
 from .observer import PULLED
 from .plainly import plainly
 from .preparing import Prepared, prepare
+from .refit import refit
 from .regimes import signals
 from .search import Search
-from .selection import Firmly, Selection, refitted, select
+from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
 from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
 from .variance import Scatter, dropped, jitter, repeats, steady
@@ -106,7 +107,7 @@ def examine(
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    freed = {id(own): _at_its_best(search, own) for own in (selection.base, least)}
+    freed = _at_their_best(search, (selection.base, least))
     left = float(np.mean((freed[id(least)].e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, rough, left)
     best = selection.base
@@ -121,7 +122,9 @@ def examine(
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
     seen = signals(bench, y)
-    before, then = (misfit(search, freed.get(id(own)) or _at_its_best(search, own)) for own in (selection.base, best))
+    if id(best) not in freed:
+        freed |= _at_their_best(search, (best,))
+    before, then = (misfit(search, freed[id(own)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
     jittered, after, leaves = jitter(bench, best.e, y, sd, good), closed.after, 1.0
@@ -140,15 +143,16 @@ def examine(
     )  # fmt: skip
 
 
-def _at_its_best(search: Search, found: Hypothesis) -> Hypothesis:
-    """A hypothesis with tolerances that do all they can: what is left then, no tolerance explains."""
+def _at_their_best(search: Search, hypotheses: Sequence[Hypothesis]) -> dict[int, Hypothesis]:
+    """Hypotheses, by their identity, with tolerances that do all they can: what is left then, no tolerance explains."""
+    own = {id(each): each for each in hypotheses}
     trust = search.trust
     if trust == 1.0:
-        return found
+        return own
     search.trusting(1.0)
-    free = refitted(search, found)
+    again = refit(search, [search.start_of(each) for each in own.values()])
     search.trusting(trust)
-    return free
+    return dict(zip(own, again, strict=True)) if len(again) == len(own) else own
 
 
 def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:

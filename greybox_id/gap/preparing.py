@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..effect import Effect
 from ..errors import BadInput
 from ..memory_model import MemoryModel
+from ..models.roughness import with_roughness
 from ..models.vehicles import with_tolerances
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
@@ -68,7 +71,7 @@ def prepare(
     vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of equations of
         motion count; priors of a map with memory do not, for these are about weights as they were before a fit.
     """
-    nominal = _with_beliefs(model, effects, vehicle)
+    nominal = _with_beliefs(model, recordings, effects, vehicle)
     everything, concerned = nominal, {}
     for name, effect in effects.items():
         if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
@@ -85,15 +88,26 @@ def prepare_plain(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
     """The same without candidates, for a model that is not diagnosed any further."""
-    nominal = _with_beliefs(model, effects, vehicle)
+    nominal = _with_beliefs(model, recordings, effects, vehicle)
     return Prepared(nominal, _observed(nominal, recordings), {})
 
 
-def _with_beliefs(model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> Diagnosed:
+def _with_beliefs(
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+) -> Diagnosed:
     if vehicle is None and isinstance(model, MemoryModel):
         vehicle = Vehicle(model.name)
     nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
-    return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
+    if vehicle is None:
+        return nominal
+    return with_roughness(with_tolerances(nominal, vehicle, effects), vehicle, _usual_speed(recordings))
+
+
+def _usual_speed(recordings: Sequence[Recording]) -> float:
+    """Median speed, m/s; 1 where nothing is driven."""
+    speeds = [np.abs(own["v_x"][np.isfinite(own["v_x"])]) for own in recordings if "v_x" in own]
+    found = float(np.median(np.concatenate(speeds))) if any(len(own) for own in speeds) else 0.0
+    return found if found > 0 else 1.0
 
 
 def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:

@@ -7,7 +7,8 @@ time, abrupt ones and starts enter to first order only: about where none of them
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ class Search:
     ----------
     nominal : the parameter vector everything is about.
     expanded : (shifts,) coordinates about which abrupt nuisances are linearised.
-    simulations : how many there have been.
+    simulations : how many were asked for; the bench remembers some.
     """
 
     def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, trust: float = 1.0) -> None:
@@ -83,6 +84,16 @@ class Search:
             jumps[:, :, kept] = self.linear_by[:, :, [count + k for k in kept]]
         self.linear_by = np.concatenate([slopes, jumps, S], axis=2)
         self._whiten()
+
+    @contextmanager
+    def elsewhere(self) -> Iterator[None]:
+        """Linearise elsewhere within, and be about what everything was about before afterwards."""
+        before = self.nominal.copy(), self.expanded.copy(), self.theta_by, self.linear_by
+        try:
+            yield
+        finally:
+            self.nominal, self.expanded, self.theta_by, self.linear_by = before
+            self._whiten()
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
         """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""

@@ -117,11 +117,11 @@ def _polished(search: Search, base: Hypothesis, found: list[Hypothesis], worth: 
     if not best or not (search.moving or search.shifts):
         return found
     better = []
-    for own in best:
-        search.about(own)
-        again = refit(search, [search.start_of(own)])
-        better.append(min([own, *(settled(search, each, 1) for each in again)], key=lambda each: each.cost))
-    search.about(base)
+    with search.elsewhere():
+        for own in best:
+            search.about(own)
+            again = refit(search, [search.start_of(own)])
+            better.append(min([own, *(settled(search, each, 1) for each in again)], key=lambda each: each.cost))
     return sorted([*better, *found[len(better) :]], key=lambda own: own.cost)
 
 

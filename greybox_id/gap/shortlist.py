@@ -62,7 +62,9 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         at = float(np.clip(null + step, axis.low, axis.high))
         sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
         gone = search.reached(here, first.rest + (at - null) * with_it)
-        found[candidate.effect] = Promise(candidate, float(gain), (at,), gone, sd, told)
+        found[candidate.effect] = Promise(
+            candidate, float(gain) * _of_gain(at - null, float(step)), (at,), gone, sd, told
+        )
     for (candidate, start), ok, (gain, share, curve, raw, with_it) in zip(
         tried, sane, numbers[len(plain) :], strict=True
     ):
@@ -99,5 +101,12 @@ def _promised(
     if not candidate.gradual:  # what this very start gains, not what a share of it would
         own = gain * (1 - min((share - 1) ** 2, 1.0)) if share > 0 else 0.0
         return Promise(candidate, own, start, nuisances) if own > 0 else None
-    at = float(np.clip(main.null + share * (start[0] - main.null), main.low, main.high))
-    return Promise(candidate, gain, (at, *start[1:]), nuisances) if at != main.null else None
+    wanted = share * (start[0] - main.null)
+    at = float(np.clip(main.null + wanted, main.low, main.high))
+    own = gain * _of_gain(at - main.null, wanted)
+    return Promise(candidate, own, (at, *start[1:]), nuisances) if at != main.null else None
+
+
+def _of_gain(step: float, wanted: float) -> float:
+    """Share of a gain that is left of a step cut short by a bound: beyond it nothing can be promised."""
+    return 1 - (1 - step / wanted) ** 2 if wanted != 0 else 1.0

@@ -103,7 +103,7 @@ def assert_same(found, expected):
 
 
 @needs_compiler
-@pytest.mark.parametrize("lanes", [1, 7, 9, 200])
+@pytest.mark.parametrize("lanes", [1, 4, 7, 9, 12, 200])
 def test_compiled_and_virtual_machine_agree(lanes):
     model, columns = single_track(), [7, 0, 3, 8]
     *given, reads = driven(lanes, 30)

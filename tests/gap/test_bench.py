@@ -44,6 +44,18 @@ def moved(bench, name, by):
     return p
 
 
+def counted(bench, monkeypatch):
+    """How many lanes the kernel is asked for, call by call."""
+    asked, plain = [], bench.simulator.kernel.simulate
+
+    def simulate(z0, *given):
+        asked.append(len(z0))
+        return plain(z0, *given)
+
+    monkeypatch.setattr(bench.simulator.kernel, "simulate", simulate)
+    return asked
+
+
 @pytest.mark.parametrize("effects", [{}, HERE], ids=["plain", "with effects"])
 def test_a_simulation_is_that_of_the_package(drive, effects):
     model = build("single_track", None, effects, CAR)
@@ -136,3 +148,26 @@ def test_what_leaves_the_range_of_numbers_says_nothing_and_harms_no_other(bench)
     found = bench.simulate(p)
     np.testing.assert_array_equal(found[0], found[2])
     np.testing.assert_allclose(found[0], bench.simulate(p[:1])[0], rtol=1e-9, atol=1e-9)
+
+
+def test_a_simulation_that_was_made_is_not_made_again(bench, monkeypatch):
+    asked = counted(bench, monkeypatch)
+    P = np.array([bench.model.values, moved(bench, "accel_bias_y", 0.05)])
+    first = bench.simulate(P)
+    assert asked == [4]  # two vectors, two runs
+    y, _, _ = bench.linearise(P[0], [place(bench, "m")])
+    again = bench.simulate(np.array([P[1], moved(bench, "accel_bias_y", 0.1), P[0], P[0]]))
+    assert asked == [4, 2]
+    np.testing.assert_array_equal(again[[2, 3, 0]], first[[0, 0, 1]])
+    np.testing.assert_array_equal(y, first[0])
+
+
+def test_what_was_asked_for_long_ago_is_forgotten(bench, monkeypatch):
+    monkeypatch.setattr("greybox_id.gap.bench.REMEMBERED", 0)  # one call's lanes are kept anyway
+    asked = counted(bench, monkeypatch)
+    many = np.array([moved(bench, "accel_bias_y", 0.01 * k) for k in range(12)])
+    found = bench.simulate(many)
+    np.testing.assert_array_equal(bench.simulate(many[-8:]), found[-8:])
+    assert sum(asked) == 2 * 12
+    np.testing.assert_allclose(bench.simulate(many[:1]), found[:1], rtol=1e-12, atol=1e-12)
+    assert sum(asked) == 2 * 13

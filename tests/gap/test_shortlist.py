@@ -123,3 +123,25 @@ def test_nuisances_go_along_to_where_a_candidate_is_tried():
     assert base.theta[0] > 0.8  # it has taken up most of the gap
     assert found.start[0] == pytest.approx(1.0, abs=0.1)
     assert abs(found.nuisances[0]) < 0.1
+
+
+@pytest.mark.parametrize("starts", [(), ((0.1,),)], ids=["by its derivative", "from a start"])
+def test_what_lies_beyond_a_bound_is_not_promised(starts):
+    X = columns(1)
+    search = search_on(linear_bench(X, [1.0], SD), SD)
+    base = base_of(search)
+    bounded = Candidate("effect_0", (axis(0, high=0.25),), starts)
+    (found,) = promises(search, base, [bounded])
+    assert found.start[0] == pytest.approx(0.25)
+    (refitted,) = refit(search, [Start((bounded,), np.array(found.start), base.theta, base.linear)])
+    assert found.gain == pytest.approx(base.cost - refitted.cost, rel=1e-6)
+
+
+def test_of_starts_of_another_second_parameter_the_one_that_gets_further_within_its_bounds_is_kept():
+    """A second parameter so large that the effect is hardly there asks for more of it than there can be."""
+    X = columns(1)[:, :, 0]
+    search = search_on(GivenBench(lambda p: 0.2 * X * p[0] / (1 + p[1]), 0.1 * X, 2), SD)
+    own = Candidate("warmth", (axis(0, high=0.8), axis(1, low=0.0)), ((0.05, 0.0), (0.05, 99.0)))
+    (found,) = promises(search, base_of(search), [own])
+    assert found.start[1] == 0.0
+    assert found.gain > 0

@@ -143,7 +143,7 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
             if left_side or car.spread > 0.0:  # else both wheels have the slip of the axle's middle
                 side = 1.0 if left_side else -1.0
                 y = car.spread * side * 0.5 * track
-                angle = bend - car.spread * side * 0.25 * track / car.L * bend * abs(bend) * (1.0 if front else 0.0)
+                angle = bend + car.spread * side * 0.25 * track / car.L * bend * bend * (1.0 if front else 0.0)
                 c, d = cos(angle), sin(angle)
                 u, w = v_x - r * y, v_y + r * x
                 rolling = speed_for_slip(u)

@@ -58,7 +58,7 @@ class Forms:
     saturation : constant force, then constant power; a smooth torque curve between the two.
     roll : seen by the accelerometer alone; wheel loads follow the roll angle as well.
     wheels : longitudinal forces are as commanded; wheels rotate and make them by their slip.
-    geometry : slip at the middle of axles; at each wheel where it stands, with Ackermann steering.
+    geometry : slip at the middle of axles; at each wheel where it stands, steered halfway from parallel to Ackermann.
     drag : rolling resistance constant and drag with squared speed; the one growing, the other with a lower power.
     wind : the same area from the front and from the side; half as much again from the side.
     latency : constant; scattered about its mean.

@@ -81,6 +81,14 @@ class Lanes:
         in_order = self.owner if order is None else self.owner[order]
         return order, np.searchsorted(in_order, np.arange(len(self.rows)))
 
+    def of_first(self, count: int) -> Lanes:
+        """So many of the intervals, none of which is cut, the first ones."""
+        rows = int(self.rows[count])
+        return Lanes(
+            self.segments[:count], self.reads, self.interval[:count], self.first[:count], self.offset[:count],
+            self.lane[:rows], self.rank[:rows], self.rows[: count + 1],
+        )  # fmt: skip
+
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
         shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
@@ -98,6 +106,11 @@ class Lanes:
         return found
 
 
+def cut_rows(start: int, stop: int, cuts: int) -> Index:
+    """Rows at which lanes of an interval begin that is cut into so many; fewer where it is shorter."""
+    return np.unique(np.linspace(start, stop, cuts + 1).astype(np.intp))[:-1] if cuts > 1 else np.array([start])
+
+
 def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int = 1) -> Lanes:
     """Lay intervals side by side, each cut into so many lanes of about equal length.
 
@@ -112,24 +125,21 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     for k, interval in enumerate(intervals):
         plan, offset = schedules[interval.run], offsets[interval.run]
         last = plan.row_segment[interval.stop] if interval.stop < len(plan.row_segment) else len(plan.segments)
-        rows = [interval.start]
-        if cuts > 1:
-            rows = np.unique(np.linspace(interval.start, interval.stop, cuts + 1).astype(int))[:-1].tolist()
-        starts = [int(plan.row_segment[row] + offset) for row in rows]
+        starts = [int(plan.row_segment[row] + offset) for row in cut_rows(interval.start, interval.stop, cuts)]
         begins += starts
         ends += [*starts[1:], int(last + offset)]
         owners += [k] * len(starts)
-    begin, end, owner = np.array(begins), np.array(ends), np.array(owners)
-    places = begin[:, None] + np.arange(int(np.max(end - begin, initial=0)))
-    inside = places < end[:, None]
-    places = np.minimum(places, offsets[-1] - 1)
-    every = np.concatenate([plan.segments for plan in schedules])
-    read_at = np.concatenate([plan.reads for plan in schedules])
-    segments = every.take(places, axis=0)
-    segments[~inside] = 0.0
-    reads = np.any(inside & read_at[places], axis=0)
+    begin, owner = np.array(begins), np.array(owners)
+    lengths = [stop - start for start, stop in zip(begins, ends, strict=True)]
+    segments = np.zeros((len(begins), max(lengths, default=0), schedules[0].segments.shape[1]))
+    reads = np.zeros(segments.shape[1], dtype=bool)
     where = np.full(offsets[-1], -1, dtype=np.intp)
-    where[places[inside]] = np.repeat(np.arange(len(begin)), end - begin)
+    for k, (start, length, own_interval) in enumerate(zip(begins, lengths, owners, strict=True)):
+        run = intervals[own_interval].run
+        plan, own = schedules[run], slice(start - int(offsets[run]), start - int(offsets[run]) + length)
+        segments[k, :length] = plan.segments[own]
+        reads[:length] |= plan.reads[own]
+        where[start : start + length] = k
     read = np.concatenate(
         [
             np.where(plan >= 0, plan + offsets[i.run], -1)

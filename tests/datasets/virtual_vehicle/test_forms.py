@@ -90,3 +90,33 @@ def test_rotating_wheels_carry_the_force_that_is_asked_for():
     found, plain = (driven(forms) for forms in (Forms(wheels="rotating"), NOMINAL))
     for name, most in {"v_x": 0.02, "yaw_rate": 0.01, "a_x": 0.1}.items():
         assert np.sqrt(np.mean((found[name] - plain[name]) ** 2)) < most * np.std(plain[name])
+
+
+@pytest.mark.parametrize("kind", ["racer", "car", "truck"])
+def test_rotating_wheels_add_nothing_to_the_mass(kind):
+    car = random_vehicle(12, kind)
+    rows = 400
+    pulse = 0.3 * np.sin(2 * np.pi * np.arange(rows) / 100.0) * car.size.drive * car.parameters["m"]
+    given = Recording(
+        "straight", np.arange(rows) / 100.0,
+        {"steer": np.zeros(rows), car.drive_channel: pulse / car.parameters["force_per_unit"]},
+    )  # fmt: skip
+    start = {"v_x": 0.5 * car.size.top_speed}
+    found, plain = (
+        replay(car, given, start, {}, forms)[1].states["v_x"] for forms in (Forms(wheels="rotating"), NOMINAL)
+    )
+    moved, asked = found - np.mean(found), plain - np.mean(plain)
+    assert np.sum(moved * asked) / np.sum(asked**2) == pytest.approx(1.0, abs=0.003)
+
+
+@pytest.mark.parametrize("steer", [0.2, -0.2])
+def test_the_inner_front_wheel_is_steered_further(steer):
+    car = random_vehicle(12, "racer")
+    turn = Recording("turn", np.arange(200) / 100.0, {"steer": np.full(200, steer), car.drive_channel: np.zeros(200)})
+    states = replay(car, turn, {"v_x": 2.0}, {}, Forms(geometry="each_wheel"))[1].states
+    p, across = car.parameters, states["v_y"] + car.parameters["l_f"] * states["yaw_rate"]
+    along = {side: states["v_x"] - sign * states["yaw_rate"] * p["track_f"] / 2 for side, sign in (("l", 1), ("r", -1))}
+    left, right = (states[f"alpha_f{side}"] + np.arctan2(across, along[side]) for side in "lr")
+    halfway = 0.5 * p["track_f"] / (p["l_f"] + p["l_r"]) * steer**2
+    np.testing.assert_allclose((left - right)[100:], halfway, rtol=0.02)
+    np.testing.assert_allclose((left + right)[100:] / 2, steer, rtol=0.01)

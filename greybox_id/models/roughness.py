@@ -1,0 +1,83 @@
+"""What equations of a stated vehicle leave out whoever writes them, each with one number and a belief about it.
+
+A vehicle file states its tolerances for a model that is simpler than a vehicle; where it does, these stand beside them.
+They are no effects of the vocabulary: that a car has four wheels is no gap.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import casadi as cs
+
+from ..effect import AnyModel, Effect
+from ..model import Symbol
+from ..motion_model import Quantities
+from ..parameter import Parameter, Prior
+from ..vehicle import Vehicle
+from .effects.stating import speed
+from .effects.tyres import FRONT_SHARE
+
+GROUP = "roughness"
+TRACK_SD = 0.5
+"""Of how much of the moment of steered wheels there is: none on a single track; all of it where the wheels of the axle
+share its lateral force as they share its load."""
+DRAG_SD = 0.1
+"""Of the power of speed that resistance has beside the stated one: air drag goes with v^1.8 to v^2 (rolling resistance
+with v^0 to v^0.2)."""
+
+
+def with_roughness(model: AnyModel, vehicle: Vehicle, usual_speed: float) -> AnyModel:
+    """The model with what its form leaves out, as far as numbers are stated with tolerances which that would change.
+
+    Parameters
+    ----------
+    model : with the vehicle's tolerances.
+    vehicle : what is stated.
+    usual_speed : at which resistance is as stated, m/s.
+    """
+    stated = {name for name, own in vehicle.values.items() if own.sd is not None}
+    for rough, by in ((_steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual_speed), {"c_0"}),
+                      (_bent("c_2", usual_speed), {"c_2"})):  # fmt: skip
+        if by <= stated and rough.concerns(model):
+            model = model + rough
+    return model
+
+
+def _steered_wheels() -> Effect:
+    """The loaded outer front wheel, steered, drags on its side and turns the car back.
+
+    Wheels at -/+ track / 2 with lateral forces F_yf / 2 (1 +/- 2 transfer / F_zf), turned by the steering angle: their
+    components along the car differ, and M_z = -track sin(steer) F_yf transfer / F_zf, in which the transfer
+    s m a_y h_cg / track leaves no track (s: the front axle's share). Rajamani, Vehicle Dynamics and Control, 2nd ed.,
+    Sec. 8.2, where it stands in the yaw moment as the difference of the front wheels' longitudinal components.
+    """
+
+    def turned_back(M_z: Symbol, q: Quantities) -> Symbol:
+        across = q.F_yf + q.F_yr
+        return M_z - q.p.steered_wheels * cs.sin(q.u.steer) * FRONT_SHARE * q.p.h_cg * across * q.F_yf / q.F_zf
+
+    own = Parameter(
+        "steered_wheels", "1", 0.0, (0.0, 2.0), prior=Prior(TRACK_SD), about="share of the outer front wheel's moment"
+    )
+    return Effect(
+        own.name, own, ("M_z",), lambda model: model.altered(M_z=turned_back), group=GROUP,
+        needs=("steer", "F_yf", "F_yr", "F_zf", "h_cg"),
+    )  # fmt: skip
+
+
+def _bent(coefficient: str, usual_speed: float) -> Effect:
+    """Resistance with a slightly different power of speed, to first order about the usual one."""
+    name = f"power_of_{coefficient}"
+
+    def bent(value: Symbol, q: Quantities) -> Symbol:
+        return value * (1 + getattr(q.p, name) * (cs.fabs(speed(q)) / q.p.usual_speed - 1))
+
+    own = Parameter(
+        name, "1", 0.0, (-0.5, 0.5), prior=Prior(DRAG_SD), about=f"power of speed beside that of {coefficient}"
+    )
+    usual = Parameter("usual_speed", "m/s", usual_speed, (0.0, inf), fixed=True, about="where resistance is as stated")
+    return Effect(
+        name, own, (coefficient,), lambda model: model.altered(**{coefficient: bent}), group=GROUP, needs=("v_x",),
+        others=(usual,),  # a number in the equations would have every recording compile its own
+    )  # fmt: skip

@@ -1,0 +1,72 @@
+"""What equations of a stated vehicle leave out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linearised import rates, vector
+
+from greybox_id.models.registry import build
+from greybox_id.models.roughness import with_roughness
+from greybox_id.vehicle import Stated, Vehicle
+
+SD = {"B_f": Stated(10.0, 0.2), "C_f": Stated(1.4, 0.01), "c_0": Stated(200.0, 8.0), "c_2": Stated(0.45, 0.02)}
+USUAL = 15.0
+TURNING = (12.0, -0.3, 0.5)
+"""v_x, v_y and yaw rate of a turn to the left."""
+
+
+def rough(name="single_track", **values):
+    return with_roughness(build(name), Vehicle("car", {**SD, **values}), USUAL)
+
+
+def test_they_stand_beside_stated_tolerances_and_nowhere_else():
+    assert rough().effects == ("steered_wheels", "power_of_c_0", "power_of_c_2")
+    assert rough(c_0=Stated(200.0)).effects == ("steered_wheels", "power_of_c_2")
+    assert rough(C_f=Stated(1.4)).effects == ("power_of_c_0", "power_of_c_2")
+    exact = Vehicle("car", {name: replace(own, sd=None) for name, own in SD.items()})
+    assert with_roughness(build("single_track"), exact, USUAL).effects == ()
+    assert rough("kinematic").effects == ()
+
+
+@pytest.mark.parametrize("name", ["steered_wheels", "power_of_c_0", "power_of_c_2"])
+def test_each_is_one_number_that_is_believed_to_be_nothing(name):
+    own = rough()[name]
+    assert float(own.array) == 0.0
+    assert 0 < own.prior.sd <= 0.5
+    assert not own.fixed
+
+
+@pytest.mark.parametrize("steer", [0.1, -0.2])
+def test_steered_wheels_turn_the_car_back_as_two_wheels_do_that_share_force_as_they_share_load(steer):
+    model = rough()
+    z = TURNING if steer > 0 else (TURNING[0], -TURNING[1], -TURNING[2])
+    given = {"steer": steer, "drive": 0.0}
+    without, with_it = (rates(model, z, p=vector(model, steered_wheels=k), **given) for k in (0.0, 1.0))
+    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    L = p["l_f"] + p["l_r"]
+    turning = without["yaw_rate"] * p["I_z"]
+    across = p["m"] * (without["v_y"] + z[2] * z[0])
+    F_yr = (p["l_f"] * across - turning) / L
+    F_yf = (across - F_yr) / np.cos(steer)
+    load, transfer = p["m"] * 9.81 * p["l_r"] / L, 0.55 * (F_yf + F_yr) * p["h_cg"] / p["track_f"]
+    left, right = (0.5 * F_yf * (1 + side * 2 * transfer / load) for side in (-1, 1))
+    expected = (left - right) * np.sin(steer) * p["track_f"] / 2
+    assert (with_it["yaw_rate"] - without["yaw_rate"]) * p["I_z"] == pytest.approx(expected, rel=1e-6)
+    assert expected * steer < 0
+    assert with_it["v_x"] == without["v_x"]
+    assert with_it["v_y"] == without["v_y"]
+
+
+@pytest.mark.parametrize(("name", "power"), [("c_0", 0.0), ("c_2", 2.0)])
+def test_resistance_of_another_power_is_as_stated_at_the_usual_speed(name, power):
+    model = rough()
+
+    def resistance(v, n):
+        given = {"c_0": 0.0, "c_1": 0.0, "c_2": 0.0, name: 1.0, f"power_of_{name}": n}
+        p = vector(model, **given)
+        return -rates(model, (v, 0.0, 0.0), p=p, steer=0.0, drive=0.0)["v_x"] * float(model["m"].array)
+
+    assert resistance(USUAL, 0.2) == pytest.approx(USUAL**power, rel=1e-9)
+    for v in (0.8 * USUAL, 1.25 * USUAL):
+        assert resistance(v, 0.1) == pytest.approx(USUAL**power * (v / USUAL) ** (power + 0.1), rel=0.01)
