@@ -26,6 +26,7 @@ from ..models.registry import build
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..reports.numbers import counted, pretty_unit
+from ..signals import unit_of
 from ..vehicle import TrackingPlan
 from .model_options import model_options, wanted
 from .options import columns_option, json_option
@@ -146,8 +147,8 @@ def summary(found: Track) -> dict[str, Any]:
         "estimates": {
             name: {
                 "unit": found.units[name],
-                "mean": float(np.mean(values)),
-                "sd_median": float(np.median(found.sds[name])),
+                "mean": float(np.nanmean(values)),
+                "sd_median": float(np.nanmedian(found.sds[name])),
                 **({"told_in": found.told[name]} if name in found.told else {}),
             }
             for name, values in found.values.items()
@@ -221,10 +222,10 @@ def _show(found: Track, written: Sequence[str]) -> None:
         justify: Literal["left", "right"] = "left" if title in ("estimate", "unit") else "right"
         table.add_column(title, header_style="dim", justify=justify)
     for name, values in found.values.items():
-        low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+        low, middle, high = np.nanquantile(values, [0.05, 0.5, 0.95])
         told = f"{100 * found.told[name]:.0f} % of rows" if name in found.told else ""
         numbers = [f"{value:.4g}".replace("-", "−") for value in (low, middle, high)]
-        table.add_row(name, *numbers, f"{np.median(found.sds[name]):.2g}", pretty_unit(found.units[name]), told)
+        table.add_row(name, *numbers, f"{np.nanmedian(found.sds[name]):.2g}", pretty_unit(found.units[name]), told)
     out.print(table)
     out.print()
     checks = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
@@ -241,7 +242,7 @@ def _show(found: Track, written: Sequence[str]) -> None:
         checks.add_column(title, header_style="dim", justify="left" if title in ("reading", "unit") else "right")
     for name, own in found.consistency.items():
         checks.add_row(
-            name, str(own.count), f"{own.rms:.3g}", pretty_unit(found.units.get(name, "")) or "m/s²", f"{own.nis:.2f}",
+            name, str(own.count), f"{own.rms:.3g}", pretty_unit(unit_of(name)), f"{own.nis:.2f}",
             f"{100 * own.inside:.0f} %", f"{own.correlation:+.2f}", str(own.gated),
         )  # fmt: skip
     out.print(checks)

@@ -80,13 +80,11 @@ class Filtering:
         noise = dict(zip(space.noises, p.T[model.size :], strict=True))
         first = {name: own.readings[0, k] for k, name in enumerate(model.outputs)}
         read = tuple(name for name in space.trace.names if np.isfinite(first.get(name, np.nan)))
-        inputs = own.run.inputs[0]
-        start = space.trace.start(read)
+        readings = np.array([first[name] for name in read])
         x, sd = np.zeros((len(p), space.size)), np.zeros((len(p), space.size))
         known = space.trace.size + len(space.tracked)
-        for lane, parameters in enumerate(p[:, : model.size]):
-            z = start([first[name] for name in read], inputs, parameters)
-            x[lane, : space.trace.size] = np.asarray(z.full()).ravel()
+        parameters = np.ascontiguousarray(p[:, : model.size])
+        x[:, : space.trace.size] = space.start(read)(readings, own.run.inputs[0], parameters)
         for k, state in enumerate(model.states):
             sd[:, k] = START * noise[f"noise_{state.name}"] if state.name in read else START * state.scale
         settled = slice(len(space.trace.names), space.trace.size)
@@ -102,15 +100,18 @@ class Filtering:
         return x, P
 
 
-def filtering(space: StateSpace, kind: Kind, points: SigmaPoints, gate: float = GATE) -> Filtering:
+def filtering(
+    space: StateSpace, kind: Kind, points: SigmaPoints, gate: float = GATE, *, many: bool = False
+) -> Filtering:
     """A compiled filter where there is a compiler, else one in plain Python, which is a thousand times slower.
 
-    The environment variable GREYBOX_COMPILE=1 makes a missing compiler an error, 0 asks for plain Python.
+    The compiled code of `many` EKFs side by side differs from that of one. The environment variable GREYBOX_COMPILE=1
+    makes a missing compiler an error, 0 asks for plain Python.
     """
     said = os.environ.get("GREYBOX_COMPILE")
     if said != "0":
         try:
-            return Filtering(space, CompiledFilter(space, kind, points), gate)
+            return Filtering(space, CompiledFilter(space, kind, points, many=many), gate)
         except CannotCompile:
             if said:
                 raise

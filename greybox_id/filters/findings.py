@@ -54,6 +54,14 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping
     return found
 
 
+def standing(sideslip: Array | None, slowest: float) -> list[str]:
+    """On rows in which the vehicle is too slow for a sideslip angle."""
+    count = 0 if sideslip is None else int(np.count_nonzero(np.isnan(sideslip)))
+    if count == 0:
+        return []
+    return [f"In {count} rows the vehicle is slower than {slowest:g} m/s: they have no sideslip."]
+
+
 def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
     """(n,) whether a recording tells a tracked number better than it was known without it."""
     before = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)

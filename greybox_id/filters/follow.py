@@ -57,6 +57,8 @@ def follow(
         if not row:
             continue
         time = float(columns.time.convert(np.array([_number(row, place[columns.time.column], number)]))[0])
+        if not np.isfinite(time):
+            raise BadInput(f"Line {number} of standard input has no time; every row needs one.")
         signals = {
             own.signal: float(own.convert(np.array([_number(row, place[own.column], number)]))[0]) for own in channels
         }
@@ -90,6 +92,9 @@ def _number(row: Sequence[str], place: int, line: int) -> float:
     if not text:
         return np.nan
     try:
-        return float(text)
+        found = float(text)
     except ValueError as error:
         raise BadInput(f"Line {line} of standard input: {text!r} is no number.") from error
+    if np.isinf(found):
+        raise BadInput(f"Line {line} of standard input: {text!r} is not finite; leave empty what is missing.")
+    return found

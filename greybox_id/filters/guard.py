@@ -27,7 +27,9 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
             continue
         bridged, lost = _bridged(recording, recording[name])
         gaps = int(np.count_nonzero(~np.isfinite(recording[name]))) - lost
-        finding = outlying(recording.with_signals(**{name: bridged}), name)
+        there, rows = np.isfinite(bridged), np.arange(len(bridged))
+        whole = np.interp(rows, rows[there], bridged[there]) if np.any(there) else np.zeros(len(bridged))
+        finding = outlying(recording.with_signals(**{name: whole}), name)
         if finding is not None:
             without = bridged.copy()
             without[list(finding.where.rows)] = np.nan

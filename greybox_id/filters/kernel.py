@@ -49,15 +49,14 @@ class _Record(ctypes.Structure):
 
 
 class CompiledFilter:
-    """An EKF or a UKF in C. Raises `CannotCompile`."""
+    """An EKF or a UKF in C; EKFs for a single filter, or for many side by side. Raises `CannotCompile`."""
 
-    def __init__(self, space: StateSpace, kind: Kind, points: SigmaPoints) -> None:
+    def __init__(self, space: StateSpace, kind: Kind, points: SigmaPoints, *, many: bool = False) -> None:
         self.space, self.kind = space, kind
         self._weights = points.weights(space.size)
-        write = ekf_source if kind == "ekf" else ukf_source
         functions = (space.step, space.output)
-        known_by = "\0".join([_writers(), cs.__version__, kind, *(f.serialize() for f in functions)])
-        made = library(lambda: write(*functions), known_by, compile_it=True)
+        known_by = "\0".join([_writers(), cs.__version__, kind, str(many), *(f.serialize() for f in functions)])
+        made = library(lambda: [_source(kind, functions, many)], known_by, compile_it=True)
         assert made is not None
         made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
         made.filter.restype = None
@@ -105,6 +104,10 @@ def blank_history(segments: int, n: int, m: int, kept: Kept) -> History:
 
 def _place(array: Array) -> int | None:
     return array.ctypes.data if len(array) else None
+
+
+def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool) -> str:
+    return ekf_source(*functions, many) if kind == "ekf" else ukf_source(*functions)
 
 
 @lru_cache

@@ -66,5 +66,6 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
             if k not in unread:
                 taken = plan.read_segment[:, k] >= 0
                 y[plan.read_segment[taken, k], k] = run.measured[taken, k]
+        y[~np.isfinite(y)] = np.nan
         found.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment))
     return found

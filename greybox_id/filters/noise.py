@@ -84,6 +84,7 @@ def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
 
 
 def _scatter(values: Array) -> float:
+    values = np.where(np.isfinite(values), values, np.nan)
     bent = values[1:-1] - 0.5 * (values[2:] + values[:-2])
     bent = bent[np.isfinite(bent) & (bent != 0)]  # what is held between updates does not tell
     if len(bent) == 0:

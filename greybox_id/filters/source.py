@@ -287,11 +287,12 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
 """
 
 
-def ekf_source(step: cs.Function, output: cs.Function) -> str:
+def ekf_source(step: cs.Function, output: cs.Function, many: bool) -> str:
     """The C of an extended Kalman filter.
 
     Parameters
     ----------
+    many : whether many filters are to run side by side; a single one is a quarter faster in vectors of four lanes.
     step : (x, s, p) -> x_next, variance of its noise, F = d x_next / d x (sparse).
     output : (x, s, p) -> y, variance of its noise, H = d y / d x (sparse).
     """
@@ -301,6 +302,7 @@ def ekf_source(step: cs.Function, output: cs.Function) -> str:
     begin = [sum(r < i for r in row) for i in range(H.size1() + 1)]
     return "\n".join(
         [
+            *([] if many else ["#define NARROW"]),
             PRELUDE,
             *_sizes(step, output, NF=F.nnz(), NH=H.nnz()),
             straight_line("step", step, [Result("next"), Result("noise"), Result("F")]),

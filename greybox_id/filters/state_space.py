@@ -108,6 +108,7 @@ class StateSpace:
         white = [noise[f"noise_{name}"] ** 2 for name in model.outputs]
         self.output = _differentiated("output", x, s, p, cs.vertcat(*read), cs.vertcat(*white))
         self._of = (x, s, p, z, parameters)
+        self._starts: dict[tuple[str, ...], SampledFunction] = {}
 
     def seen(self, names: Sequence[str]) -> SampledFunction:
         """(x, s, p) -> what is named, then its derivatives by x, name by name.
@@ -126,6 +127,12 @@ class StateSpace:
         values = cs.densify(cs.vertcat(*[found[name] for name in names]))
         by_x = cs.densify(cs.vec(cs.jacobian(values, x).T))
         return SampledFunction(cs.Function("seen", [x, s, p], [cs.vertcat(values, by_x)]))
+
+    def start(self, read: tuple[str, ...]) -> SampledFunction:
+        """(readings of the states read, inputs, parameters) -> [states, actuators, relaxed] where a run starts."""
+        if read not in self._starts:
+            self._starts[read] = SampledFunction(self.trace.start(read))
+        return self._starts[read]
 
     def _parameters(self, own: cs.SX, p: cs.SX) -> cs.SX:
         """The model's parameters, those tracked from where they have walked to."""

@@ -5,19 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..effect import Effect
+from ..engine.motion.runs import Mask
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of, unit_of_quantity
 from .consistency import WINDOW, Consistency, consistency, widening
-from .filtering import GATE, filtering
-from .findings import lost, must_be_finite, told_rows, untold
+from .filtering import GATE, Filtering, filtering
+from .findings import lost, must_be_finite, standing, told_rows, untold
 from .guard import guarded
 from .kernel import History, Kept, Kind
 from .laid import LaidRun, laid
@@ -36,6 +38,8 @@ REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "al
 """Estimated besides states and what is tracked, where a model has it."""
 TUNED_ON = 60.0
 """Noise is tuned on so many seconds at the beginning of a recording."""
+SLOWEST = 0.5
+"""Below this speed, m/s, there is no sideslip angle to speak of; it is left out."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 
 Say = Callable[[str], None]
@@ -142,6 +146,11 @@ class Tracker:
         self.space = StateSpace(changed, tracked, coloured)
         self.filtering = filtering(self.space, how.filter, how.points, how.gate)
 
+    @cached_property
+    def tuning(self) -> Filtering:
+        """What noise is tuned by: an EKF, for a UKF too, since all differences of its likelihood run at once."""
+        return filtering(self.space, "ekf", self.how.points, self.how.gate, many=True)
+
     def track(self, recording: Recording, say: Say = lambda line: None) -> Track:
         """Estimates along a recording."""
         space, how = self.space, self.how
@@ -168,6 +177,7 @@ class Tracker:
                 off = again.values[name] - found.values[name]
                 sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
         told, about = self._told(found)
+        slow = standing(found.values.get("sideslip"), SLOWEST)
         names = self.reported
         rows = np.concatenate([np.asarray(own.run.rows) for own in runs])
         off = np.vstack([h.off[own.row_segment] for own, h in zip(runs, histories, strict=True)])
@@ -190,7 +200,7 @@ class Tracker:
             consistency=judged,
             widened=widened,
             log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
-            sentences=(*sentences, *about, *lost(runs, histories, columns)),
+            sentences=(*sentences, *about, *slow, *lost(runs, histories, columns)),
             told=told,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
             seconds=seconds,
@@ -220,11 +230,11 @@ class Tracker:
         how, space = self.how, self.space
         stated = self.stated_moves(len(p))
         own = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
-        noise = noise_coordinates(self.filtering, p, levels.open) if how.tune or how.calibrate else []
+        noise = noise_coordinates(self.tuning, p, levels.open) if how.tune or how.calibrate else []
         if not noise and not own:
             return p, stated
         beginning = _beginning(runs, max(how.tune, how.calibrate))
-        found: Tuned = tuned(self.filtering, beginning, p, noise, own, say)
+        found: Tuned = tuned(self.tuning, beginning, p, noise, own, say)
         return found.p, found.moves if own else stated
 
     def _calibrated(self, p: Array, moves: Array) -> dict[str, tuple[float, float]]:
@@ -246,12 +256,20 @@ class Tracker:
             x, P = x[own.row_segment], P[own.row_segment]
             found = seen(x, own.segments[own.row_segment], p)
             values.append(found[:, : len(names)])
+            if "sideslip" in names:
+                values[-1][self._slow(own, x), names.index("sideslip")] = np.nan
             by_x = found[:, len(names) :].reshape(len(x), len(names), n)
             variances.append(np.einsum("kij,kjl,kil->ki", by_x, P, by_x))
         stacked, spread = np.vstack(values), np.maximum(np.vstack(variances), 0.0)
         return _Estimates(
             {name: stacked[:, k] for k, name in enumerate(names)}, {name: spread[:, k] for k, name in enumerate(names)}
         )
+
+    def _slow(self, own: LaidRun, x: Array) -> Mask:
+        """(rows,) whether the vehicle is too slow to have a sideslip angle."""
+        model, states = self.space.model, self.space.trace.names
+        v_x = x[:, states.index("v_x")] if "v_x" in states else own.run.inputs[:, model.inputs.index("v_x")]
+        return np.asarray(np.abs(v_x) < SLOWEST)
 
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
         found = {}
@@ -292,8 +310,14 @@ class _Estimates:
 
 
 def _absent(model: MotionModel, recording: Recording) -> list[str]:
-    """Inputs without a default that the recording does not hold."""
-    return [n for n in model.inputs if n not in model.defaults and not any(s in recording for s in _signals(model, n))]
+    """Inputs that were not recorded and follow from the readings: forces. What else is missing is an error."""
+    return [
+        name
+        for name in model.inputs
+        if name not in model.defaults
+        and not any(signal in recording for signal in _signals(model, name))
+        and any(signal in model.quantities for signal in _signals(model, name))
+    ]
 
 
 def _signals(model: MotionModel, name: str) -> tuple[str, ...]:

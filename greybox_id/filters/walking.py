@@ -43,9 +43,11 @@ def walking(
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise BadInput(f"{', '.join(twice)} is to be tracked twice; name it once.")
-    tracked = []
+    tracked: list[Tracked] = []
     for name in names:
         model, own = _found(model, name, effects)
+        if any(other.name == own for other in tracked):
+            raise BadInput(f"{name} is to be tracked twice, it is {own} by another name; name it once.")
         tracked.append(_tracked(model, own, returns=name in disturbances))
     return model, tuple(tracked)
 
@@ -86,7 +88,8 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
 
 def _scaling(name: str):  # type: ignore[no-untyped-def]
     def scaled(value: Symbol, q: Quantities) -> Symbol:
-        return value * getattr(q.p, name)
+        own = getattr(q.p, name)
+        return own if value is own else value * own  # the parameter bears the quantity's name and is altered, too
 
     return scaled
 

@@ -63,8 +63,8 @@ def _band(axes: Axes, found: Track, name: str, every: int) -> None:
             time[own], low, high, color=BLUE, alpha=0.25, linewidth=0, label="± 2 sd" if first else None, zorder=1
         )
         axes.plot(time[own], values[own], color=BLUE, linewidth=0.9, label="estimate" if first else None, zorder=2)
-    low, high = np.quantile(values, [1 - SHARE, SHARE])
-    margin = 0.35 * (high - low) + 2 * float(np.median(sds))
+    low, high = np.nanquantile(values, [1 - SHARE, SHARE])
+    margin = 0.35 * (high - low) + 2 * float(np.nanmedian(sds))
     if margin > 0:
         axes.set_ylim(low - margin, high + margin)
 
