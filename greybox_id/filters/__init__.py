@@ -1,7 +1,8 @@
 """Tracking: EKF, UKF and smoother over any model of motion, with what drifts among its parameters."""
 
+from .how import How
 from .points import SigmaPoints
 from .track import Track
-from .verb import How, Tracker, track
+from .verb import Tracker, track
 
 __all__ = ["How", "SigmaPoints", "Track", "Tracker", "track"]

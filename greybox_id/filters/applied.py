@@ -29,13 +29,17 @@ def tracked_vehicle(
     effects : all there are, by name; those of the model stand under [model] effects.
     """
     source = SOURCE.format(recording=found.recording.name)
-    values, of_effects = dict(vehicle.values), dict(vehicle.model.effects if vehicle.model is not None else {})
+    before = vehicle.model.effects if vehicle.model is not None else {}
+    model = found.model
+    there = [name for name in model.effects if name not in (*parameters, *disturbances)]
+    of_effects = {name: before.get(name, Stated(float(model[name].array))) for name in there}
+    values = dict(vehicle.values)
     for name, (value, sd) in found.calibrated.items():
         stated = Stated(value, sd if np.isfinite(sd) and sd > 0 else None, source=source)
         (of_effects if name in effects else values)[name] = stated
-    chosen = vehicle.model or ChosenModel(found.model.name, dict(found.model.settings))
     plan = TrackingPlan(tuple(parameters), tuple(disturbances), _rounded(found.noise, found))
-    return replace(vehicle, values=values, model=replace(chosen, effects=of_effects), tracking=plan)
+    chosen = ChosenModel(model.name, dict(model.settings), of_effects)
+    return replace(vehicle, values=values, model=chosen, tracking=plan)
 
 
 def _rounded(noise: Mapping[str, float], found: Track) -> dict[str, float]:

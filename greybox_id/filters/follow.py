@@ -15,9 +15,10 @@ from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from .how import How
 from .live import LiveFilter, as_row
 from .noise import start_levels
-from .verb import How, Tracker
+from .verb import Tracker
 
 
 def follow(

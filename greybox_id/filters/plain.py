@@ -93,7 +93,7 @@ class _Ukf:
         self.space, self.p, self.gate, self.cost = space, p, gate, 0.0
         n, m = space.size, len(space.model.outputs)
         spread = MerweScaledSigmaPoints(n, points.alpha, points.beta, points.kappa, sqrt_method=_root)
-        self._filter: Any = UnscentedKalmanFilter(n, m, 1.0, self._read, self._step, spread)
+        self._filter: Any = UnscentedKalmanFilter(n, m, 1.0, self._read, self._step, spread, x_mean_fn=_mean)
         self.x, self.P = x.copy(), P.copy()
 
     @property
@@ -140,7 +140,7 @@ class _Ukf:
         own.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
         ahead = np.array([self._step(point, 0.0, s) for point in before])
         own.compute_process_sigmas(0.0, s=s)
-        from_here, to_there = before - own.Wm @ before, ahead - own.Wm @ ahead
+        from_here, to_there = before - _mean(before, own.Wm), ahead - _mean(ahead, own.Wm)
         forward = np.asarray(np.einsum("k,ki,kj->ij", own.Wc, from_here, to_there))
         own.predict(0.0, s=s)
         return forward
@@ -151,6 +151,11 @@ class _Ukf:
 
     def _read(self, point: Array, s: Array) -> Array:
         return _numbers(self.space.output, point, s, self.p)[0][:, 0]
+
+
+def _mean(points: Array, weights: Array) -> Array:
+    """Taken from the first point, so that what all of them share comes out exactly."""
+    return np.asarray(points[0] + weights @ (points - points[0]))
 
 
 def _root(P: Array) -> Array:

@@ -157,13 +157,15 @@ static void weigh(const double *weights, v wm[G], v wc[G])
     }
 }
 
-/* mean of n numbers over the points; they become deviations from it */
+/* mean of n numbers over the points, taken from the first one so that what all of them share comes out exactly; they
+   become deviations from it */
 static void centre(v *X, ptrdiff_t n, const v *wm, double *mean)
 {
     for (ptrdiff_t i = 0; i < n; i++) {
+        const double first = X[i][0];
         v t = splat(0);
-        for (ptrdiff_t g = 0; g < G; g++) t += wm[g] * X[g * n + i];
-        mean[i] = sum(t);
+        for (ptrdiff_t g = 0; g < G; g++) t += wm[g] * (X[g * n + i] - splat(first));
+        mean[i] = first + sum(t);
         for (ptrdiff_t g = 0; g < G; g++) X[g * n + i] -= splat(mean[i]);
     }
 }

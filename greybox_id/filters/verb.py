@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,13 +18,13 @@ from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of, unit_of_quantity
 from .consistency import WINDOW, Consistency, consistency, widening
-from .filtering import GATE, Filtering, filtering
+from .filtering import Filtering, filtering
 from .findings import lost, must_be_finite, standing, told_rows, untold
 from .guard import guarded
-from .kernel import History, Kept, Kind
+from .how import READINGS, How
+from .kernel import History, Kept
 from .laid import LaidRun, laid
 from .noise import NoiseLevels, scatter_of, start_levels
-from .points import SigmaPoints
 from .smoother import smoothed
 from .state_space import StateSpace
 from .track import Track
@@ -32,47 +32,13 @@ from .tuning import Tuned, model_coordinates, noise_coordinates, tuned
 from .uncertain import believed, padded
 from .walking import walking
 
-READINGS = ("v_x", "yaw_rate", "a_y")
-"""What a series car measures: readings that a filter takes unless others are named."""
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
 """Estimated besides states and what is tracked, where a model has it."""
-TUNED_ON = 60.0
-"""Noise is tuned on so many seconds at the beginning of a recording."""
 SLOWEST = 0.5
 """Below this speed, m/s, there is no sideslip angle to speak of; it is left out."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class How:
-    """How a recording is tracked.
-
-    Attributes
-    ----------
-    filter : "ekf" or "ukf".
-    smooth : whether later readings count as well.
-    readings : outputs whose readings are taken.
-    coloured : outputs whose error has a slow part besides white noise.
-    noise : sizes that are stated; the others are tuned.
-    known : sizes known of the vehicle, which count for those of the noises that there are.
-    tune : seconds at the beginning on which noise is tuned; 0 takes it as stated or guessed.
-    calibrate : seconds at the beginning on which the model's free parameters are tuned along; 0 leaves them.
-    gate : readings further off than so many standard deviations count as noisier.
-    points : sigma points of the UKF.
-    """
-
-    filter: Kind = "ekf"
-    smooth: bool = False
-    readings: Sequence[str] = READINGS
-    coloured: Sequence[str] = ()
-    noise: Mapping[str, float] = field(default_factory=dict)
-    known: Mapping[str, float] = field(default_factory=dict)
-    tune: float = TUNED_ON
-    calibrate: float = 0.0
-    gate: float = GATE
-    points: SigmaPoints = field(default_factory=SigmaPoints)
 
 
 def track(
@@ -132,6 +98,9 @@ class Tracker:
         self._uncertain = uncertain
         named = (*parameters, *disturbances)
         self.absent = tuple(name for name in _absent(model, recording) if name not in named)
+        for name in how.coloured:
+            if name not in model.outputs:
+                raise BadInput(f"{model.name} has no output {name} to be coloured.{near_or_all(name, model.outputs)}")
         for name in how.readings:
             if name not in model.outputs and name not in model.inputs and name not in READINGS:
                 raise BadInput(f"{model.name} has no output {name} to be read.{near_or_all(name, model.outputs)}")

@@ -10,7 +10,7 @@ input that was not recorded, as the driving force, which then follows from the r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -86,15 +86,14 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
     )
 
 
-def _scaling(name: str):  # type: ignore[no-untyped-def]
+def _scaling(name: str) -> Callable[[Symbol, Quantities], Symbol]:
     def scaled(value: Symbol, q: Quantities) -> Symbol:
-        own = getattr(q.p, name)
-        return own if value is own else value * own  # the parameter bears the quantity's name and is altered, too
+        return value * getattr(q.p, name)
 
     return scaled
 
 
-def _given(name: str):  # type: ignore[no-untyped-def]
+def _given(name: str) -> Callable[[Symbol, Quantities], Symbol]:
     def given(value: Symbol, q: Quantities) -> Symbol:
         del value
         return getattr(q.p, name)

@@ -40,7 +40,7 @@ class NamedQuantities:
         )  # fmt: skip
         for name, change in model.alterations:
             for own in (self.p, self.u):
-                if hasattr(own, name):
+                if hasattr(own, name) and name not in model.quantities:
                     setattr(own, name, change(getattr(own, name), self))
 
     def __setattr__(self, name: str, value: Symbol) -> None:

@@ -1,0 +1,158 @@
+"""Rows as they arrive: the same estimates as along a recording."""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swerving
+
+from greybox_id.datasets.column_map import column_map
+from greybox_id.errors import BadInput
+from greybox_id.filters import How, track
+from greybox_id.filters.follow import follow
+from greybox_id.models.effects import EFFECTS
+from greybox_id.recording import Recording
+
+pytestmark = needs_compiler
+
+TWO = ("C_alpha_f", "C_alpha_r")
+NOISE = {"walk_v_y": 0.08, "walk_yaw_rate": 0.03, "walk_C_alpha_f": 0.03, "walk_C_alpha_r": 0.03,
+         "noise_yaw_rate": 0.02, "noise_a_y": 0.6}  # fmt: skip
+"""Large enough for bands not to be widened."""
+
+
+def wrong():
+    return simrod(C_alpha_f=0.8 * C_F, C_alpha_r=1.2 * C_R)
+
+
+def lines(recording):
+    """The recording as lines of CSV, to all digits."""
+    table = pd.DataFrame({"time": recording.time, **recording.signals})
+    return table.to_csv(index=False, float_format="%.17g")
+
+
+def followed(text, kind="ekf", model=None, parameters=TWO, columns="canonical", noise=NOISE):
+    out = io.StringIO()
+    how = How(kind, noise=noise)
+    follow(model or wrong(), parameters, (), EFFECTS, how, column_map(columns), io.StringIO(text), out)
+    return pd.read_csv(io.StringIO(out.getvalue()), keep_default_na=False, dtype={"held_back": str})
+
+
+def refused(text, **more):
+    with pytest.raises(BadInput) as caught:
+        followed(text, **more)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_row_by_row_it_is_what_a_whole_recording_gives(kind, hold, tmp_path):
+    recording, _ = swerving(8.0)
+    recording = Recording(recording.name, recording.time, recording.signals, hold=hold)
+    path = tmp_path / "map.toml"
+    names = "\n".join(f'{name} = {{ unit = "{recording.unit(name)}" }}' for name in recording.signals)
+    path.write_text(f'name = "own"\nhold = "{hold}"\n[time]\ncolumn = "time"\nunit = "s"\n[signals]\n{names}\n')
+    expected = track(wrong(), recording, TWO, how=How(kind, noise=NOISE, tune=0))
+    assert expected.widened == 1.0
+    found = followed(lines(recording), kind, columns=path)
+    assert found.columns[0] == "time"
+    assert found.columns[-1] == "held_back"
+    np.testing.assert_allclose(found["time"], recording.time, rtol=1e-8)
+    for name in expected.values:
+        scale = np.max(np.abs(expected.values[name]))  # nine digits are written
+        np.testing.assert_allclose(found[name], expected.values[name], rtol=5e-9, atol=1e-9 * scale)
+        np.testing.assert_allclose(found[f"{name}_sd"], expected.sds[name], rtol=5e-9, atol=1e-9 * scale)
+    assert set(found["held_back"]) == {""}
+
+
+def test_a_glitch_of_the_steering_is_held_back_and_said():
+    recording, _ = shaken(20.0)
+    steer = recording["steer"].copy()
+    steer[500] += 0.2
+    clean, glitch = followed(lines(recording)), followed(lines(changed(recording, steer=steer)))
+    assert list(np.flatnonzero(glitch["held_back"] == "steer")) == [500]
+    assert np.all(np.abs(glitch["sideslip"] - clean["sideslip"]) < 0.5 * clean["sideslip_sd"])
+
+
+def test_a_true_step_is_late_by_one_row():
+    recording, _ = shaken(20.0)
+    steer = recording["steer"] + np.where(np.arange(len(recording)) < 500, 0.0, 0.1)
+    found = followed(lines(changed(recording, steer=steer)))
+    assert list(np.flatnonzero(found["held_back"] == "steer")) == [500]
+
+
+def test_missing_readings_are_done_without_and_a_missing_input_keeps_its_value():
+    recording, _ = shaken(4.0)
+    steer, kept, a_y = recording["steer"].copy(), recording["steer"].copy(), recording["a_y"].copy()
+    steer[120], kept[120], a_y[60:80] = np.nan, kept[119], np.nan
+    found, expected = (followed(lines(changed(recording, steer=own, a_y=a_y))) for own in (steer, kept))
+    np.testing.assert_array_equal(found["sideslip"], expected["sideslip"])
+    assert np.all(np.isfinite(found["sideslip"]))
+
+
+def test_behind_a_long_gap_it_starts_anew_but_knows_its_tyres():
+    recording, _ = swerving(20.0)
+    late = Recording("gap", np.where(np.arange(1000) < 500, recording.time, recording.time + 3.0), recording.signals)
+    found = followed(lines(late))
+    assert found["sideslip_sd"][500] > 3 * found["sideslip_sd"][499]
+    assert found["C_alpha_f_sd"][500] < 1.1 * found["C_alpha_f_sd"][499]
+
+
+def test_each_line_is_answered_before_the_next_is_read():
+    recording, _ = shaken(1.0)
+    out, told = io.StringIO(), []
+
+    def arriving():
+        for line in lines(recording).splitlines(keepends=True):
+            told.append(out.getvalue().count("\n"))
+            yield line
+
+    follow(wrong(), TWO, (), EFFECTS, How(noise=NOISE), column_map("canonical"), arriving(), out)
+    assert told[:5] == [0, 1, 2, 3, 4]
+    assert out.getvalue().count("\n") == len(recording) + 1
+
+
+HEADER = "time,steer,v_x,yaw_rate,a_y\n"
+ROW = "0,0.01,14,0.1,1.0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "Standard input is empty"),
+        ("t,steer,v_x,yaw_rate,a_y\n" + ROW, 'no column "time" for time'),
+        (HEADER + ROW + "0.02,zero,14,0.1,1\n", "Line 3 of standard input: 'zero' is no number."),
+        (HEADER + "0,,14,0.1,1\n", "The first row lacks steer"),
+        (HEADER + ROW + ROW, "rows must come in order"),
+        ("time,steer,v_x\n0,0.01,14\n", "none of v_x, yaw_rate, a_y"),
+    ],
+)
+def test_bad_lines_are_sentences(text, said):
+    assert said in refused(text)
+
+
+@pytest.mark.parametrize("row", [",0.01,14,0.1,1\n", "nan,0.01,14,0.1,1\n", "inf,0.01,14,0.1,1\n"])
+def test_a_row_without_a_time_is_a_sentence(row):
+    assert "Line 3" in refused(HEADER + ROW + row + "0.04,0.01,14,0.1,1.0\n")
+
+
+@pytest.mark.parametrize("cell", ["inf", "-inf"])
+@pytest.mark.parametrize("column", [1, 3, 4])
+def test_an_infinite_number_is_a_sentence(cell, column):
+    cells = ["0.02", "0.01", "14", "0.1", "1"]
+    cells[column] = cell
+    assert "Line 3" in refused(HEADER + ROW + ",".join(cells) + "\n0.04,0.01,14,0.1,1.0\n")
+
+
+def test_noise_of_readings_must_be_stated():
+    out = io.StringIO()
+    with pytest.raises(BadInput, match=r"must be stated to follow a vehicle: noise_a_y \(--noise NAME=SIZE"):
+        follow(wrong(), (), (), EFFECTS, How(noise={"noise_yaw_rate": 0.01}), column_map("canonical"),
+               io.StringIO(HEADER + ROW), out)  # fmt: skip
+
+
+def test_delays_cannot_be_followed():
+    late = wrong() + EFFECTS["steering_delay"]
+    late = late.with_parameters(late["steering_delay"].with_value(0.05))
+    assert "has delays or latencies" in refused(HEADER + ROW, model=late, noise=NOISE)
