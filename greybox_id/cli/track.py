@@ -21,6 +21,8 @@ from ..filters import How, Track
 from ..filters import track as track_recording
 from ..filters.applied import tracked_vehicle
 from ..fit import load
+from ..memory_model import MemoryModel
+from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import build
 from ..motion_model import MotionModel
@@ -170,14 +172,19 @@ def _model(chosen: Wanted, fit_file: str | None) -> tuple[MotionModel, TrackingP
             raise click.UsageError("--fit stands in place of --model and --vehicle; leave one of them away.")
         fit = load(fit_file, build)
         if not isinstance(fit.model, MotionModel):
-            raise BadInput(f"{fit_file}: {fit.model.name} is a map with memory; filters track equations of motion.")
+            raise BadInput(f"{fit_file}: {_no_motion(fit.model)}")
         return fit.model, TrackingPlan(), _principal(fit.covariance)
     if chosen.name is None and (chosen.vehicle is None or chosen.vehicle.model is None):
         chosen = replace(chosen, name="single_track")
     model = chosen.model()
     if not isinstance(model, MotionModel):
-        raise BadInput(f"{model.name} is a map with memory; filters track equations of motion, such as single_track.")
+        raise BadInput(_no_motion(model))
     return model, plan or TrackingPlan(parameters=_stiffness(model)), None
+
+
+def _no_motion(model: Model) -> str:
+    kind = "a map with memory" if isinstance(model, MemoryModel) else "a hybrid, whose network has a state of its own"
+    return f"{model.name} is {kind}; filters track equations of motion, such as single_track or lateral."
 
 
 def _stiffness(model: MotionModel) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..engine.motion.runs import Mask
 from ..errors import BadInput
+from ..motion_model import MotionModel
 from ..parameter import Array
 from .consistency import WINDOW
 from .kernel import History
@@ -60,6 +61,18 @@ def standing(sideslip: Array | None, slowest: float) -> list[str]:
     if count == 0:
         return []
     return [f"In {count} rows the vehicle is slower than {slowest:g} m/s: they have no sideslip."]
+
+
+def only_over_mass(model: MotionModel) -> list[str]:
+    """On parameters tuned on innovations: forces only show through the mass they move."""
+    over = [own.name for own in model.combinations if own.name.endswith("/ m")]
+    if "m" not in model or not over:
+        return []
+    how = "was held" if model["m"].fixed else "is what was believed of it"
+    return [
+        f"Calibrated are {', '.join(over)}: readings of motion tell stiffness and inertia over mass, not mass; "
+        f"m = {float(model['m'].array):g} kg {how}."
+    ]
 
 
 def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:

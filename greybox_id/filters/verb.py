@@ -19,7 +19,7 @@ from ..recording import Recording
 from ..signals import unit_of, unit_of_quantity
 from .consistency import WINDOW, Consistency, consistency, widening
 from .filtering import Filtering, filtering
-from .findings import lost, must_be_finite, standing, told_rows, untold
+from .findings import lost, must_be_finite, only_over_mass, standing, told_rows, untold
 from .guard import guarded
 from .how import READINGS, How
 from .kernel import History, Kept
@@ -146,6 +146,7 @@ class Tracker:
                 off = again.values[name] - found.values[name]
                 sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
         told, about = self._told(found)
+        weighed = only_over_mass(space.model) if how.calibrate else []
         slow = standing(found.values.get("sideslip"), SLOWEST)
         names = self.reported
         rows = np.concatenate([np.asarray(own.run.rows) for own in runs])
@@ -169,7 +170,7 @@ class Tracker:
             consistency=judged,
             widened=widened,
             log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
-            sentences=(*sentences, *about, *slow, *lost(runs, histories, columns)),
+            sentences=(*sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
             told=told,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
             seconds=seconds,

@@ -5,10 +5,11 @@ import pytest
 
 from greybox_id.engine.motion.runs import MotionRun
 from greybox_id.errors import BadInput
-from greybox_id.filters.findings import lost, must_be_finite, told_rows, untold
+from greybox_id.filters.findings import lost, must_be_finite, only_over_mass, told_rows, untold
 from greybox_id.filters.kernel import blank_history
 from greybox_id.filters.laid import LaidRun
 from greybox_id.filters.state_space import Tracked
+from greybox_id.models.registry import build
 
 ROWS = 1000
 
@@ -60,3 +61,11 @@ def test_where_a_stiffness_is_open_is_said_by_the_slip_angle():
     assert "below 2.0°" in said
     assert said.endswith("The lateral force F_yf is told there, too.")
     assert untold("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""
+
+
+def test_what_is_calibrated_on_motion_is_said_to_be_over_mass():
+    model = build("single_track")
+    (said,) = only_over_mass(model)
+    assert "C_alpha_f / m, C_alpha_r / m, I_z / m" in said
+    assert "m = 1450 kg was held" in said
+    assert only_over_mass(build("kinematic")) == []
