@@ -13,9 +13,10 @@ import numpy as np
 
 from ..engine.compiler import library
 from ..parameter import Array
+from .ekf_source import ekf_source
 from .points import SigmaPoints
-from .source import ekf_source, ukf_source
 from .state_space import StateSpace
+from .ukf_source import ukf_source
 
 Kind = Literal["ekf", "ukf"]
 Kept = Literal["nothing", "filtered", "both ways"]
@@ -114,5 +115,6 @@ def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool) 
 def _writers() -> str:
     """The modules that write the C source, as text."""
     engine = Path(__file__).parents[1] / "engine"
-    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "lanes")), Path(__file__).with_name("source.py")]
+    own = (Path(__file__).with_name(f"{name}.py") for name in ("written", "ekf_source", "ukf_source"))
+    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "lanes")), *own]
     return "\0".join(file.read_text("utf-8") for file in files)
