@@ -203,3 +203,33 @@ def test_a_file_that_is_no_text_is_refused_in_a_sentence(tmp_path):
 def test_known_signals_are_those_of_the_project():
     noise = "\n".join(f"{name} = 0.1" for name in SIGNALS)
     assert set(parse_vehicle(f"[noise]\n{noise}", Path("car.toml")).noise) == set(SIGNALS)
+
+
+def test_what_is_tracked_may_be_stated(tmp_path):
+    file = tmp_path / "car.toml"
+    file.write_text(
+        'name = "car"\n[tracking]\nparameters = ["C_alpha_f"]\n'
+        'disturbances = ["road_bank"]\nnoise = { walk_v_y = 0.05 }\n'
+    )
+    plan = vehicle(file).tracking
+    assert plan.parameters == ("C_alpha_f",)
+    assert plan.disturbances == ("road_bank",)
+    assert plan.noise == {"walk_v_y": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('parameter = ["C_alpha_f"]', 'no key "parameter". Did you mean "parameters"'),
+        ('parameters = "C_alpha_f"', "parameters must be a list of names"),
+        ("parameters = [1]", "parameters must be a list of names"),
+        ("noise = { walk_v_y = 0.0 }", "noise walk_v_y = 0 must be above zero"),
+        ("noise = 3", '"noise" must be a table'),
+    ],
+)
+def test_a_plan_of_tracking_that_cannot_be_used_is_a_sentence(tmp_path, line, said):
+    file = tmp_path / "car.toml"
+    file.write_text(f'name = "car"\n[tracking]\n{line}\n')
+    with pytest.raises(BadInput) as caught:
+        vehicle(file)
+    assert said in str(caught.value)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
 from greybox_id.datasets.vehicle_text import write_vehicle
 from greybox_id.errors import BadInput
-from greybox_id.vehicle import ChosenModel, Stated, Vehicle
+from greybox_id.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e99, max_value=1e99)
 ABOVE_ZERO = st.floats(min_value=1e-300, max_value=1e99)
@@ -27,6 +27,10 @@ MODEL = st.builds(
     ),
     st.dictionaries(NAME, VALUE, max_size=2),
 )
+TRACKING = st.builds(
+    TrackingPlan, st.lists(NAME, min_size=1, max_size=2).map(tuple), st.lists(NAME, max_size=2).map(tuple),
+    st.dictionaries(NAME, ABOVE_ZERO, max_size=2),
+)  # fmt: skip
 VEHICLE = st.builds(
     Vehicle,
     TEXT.filter(str.strip),
@@ -35,6 +39,7 @@ VEHICLE = st.builds(
     st.dictionaries(st.sampled_from(["v_x", "yaw_rate"]), ABOVE_ZERO),
     st.none() | ABOVE_ZERO,
     st.none() | MODEL,
+    st.none() | TRACKING,
     TEXT,
 )
 
