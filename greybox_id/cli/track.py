@@ -116,6 +116,8 @@ def track(
         return
     if file is None:
         raise click.UsageError("Missing argument 'RECORDING'.")
+    if apply is not None and chosen.vehicle is None:
+        raise click.UsageError("--apply needs --vehicle, the file that it continues.")
     target = target_of(out)
     recording = read(file, columns)
     with progress() as say:
@@ -124,9 +126,7 @@ def track(
         )
     write(found.table(), target)
     written = [str(target)]
-    if apply is not None:
-        if chosen.vehicle is None:
-            raise click.UsageError("--apply needs --vehicle, the file that it continues.")
+    if apply is not None and chosen.vehicle is not None:
         written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, found, own, others, EFFECTS), apply)))
     if figures is not None:
         from ..reports.drawing import write_drawings

@@ -50,6 +50,10 @@ static void read_all(const v *s, const v *p, const v *w, const double *y, v gate
             const v pull = noise * K[a] - Th;
             for (ptrdiff_t b = 0; b < NX; b++) P[a * NX + b] = T[a * NX + b] + pull * K[b];
         }
+        /* what rounding leaves of asymmetry grows from reading to reading where noise is tiny */
+        for (ptrdiff_t a = 0; a < NX; a++)
+            for (ptrdiff_t b = 0; b < a; b++)
+                P[a * NX + b] = P[b * NX + a] = splat(0.5) * (P[a * NX + b] + P[b * NX + a]);
     }
 }
 

@@ -115,7 +115,8 @@ class LiveFilter:
         by_x = found[0, count:].reshape(count, n)
         variance = np.einsum("ij,jl,il->i", by_x, self._P[0], by_x)
         variance += np.sum((found[1:, :count] - found[0, :count]) ** 2, axis=0)
-        return found[0, :count], np.sqrt(np.maximum(variance, 0.0))
+        values = found[0, :count]
+        return values, np.where(np.isnan(values), np.nan, np.sqrt(np.maximum(variance, 0.0)))
 
 
 class _LiveGuard:

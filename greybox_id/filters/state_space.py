@@ -30,6 +30,9 @@ from ..motion_model import MotionModel
 TINY_TIME = 1e-15
 """Added to lengths of segments, s: some have none."""
 
+SLOWEST = 0.5
+"""Below this speed, m/s, there is no sideslip angle to speak of."""
+
 
 @dataclass(frozen=True)
 class Tracked:
@@ -113,8 +116,8 @@ class StateSpace:
     def seen(self, names: Sequence[str]) -> SampledFunction:
         """(x, s, p) -> what is named, then its derivatives by x, name by name.
 
-        Names are those of states, inputs, quantities and scaled combinations; "sideslip", atan2(v_y, v_x); and those
-        of what is tracked.
+        Names are those of states, inputs, quantities and scaled combinations; "sideslip", atan2(v_y, v_x), NaN below
+        `SLOWEST`; and those of what is tracked.
         """
         x, s, p, z, parameters = self._of
         own = {one.name: parameters[self.place(one.name)] for one in self.tracked}
@@ -123,7 +126,8 @@ class StateSpace:
             asked |= dict.fromkeys(("v_x", "v_y"))
         found = dict(zip(asked, cs.vertsplit(self.trace.told(tuple(asked))(z, s, parameters)), strict=True)) | own
         if "sideslip" in names:
-            found["sideslip"] = cs.atan2(found["v_y"], found["v_x"])
+            slow = cs.fabs(found["v_x"]) < SLOWEST
+            found["sideslip"] = cs.if_else(slow, cs.SX.nan(), cs.atan2(found["v_y"], found["v_x"]))
         values = cs.densify(cs.vertcat(*[found[name] for name in names]))
         by_x = cs.densify(cs.vec(cs.jacobian(values, x).T))
         return SampledFunction(cs.Function("seen", [x, s, p], [cs.vertcat(values, by_x)]))

@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..effect import Effect
-from ..engine.motion.runs import Mask
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
 from ..parameter import Array
@@ -26,7 +25,7 @@ from .kernel import History, Kept
 from .laid import LaidRun, laid
 from .noise import NoiseLevels, scatter_of, start_levels
 from .smoother import smoothed
-from .state_space import StateSpace
+from .state_space import SLOWEST, StateSpace
 from .track import Track
 from .tuning import Tuned, model_coordinates, noise_coordinates, tuned
 from .uncertain import believed, padded
@@ -34,8 +33,6 @@ from .walking import walking
 
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
 """Estimated besides states and what is tracked, where a model has it."""
-SLOWEST = 0.5
-"""Below this speed, m/s, there is no sideslip angle to speak of; it is left out."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 
 Say = Callable[[str], None]
@@ -226,20 +223,13 @@ class Tracker:
             x, P = x[own.row_segment], P[own.row_segment]
             found = seen(x, own.segments[own.row_segment], p)
             values.append(found[:, : len(names)])
-            if "sideslip" in names:
-                values[-1][self._slow(own, x), names.index("sideslip")] = np.nan
             by_x = found[:, len(names) :].reshape(len(x), len(names), n)
             variances.append(np.einsum("kij,kjl,kil->ki", by_x, P, by_x))
-        stacked, spread = np.vstack(values), np.maximum(np.vstack(variances), 0.0)
+        stacked = np.vstack(values)
+        spread = np.where(np.isnan(stacked), np.nan, np.maximum(np.vstack(variances), 0.0))
         return _Estimates(
             {name: stacked[:, k] for k, name in enumerate(names)}, {name: spread[:, k] for k, name in enumerate(names)}
         )
-
-    def _slow(self, own: LaidRun, x: Array) -> Mask:
-        """(rows,) whether the vehicle is too slow to have a sideslip angle."""
-        model, states = self.space.model, self.space.trace.names
-        v_x = x[:, states.index("v_x")] if "v_x" in states else own.run.inputs[:, model.inputs.index("v_x")]
-        return np.asarray(np.abs(v_x) < SLOWEST)
 
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
         found = {}

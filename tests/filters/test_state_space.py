@@ -138,3 +138,12 @@ def test_the_effect_of_what_walks_is_where_its_parameter_is():
         found = numbers(space.step, [*z, np.log(value)], s, p)[0].ravel()
         other = model.with_parameters(model[name].with_value(value))
         np.testing.assert_allclose(found[:3], np.asarray(space.trace.step(z, s, other.values)).ravel(), rtol=1e-13)
+
+
+def test_a_vehicle_that_stands_has_no_sideslip(rich):
+    space, p, x, s = rich
+    rows = np.tile(x, (2, 1))
+    rows[0, 0] = 0.1
+    found = space.seen(("sideslip",))(rows, np.tile(s, (2, 1)), p)
+    assert np.isnan(found[0, 0])
+    assert found[1, 0] == pytest.approx(np.arctan2(x[1], x[0]))
