@@ -66,12 +66,14 @@ class Actuator:
         Commands are straight lines over a segment of h seconds, and so is what the vehicle sees: the line of the same
         mean and first moment as the element's true response.
     after : (state, command, p, time) -> what is seen so long after the command took this value.
+    moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
     """
 
     signal: str
     name: str
     segment: Callable[[Symbol, tuple[Symbol, Symbol], Namespace, Symbol], tuple[Symbol, tuple[Symbol, Symbol]]]
     after: Callable[[Symbol, Symbol, Namespace, float], Symbol]
+    moves: Callable[[Symbol, Symbol, Namespace, float], Symbol]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ COMMANDS = {
     "simulate": ("predict", "Simulate a fit or a model freely on a recording's inputs."),
     "predict": ("predict", "Predict a recording with a fit."),
     "validate": ("validate", "Score a fit on recordings."),
+    "export": ("export", "Write a model down for a controller: C, CasADi, acados, ONNX, f1tenth."),
     "track": ("track", "Track sideslip, tyres and forces along a recording."),
     "profile": ("profile", "Follow the likelihood along parameters of a fit."),
     "models": ("models", "List the models there are, or say what one is made of."),

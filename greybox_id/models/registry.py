@@ -29,7 +29,7 @@ from .vehicles import stated_effect, with_vehicle
 
 __all__ = [
     *("EFFECTS", "MODELS", "Entry", "Magnitudes"),
-    *("build", "candidates", "model_of", "prepared", "vehicle_parameters"),
+    *("build", "candidates", "model_of", "prepared", "vehicle_parameters", "with_effects"),
 ]
 
 Magnitudes = Mapping[str, float | Stated | None]
@@ -144,13 +144,19 @@ def _entry(name: str) -> Entry:
     return MODELS[name]
 
 
-def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None) -> Model:
-    if vehicle is not None:
-        model = with_vehicle(model, vehicle)
-    for name, magnitude in (effects or {}).items():
+def with_effects(model: Model, effects: Magnitudes) -> Model:
+    """The model with those effects added that it has not yet.
+
+    Raises `BadInput` for an effect there is not, or a magnitude that cannot be used.
+    """
+    for name, magnitude in effects.items():
         if name not in model.effects:
             model = model + _effect(name, magnitude)
     return model
+
+
+def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None) -> Model:
+    return with_effects(model if vehicle is None else with_vehicle(model, vehicle), effects or {})
 
 
 def _effect(name: str, magnitude: float | Stated | None) -> Effect:

@@ -51,6 +51,17 @@ def just_after(standing: Mapping[str, Symbol], time_constants: TimeConstants) ->
     return relax
 
 
+def moves_just_after(standing: Mapping[str, Symbol], time_constants: TimeConstants, moves: dict[str, Symbol]) -> Relax:
+    """As `just_after`; by how much each quantity has moved is left in `moves`, without cancelling digits."""
+    seen = just_after(standing, time_constants)
+
+    def relax(name: str, value: Symbol, q: NamedQuantities) -> Symbol:
+        moves[name] = (standing[name] - value) * cs.expm1(-JUST_AFTER / (time_constants[name](q) + TINY_TIME))
+        return seen(name, value, q)
+
+    return relax
+
+
 class Following:
     """The relaxed quantities of one step.
 

@@ -21,7 +21,7 @@ from ...model import Namespace, Symbol
 from ...motion_model import MotionModel
 from ..sampled import SampledFunction
 from .quantities import NamedQuantities, Relax
-from .relaxation import JUST_AFTER, Following, TimeConstants, just_after, without_lag
+from .relaxation import JUST_AFTER, Following, TimeConstants, just_after, moves_just_after, without_lag
 
 
 class MotionTrace:
@@ -81,6 +81,26 @@ class MotionTrace:
         if lacking:
             raise BadModel(f"Model {self.model.name} has no {', '.join(lacking)}; it has {', '.join(found)}.")
         return cs.Function("told", [z, s, p], [cs.vertcat(*[found[name] for name in names])])
+
+    def flow(self) -> cs.Function:
+        """(z, s, p) -> the derivative of z just after a segment began.
+
+        That of an actuator or a relaxed quantity is what it does in the first `JUST_AFTER`, per second: it stays finite
+        where there is no lag at all.
+        """
+        z, s, p = cs.SX.sym("z", self.size), cs.SX.sym("s", self.segment_size), cs.SX.sym("p", self.model.size)
+        named = parameters(self.model, p)
+        segment = _Segment(self.model, s, self._shifts(named), self.delayed)
+        x, actuators, relaxed = self._split(z)
+        moved = dict[str, Symbol]()
+        relax = moves_just_after(*self._relaxing(relaxed), moved)
+        rates, _ = self._evaluate(x, self._seen(z, segment, named), named, relax)
+        seen, followed = {name: begin for name, (begin, _) in segment.lines.items()}, list[Symbol]()
+        for state, actuator in zip(actuators, self.model.actuators, strict=True):
+            followed.append(actuator.moves(state, seen[actuator.signal], named, JUST_AFTER) / JUST_AFTER)
+            seen[actuator.signal] = actuator.after(state, seen[actuator.signal], named, JUST_AFTER)
+        followed += [moved[relaxation.quantity] / JUST_AFTER for relaxation in self.model.relaxations]
+        return cs.Function("flow", [z, s, p], [cs.vertcat(*rates, *followed)])
 
     def start(self, measured: tuple[str, ...], given: tuple[str, ...] = ()) -> cs.Function:
         """(readings of the measured states, inputs, p) -> z at the start of a run.

@@ -16,6 +16,8 @@ from .smooth import within_limit
 
 Line = tuple[Symbol, Symbol]
 """Value at the beginning and at the end of a segment."""
+Motion = Callable[[Symbol, Symbol, Namespace, float], Symbol]
+"""(state, command, p, time) -> what an element does in that time."""
 
 TINY_TIME = 1e-15
 """Added to time constants, s: the limit of no lag without a division by zero."""
@@ -46,7 +48,10 @@ def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) ->
     def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
         return command + (state - command) * cs.exp(-time / (time_constant(p) + TINY_TIME))
 
-    return Actuator(signal, name, segment, after)
+    def moves(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
+        return (state - command) * cs.expm1(-time / (time_constant(p) + TINY_TIME))
+
+    return Actuator(signal, name, segment, after, moves)
 
 
 def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> Actuator:
@@ -68,34 +73,35 @@ def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> 
         end = command[1] - unclosed + closing * closed * (1 - closed) - opened * (1 - closed) * (1 + closed)
         return command[1] - unclosed - opened, (begin, end)
 
-    def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
+    def moves(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
         gap = command - state
-        return state + gap * within_limit(gap * _sign(gap) / limit(p) / time)
+        return gap * within_limit(gap * _sign(gap) / limit(p) / time)
 
-    return Actuator(signal, name, segment, after)
+    return Actuator(signal, name, segment, _from_where_it_stands(moves), moves)
 
 
 def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> Actuator:
     """Play (backlash): the output rests until the command has crossed the gap. Rounded over `PLAY_WIDTH`."""
 
-    def taken(state: Symbol, command: Symbol, p: Namespace) -> Symbol:
+    def moves(state: Symbol, command: Symbol, p: Namespace, time: float = 0.0) -> Symbol:
+        del time  # it follows at once
         w, ahead = half_width(p), command - state
-        return state + _beyond(ahead - w) - _beyond(-ahead - w)
+        return _beyond(ahead - w) - _beyond(-ahead - w)
 
     def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
         del h
-        begin = taken(state, command[0], p)
-        end = taken(begin, command[1], p)
+        begin = state + moves(state, command[0], p)
+        end = begin + moves(begin, command[1], p)
         wanted, done = command[1] - command[0], end - begin
         # It moves with the command for the segment's last share, 0 to 1; where corners are rounded, any number.
         moving = cs.fmin(cs.fmax(done * wanted / (wanted**2 + TINY**2), -1), 2)
         return end, (begin - done * moving * (1 - moving), begin + done * moving * (2 - moving))
 
-    def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
-        del time
-        return taken(state, command, p)
+    return Actuator(signal, name, segment, _from_where_it_stands(moves), moves)
 
-    return Actuator(signal, name, segment, after)
+
+def _from_where_it_stands(moves: Motion) -> Motion:
+    return lambda state, command, p, time: state + moves(state, command, p, time)
 
 
 def _sign(x: Symbol) -> Symbol:

@@ -1,0 +1,1 @@
+"""Models for controllers and simulators elsewhere: C, CasADi, acados, ONNX, parameter files."""

@@ -1,0 +1,130 @@
+"""Equations of motion as plain functions of state, input, parameters and step: what every target is written from.
+
+The state x holds the model's states, then its actuators', then its relaxed quantities; commands are held over a step.
+Pure delays of commands and latencies of readings are no part of these functions: who simulates or plans hands in the
+command that acts, and reads the state that is seen (`delays`, `latencies`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+
+from ..engine.motion.trace import MotionTrace
+from ..model import Symbol
+from ..motion_model import MotionModel
+from ..parameter import Parameter
+from ..signals import SIGNALS, unit_of, unit_of_quantity
+
+
+@dataclass(frozen=True)
+class Named:
+    """An entry of a vector.
+
+    Attributes
+    ----------
+    name, unit : SI.
+    about : its meaning, for people.
+    """
+
+    name: str
+    unit: str
+    about: str = ""
+
+
+class Equations:
+    """A motion model's functions, all of column vectors, dense.
+
+    Parameters
+    ----------
+    model : at the values that are to be the default parameters.
+
+    Attributes
+    ----------
+    states, inputs, parameters, outputs : what the entries of x, u, p and y are.
+    delayed, late : inputs that arrive late, outputs that are read late, in the order of `delays` and `latencies`.
+    """
+
+    def __init__(self, model: MotionModel) -> None:
+        self.model = model
+        self._trace = trace = MotionTrace(model)
+        self.states = tuple(_states(model))
+        self.inputs = tuple(_input(model, name) for name in model.inputs)
+        self.parameters = tuple(entry for parameter in model.parameters for entry in entries(parameter))
+        self.outputs = tuple(Named(name, unit_of(name, unit_of_quantity(name))) for name in model.outputs)
+        self.delayed, self.late = trace.delayed, trace.late
+        self.x = cs.SX.sym("x", len(self.states))
+        self.u = cs.SX.sym("u", len(self.inputs))
+        self.p = cs.SX.sym("p", model.size)
+        self.dt = cs.SX.sym("dt")
+
+    @cached_property
+    def step(self) -> cs.Function:
+        """(x, u, p, dt) -> x after dt seconds: one step of the classical Runge-Kutta method, actuators exact."""
+        return self._function("step", self._trace.step, self.dt)
+
+    @cached_property
+    def ode(self) -> cs.Function:
+        """(x, u, p) -> derivative of x."""
+        return self._function("ode", self._trace.flow())
+
+    @cached_property
+    def output(self) -> cs.Function:
+        """(x, u, p) -> y, what sensors read, but for their latency."""
+        return self._function("output", self._trace.output)
+
+    @cached_property
+    def delays(self) -> cs.Function:
+        """(p) -> by how many seconds the commands named in `delayed` arrive late."""
+        return self._shifts("delays", slice(None, len(self.delayed)))
+
+    @cached_property
+    def latencies(self) -> cs.Function:
+        """(p) -> by how many seconds the outputs named in `late` are read late."""
+        return self._shifts("latencies", slice(len(self.delayed), None))
+
+    def _function(self, name: str, of: cs.Function, dt: Symbol | None = None) -> cs.Function:
+        rest = cs.SX.zeros(self._trace.segment_size - 1 - len(self.inputs))
+        segment = cs.vertcat(0 if dt is None else dt, self.u, rest)
+        value = cs.cse(cs.densify(of(self.x, segment, self.p)))
+        arguments = {"x": self.x, "u": self.u, "p": self.p} | ({} if dt is None else {"dt": dt})
+        return cs.Function(name, list(arguments.values()), [value], list(arguments), [_RESULTS[name]])
+
+    def _shifts(self, name: str, which: slice) -> cs.Function:
+        return cs.Function(name, [self.p], [cs.densify(self._trace.timing(self.p))[which]], ["p"], ["s"])
+
+
+_RESULTS = {"step": "x_next", "ode": "x_dot", "output": "y"}
+
+
+def entries(parameter: Parameter) -> list[Named]:
+    """The numbers a parameter holds, in the order in which they stand in p: F[0,1] of an array F."""
+    if parameter.shape == ():
+        return [Named(parameter.name, parameter.unit, parameter.about)]
+    places = (",".join(map(str, place)) for place in np.ndindex(*parameter.shape))
+    return [Named(f"{parameter.name}[{place}]", parameter.unit, parameter.about) for place in places]
+
+
+def _states(model: MotionModel) -> list[Named]:
+    own = [
+        Named(state.name, state.unit, SIGNALS[state.name].about if state.name in SIGNALS else "")
+        for state in model.states
+    ]
+    actuators = [
+        Named(actuator.name, unit_of(actuator.signal, ""), f"{actuator.signal} as the vehicle sees it")
+        for actuator in model.actuators
+    ]
+    relaxed = [
+        Named(relaxation.quantity, unit_of_quantity(relaxation.quantity), "follows its steady value with a lag")
+        for relaxation in model.relaxations
+    ]
+    return own + actuators + relaxed
+
+
+def _input(model: MotionModel, name: str) -> Named:
+    alternatives = [f"{own} [{unit_of(own)}]" for own in model.aliases.get(name, ())]
+    about = " or ".join(alternatives) if alternatives else SIGNALS[name].about if name in SIGNALS else ""
+    return Named(name, unit_of(name, "as recorded"), about)

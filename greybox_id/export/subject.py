@@ -1,0 +1,99 @@
+"""What is exported: a model at its values, and where these come from."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import BadInput
+from ..fit import Fit
+from ..model import Model
+from ..motion_model import MotionModel
+from .equations import Equations
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+RESERVED = {
+    *("auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"),
+    *("float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"),
+    *("sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "main"),
+}
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A model to export.
+
+    Attributes
+    ----------
+    model : at the values that become the default parameters.
+    name : what files and functions are called after: lower-case letters, digits and underscores.
+    fit : where the values come from; None where they are stated.
+    source : the fit's or vehicle's name, for people.
+    command : what reproduces the export.
+    """
+
+    model: Model
+    name: str
+    fit: Fit | None = None
+    source: str = ""
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name) or self.name in RESERVED or keyword.iskeyword(self.name):
+            raise BadInput(
+                f"{self.name!r} cannot be the name of C functions: lower-case letters, digits and underscores, a letter "
+                "first, 40 at most, and no word of C or Python. Name another with --name."
+            )
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The functions of a model of motion. Raises `BadInput` for other models."""
+        if not isinstance(self.model, MotionModel):
+            raise BadInput(f"{self.model.name} is no model of motion; this target takes {_MOTION} only.")
+        return Equations(self.model)
+
+    def described(self) -> dict[str, Any]:
+        """Model, parameters with units and intervals, and data, as plain data for a manifest."""
+        model, fit = self.model, self.fit
+        return {
+            "name": self.name,
+            "greybox_id": __version__,
+            "source": self.source,
+            "command": self.command,
+            "model": {
+                "name": model.name,
+                "about": model.about,
+                "settings": dict(model.settings),
+                "effects": {name: float(model[name].array) for name in model.effects},
+                "inputs": list(model.inputs),
+                "outputs": list(model.outputs),
+            },
+            "parameters": {
+                p.name: {
+                    "unit": p.unit,
+                    "value": p.array.tolist(),
+                    "interval": None if fit is None or p.fixed or p.name not in fit.sd else _interval(fit, p.name),
+                    "about": p.about,
+                }
+                for p in model.parameters
+            },
+            "data": [] if fit is None else [_recorded(record) for record in fit.data],
+        }
+
+
+_MOTION = "single_track, lateral, longitudinal and kinematic"
+
+
+def _interval(fit: Fit, name: str) -> list[Any] | None:
+    low, high = fit.interval(name)
+    return [low.tolist(), high.tolist()] if np.all(np.isfinite(low) & np.isfinite(high)) else None
+
+
+def _recorded(record: Any) -> dict[str, Any]:
+    return {"role": record.role, "name": record.name, "sha256": record.sha256, "samples": record.samples}
