@@ -47,7 +47,7 @@ class Subject:
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name) or self.name in RESERVED or keyword.iskeyword(self.name):
             raise BadInput(
-                f"{self.name!r} cannot be the name of C functions: lower-case letters, digits and underscores, a letter "
+                f"{self.name!r} cannot name C functions: lower-case letters, digits and underscores, a letter "
                 "first, 40 at most, and no word of C or Python. Name another with --name."
             )
 

@@ -1,1 +1,0 @@
-"""CasADi functions, serialised, and a Python module that loads them with named symbols."""
