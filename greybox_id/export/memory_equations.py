@@ -1,0 +1,168 @@
+"""A map with memory as plain functions of state, input and parameters, running on its own predictions.
+
+The state x holds, in this order, what the map has predicted and its sensors may still show, what its actuators are at,
+and its window: past inputs as the equations saw them, as far back as they look. Inputs that follow from the model's own
+outputs are fed back and are no part of u. A step is one sample long.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as cs
+
+from ..engine.trace import Trace, namespace
+from ..errors import BadInput
+from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
+from ..model import Symbol
+from ..signals import SIGNALS, unit_of
+from .equations import Equations, Named, entries
+from .subject import Subject
+
+
+class MemoryEquations:
+    """A map with memory's functions, all of column vectors, dense.
+
+    Parameters
+    ----------
+    model : at the values that are to be the default parameters.
+
+    Attributes
+    ----------
+    states, inputs, parameters, outputs : what the entries of x, u, p and y are.
+    sample_time : s, of a step.
+    """
+
+    def __init__(self, model: MemoryModel) -> None:
+        self.model = model
+        self.sample_time = model.sample_time
+        self._trace = trace = Trace(model)
+        self._window, self._predicted = trace.step
+        self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
+        self._p = namespace(model, trace.p)
+        self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
+        self._held = {name: len(self._weights.get(name, (1,))) for name in model.outputs}
+        self._looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
+        self.states = tuple(self._described())
+        self.inputs = tuple(Named(name, unit_of(name), _about(name)) for name in self._names)
+        self.parameters = tuple(entry for parameter in model.parameters for entry in entries(parameter))
+        self.outputs = tuple(Named(name, unit_of(name), _about(name)) for name in model.outputs)
+        self.x = cs.SX.sym("x", len(self.states))
+        self.u = cs.SX.sym("u", len(self.inputs))
+        self.p = trace.p
+
+    @cached_property
+    def step(self) -> cs.Function:
+        """(x, u, p) -> x a sample later, fed by its own predictions."""
+        now, actuators, past = self._split()
+        following = self._followed(now, actuators, past, None)
+        return cs.Function("step", [self.x, self.u, self.p], [following], ["x", "u", "p"], ["x_next"])
+
+    @cached_property
+    def push(self) -> cs.Function:
+        """(x, u, y, p) -> x a sample later, when y was read instead: what fills the window before the loop runs."""
+        y = cs.SX.sym("y", len(self.outputs))
+        following = self._followed(*self._split(), y)
+        return cs.Function("push", [self.x, self.u, y, self.p], [following], ["x", "u", "y", "p"], ["x_next"])
+
+    @cached_property
+    def output(self) -> cs.Function:
+        """(x, u, p) -> y, what sensors read now."""
+        now, _, _ = self._split()
+        read = [
+            sum(weight * then for weight, then in zip(self._weights.get(name, (1,)), now[name], strict=True))
+            for name in self.model.outputs
+        ]
+        value = cs.densify(cs.vertcat(*read))
+        return cs.Function("output", [self.x, self.u, self.p], [value], ["x", "u", "p"], ["y"])
+
+    def _depth(self, number: int) -> int:
+        """How many samples before the newest one the equations see of an input."""
+        rows = [k for k in range(self._trace.memory) if cs.depends_on(self._predicted, self._window[number, k])]
+        return self._trace.memory - 1 - min(rows, default=self._trace.memory - 1)
+
+    def _described(self) -> list[Named]:
+        predicted = [
+            Named(_ago(f"predicted_{name}", k), unit_of(name), f"{_about(name)}, predicted for {_when(k)}")
+            for name, count in self._held.items()
+            for k in range(count)
+        ]
+        actuators = [
+            Named(f"{own.signal}_actuator_{k}", unit_of(own.signal), f"state of what stands before {own.signal}")
+            for k, own in enumerate(self.model.actuators)
+        ]
+        past = [
+            Named(_ago(name, k), unit_of(name), f"{_about(name)}, {_when(k)}")
+            for name, count in self._looked_back.items()
+            for k in range(count, 0, -1)
+        ]
+        return predicted + actuators + past
+
+    def _split(self) -> tuple[dict[str, list[Symbol]], list[Symbol], dict[str, list[Symbol]]]:
+        """Predictions newest first, actuators' states, past inputs oldest first."""
+        parts = iter(cs.vertsplit(self.x))
+        now = {name: [next(parts) for _ in range(count)] for name, count in self._held.items()}
+        actuators = [next(parts) for _ in self.model.actuators]
+        return now, actuators, {name: [next(parts) for _ in range(count)] for name, count in self._looked_back.items()}
+
+    def _followed(
+        self, now: dict[str, list[Symbol]], actuators: list[Symbol], past: dict[str, list[Symbol]], y: Symbol | None
+    ) -> Symbol:
+        """x a sample later; y takes the place of what would be predicted."""
+        seen, moved = self._seen(now, actuators)
+        windows = {name: [*past[name], seen[name]] for name in self.model.inputs}
+        if y is None:
+            y = self._prediction(windows)
+        predicted = [then for k, name in enumerate(self.model.outputs) for then in (y[k], *now[name][:-1])]
+        kept = [then for name in self.model.inputs for then in windows[name][1:]]
+        return cs.cse(cs.densify(cs.vertcat(*predicted, *moved, *kept)))
+
+    def _prediction(self, windows: dict[str, list[Symbol]]) -> Symbol:
+        memory = self._trace.memory
+        rows = [cs.horzcat(cs.SX.zeros(1, memory - len(windows[name])), *windows[name]) for name in self.model.inputs]
+        predict = cs.Function("predict", [self._window, self.p], [self._predicted])
+        return predict(cs.vertcat(*rows), self.p)
+
+    def _seen(self, now: dict[str, list[Symbol]], actuators: list[Symbol]) -> tuple[dict[str, Symbol], list[Symbol]]:
+        """Inputs as the equations see them at this sample, and where actuators are at the next one."""
+        seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
+        moved = []
+        for state, own in zip(actuators, self.model.actuators, strict=True):
+            after, seen[own.signal] = own.step(state, seen[own.signal], self._p, self.sample_time)
+            moved.append(after)
+        if self._trace.fed_back:
+            y = cs.vertcat(*[now[name][0] for name in self.model.outputs])
+            given = cs.vertcat(*[seen[name] for name in self.model.inputs])
+            fed = cs.vertsplit(self._trace.feedback.function(y, given))
+            seen |= dict(zip(self._trace.fed_back, fed, strict=True))
+        return seen, moved
+
+
+def equations_of(subject: Subject) -> Equations | MemoryEquations:
+    """The functions of a model of motion or of a map with memory.
+
+    Raises
+    ------
+    BadInput : the model is a hybrid.
+    """
+    if isinstance(subject.model, MemoryModel):
+        return MemoryEquations(subject.model)
+    if isinstance(subject.model, HybridModel):
+        raise BadInput(
+            f"{subject.model.name} is a hybrid, and hybrids are not exported. Give a single track the stiffnesses it "
+            "estimates, and export that."
+        )
+    return subject.equations
+
+
+def _about(name: str) -> str:
+    return SIGNALS[name].about if name in SIGNALS else name
+
+
+def _ago(name: str, samples: int) -> str:
+    return f"{name}_{samples}_ago" if samples else name
+
+
+def _when(samples: int) -> str:
+    return "now" if samples == 0 else f"{samples} sample{'s' * (samples > 1)} ago"
