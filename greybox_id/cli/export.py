@@ -13,7 +13,7 @@ import click
 from ..choices.parameters import Choices, Magnitudes, magnitudes, with_choices
 from ..errors import BadInput
 from ..export.subject import Subject
-from ..export.verb import TARGETS
+from ..export.verb import TARGETS, cautions
 from ..export.verb import export as export_model
 from ..fit import load
 from ..model import Model
@@ -63,7 +63,7 @@ def export(
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
         model = wanted(**asked, effects=effects, fix=fix).model()
         subject = Subject(model, name, None, asked["vehicle"] or model.name, command)
-    for sentence in _assumed(model, magnitudes(effects)):
+    for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
         click.echo(f"warning: {sentence}", err=True)
     written = export_model(subject, target, out)
     if as_json:

@@ -16,6 +16,7 @@ from ..errors import BadInput
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Symbol
+from ..motion_model import MotionModel
 from ..signals import SIGNALS, unit_of
 from .equations import Equations, Named, entries
 from .subject import Subject
@@ -32,18 +33,21 @@ class MemoryEquations:
     ----------
     states, inputs, parameters, outputs : what the entries of x, u, p and y are.
     sample_time : s, of a step.
+    trace : the equations in stages: what windows look at, the windows, what becomes of them.
+    held : output -> how many of its predictions x holds, newest first.
+    looked_back : input -> how many of its past samples x holds, oldest first.
     """
 
     def __init__(self, model: MemoryModel) -> None:
         self.model = model
         self.sample_time = model.sample_time
-        self._trace = trace = Trace(model)
+        self.trace = trace = Trace(model)
         self._window, self._predicted = trace.step
         self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
         self._p = namespace(model, trace.p)
         self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
-        self._held = {name: len(self._weights.get(name, (1,))) for name in model.outputs}
-        self._looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
+        self.held = {name: len(self._weights.get(name, (1,))) for name in model.outputs}
+        self.looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
         self.states = tuple(self._described())
         self.inputs = tuple(Named(name, unit_of(name), _about(name)) for name in self._names)
         self.parameters = tuple(entry for parameter in model.parameters for entry in entries(parameter))
@@ -77,15 +81,30 @@ class MemoryEquations:
         value = cs.densify(cs.vertcat(*read))
         return cs.Function("output", [self.x, self.u, self.p], [value], ["x", "u", "p"], ["y"])
 
+    @cached_property
+    def seen(self) -> cs.Function:
+        """(newest predictions, actuators, u, p) -> inputs as the equations see them now, actuators a sample later."""
+        y, actuators = cs.SX.sym("y", len(self.outputs)), cs.SX.sym("actuators", len(self.model.actuators))
+        seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
+        moved = []
+        for k, own in enumerate(self.model.actuators):
+            after, seen[own.signal] = own.step(actuators[k], seen[own.signal], self._p, self.sample_time)
+            moved.append(after)
+        if self.trace.fed_back:
+            fed = self.trace.feedback.function(y, cs.vertcat(*seen.values()))
+            seen |= dict(zip(self.trace.fed_back, cs.vertsplit(fed), strict=True))
+        results = [cs.densify(cs.vertcat(*seen.values())), cs.densify(cs.vertcat(*moved))]
+        return cs.Function("seen", [y, actuators, self.u, self.p], results, ["y", "a", "u", "p"], ["seen", "a_next"])
+
     def _depth(self, number: int) -> int:
         """How many samples before the newest one the equations see of an input."""
-        rows = [k for k in range(self._trace.memory) if cs.depends_on(self._predicted, self._window[number, k])]
-        return self._trace.memory - 1 - min(rows, default=self._trace.memory - 1)
+        rows = [k for k in range(self.trace.memory) if cs.depends_on(self._predicted, self._window[number, k])]
+        return self.trace.memory - 1 - min(rows, default=self.trace.memory - 1)
 
     def _described(self) -> list[Named]:
         predicted = [
             Named(_ago(f"predicted_{name}", k), unit_of(name), f"{_about(name)}, predicted for {_when(k)}")
-            for name, count in self._held.items()
+            for name, count in self.held.items()
             for k in range(count)
         ]
         actuators = [
@@ -94,7 +113,7 @@ class MemoryEquations:
         ]
         past = [
             Named(_ago(name, k), unit_of(name), f"{_about(name)}, {_when(k)}")
-            for name, count in self._looked_back.items()
+            for name, count in self.looked_back.items()
             for k in range(count, 0, -1)
         ]
         return predicted + actuators + past
@@ -102,41 +121,28 @@ class MemoryEquations:
     def _split(self) -> tuple[dict[str, list[Symbol]], list[Symbol], dict[str, list[Symbol]]]:
         """Predictions newest first, actuators' states, past inputs oldest first."""
         parts = iter(cs.vertsplit(self.x))
-        now = {name: [next(parts) for _ in range(count)] for name, count in self._held.items()}
+        now = {name: [next(parts) for _ in range(count)] for name, count in self.held.items()}
         actuators = [next(parts) for _ in self.model.actuators]
-        return now, actuators, {name: [next(parts) for _ in range(count)] for name, count in self._looked_back.items()}
+        return now, actuators, {name: [next(parts) for _ in range(count)] for name, count in self.looked_back.items()}
 
     def _followed(
         self, now: dict[str, list[Symbol]], actuators: list[Symbol], past: dict[str, list[Symbol]], y: Symbol | None
     ) -> Symbol:
         """x a sample later; y takes the place of what would be predicted."""
-        seen, moved = self._seen(now, actuators)
-        windows = {name: [*past[name], seen[name]] for name in self.model.inputs}
+        newest = cs.vertcat(*[now[name][0] for name in self.model.outputs])
+        seen, moved = self.seen(newest, cs.vertcat(*actuators), self.u, self.p)
+        windows = {name: [*past[name], seen[k]] for k, name in enumerate(self.model.inputs)}
         if y is None:
             y = self._prediction(windows)
         predicted = [then for k, name in enumerate(self.model.outputs) for then in (y[k], *now[name][:-1])]
         kept = [then for name in self.model.inputs for then in windows[name][1:]]
-        return cs.cse(cs.densify(cs.vertcat(*predicted, *moved, *kept)))
+        return cs.cse(cs.densify(cs.vertcat(*predicted, moved, *kept)))
 
     def _prediction(self, windows: dict[str, list[Symbol]]) -> Symbol:
-        memory = self._trace.memory
+        memory = self.trace.memory
         rows = [cs.horzcat(cs.SX.zeros(1, memory - len(windows[name])), *windows[name]) for name in self.model.inputs]
         predict = cs.Function("predict", [self._window, self.p], [self._predicted])
         return predict(cs.vertcat(*rows), self.p)
-
-    def _seen(self, now: dict[str, list[Symbol]], actuators: list[Symbol]) -> tuple[dict[str, Symbol], list[Symbol]]:
-        """Inputs as the equations see them at this sample, and where actuators are at the next one."""
-        seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
-        moved = []
-        for state, own in zip(actuators, self.model.actuators, strict=True):
-            after, seen[own.signal] = own.step(state, seen[own.signal], self._p, self.sample_time)
-            moved.append(after)
-        if self._trace.fed_back:
-            y = cs.vertcat(*[now[name][0] for name in self.model.outputs])
-            given = cs.vertcat(*[seen[name] for name in self.model.inputs])
-            fed = cs.vertsplit(self._trace.feedback.function(y, given))
-            seen |= dict(zip(self._trace.fed_back, fed, strict=True))
-        return seen, moved
 
 
 def equations_of(subject: Subject) -> Equations | MemoryEquations:
@@ -154,6 +160,15 @@ def equations_of(subject: Subject) -> Equations | MemoryEquations:
             "estimates, and export that."
         )
     return subject.equations
+
+
+def shifts_left_out(subject: Subject) -> list[str]:
+    """Sentences on delays and latencies, which are no part of a model of motion's functions."""
+    if not isinstance(subject.model, MotionModel):
+        return []
+    shifts = subject.equations.shifts()
+    found = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in shifts.items())
+    return [f"No part of the functions: {found}. Hand in the command that acts then."] if shifts else []
 
 
 def _about(name: str) -> str:

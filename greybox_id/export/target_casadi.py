@@ -9,7 +9,10 @@ import casadi as cs
 from .. import __version__
 from .equations import Equations, Named
 from .memory_equations import MemoryEquations, equations_of
+from .memory_equations import shifts_left_out as cautions
 from .subject import Subject
+
+__all__ = ["cautions", "files"]
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
