@@ -61,8 +61,9 @@ def export(
     else:
         if not any(asked.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        model = wanted(**asked, effects=effects, fix=fix).model()
-        subject = Subject(model, name, None, asked["vehicle"] or model.name, command)
+        meant = wanted(**asked, effects=effects, fix=fix)
+        model = meant.model()
+        subject = Subject(model, name, None, asked["vehicle"] or model.name, command, meant.vehicle)
     for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
         click.echo(f"warning: {sentence}", err=True)
     written = export_model(subject, target, out)
