@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
+from math import isfinite
 
 import casadi as cs
 
@@ -46,8 +48,13 @@ def literals(subject: Subject, equations: Equations | MemoryEquations) -> str:
     lists = {"STATES": equations.states, "INPUTS": equations.inputs, "OUTPUTS": equations.outputs}
     lists["PARAMETERS"] = equations.parameters
     text = "".join(f"{name} = (\n{_entries(named)})\n" for name, named in lists.items())
-    values = ", ".join(repr(float(value)) for value in subject.model.values)
-    return f"{text}P = cs.DM([{values}])\n"
+    numbers = ", ".join(_number(float(value)) for value in subject.model.values)
+    values = textwrap.fill(numbers, 118, initial_indent="    ", subsequent_indent="    ")
+    return f"{text}P = cs.DM([\n{values}\n])\n"
+
+
+def _number(value: float) -> str:
+    return repr(value) if isfinite(value) else f"{'-' * (value < 0)}cs.inf"
 
 
 def _jacobians(function: cs.Function) -> cs.Function:
@@ -112,7 +119,6 @@ default parameters. Functions:
 {time}
 """
 
-from math import inf, nan
 from pathlib import Path
 from typing import NamedTuple
 
