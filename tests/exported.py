@@ -40,9 +40,9 @@ def memory(name):
     return scattered(tiny(name), 1)
 
 
-def subject(model, name="car"):
+def subject(model, name="car", moving=None):
     """A model to export."""
-    return Subject(model, name, source="a test")
+    return Subject(model, name, moving, source="a test")
 
 
 def points(equations, count, seed=0):
@@ -69,9 +69,9 @@ def values(function, *arguments):
     return np.array(function.map(rows)(*columns)).T
 
 
-def write(model, target, folder, name="car"):
+def write(model, target, folder, name="car", moving=None):
     """Export a model; the folder."""
-    export(subject(model, name), target, folder)
+    export(subject(model, name, moving), target, folder)
     return folder
 
 

@@ -7,6 +7,7 @@ outputs are fed back and are no part of u. A step is one sample long.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cached_property
 
 import casadi as cs
@@ -17,8 +18,9 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Symbol
 from ..motion_model import MotionModel
+from ..parameter import pack
 from ..signals import SIGNALS, unit_of
-from .equations import Equations, Named, entries
+from .equations import Equations, Named, entries, joined
 from .subject import Subject
 
 
@@ -28,9 +30,12 @@ class MemoryEquations:
     Parameters
     ----------
     model : at the values that are to be the default parameters.
+    moving : names of the parameters that p holds; others are constants of the equations. None: p holds them all.
 
     Attributes
     ----------
+    values : the default p.
+    chosen : the parameters that p holds.
     states, inputs, parameters, outputs : what the entries of x, u, p and y are.
     sample_time : s, of a step.
     trace : the equations in stages: what windows look at, the windows, what becomes of them.
@@ -38,23 +43,26 @@ class MemoryEquations:
     looked_back : input -> how many of its past samples x holds, oldest first.
     """
 
-    def __init__(self, model: MemoryModel) -> None:
+    def __init__(self, model: MemoryModel, moving: Collection[str] | None = None) -> None:
         self.model = model
+        self.chosen = tuple(p for p in model.parameters if moving is None or p.name in moving)
+        self.values = pack(self.chosen)
+        self.parameters = tuple(entry for parameter in self.chosen for entry in entries(parameter))
+        self.p = cs.SX.sym("p", len(self.parameters))
+        self._all_of_p = joined(model, {p.name for p in self.chosen}, self.p)
         self.sample_time = model.sample_time
         self.trace = trace = Trace(model)
         self._window, self._predicted = trace.step
         self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
-        self._p = namespace(model, trace.p)
+        self._p = namespace(model, self._all_of_p)
         self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
         self.held = {name: len(self._weights.get(name, (1,))) for name in model.outputs}
         self.looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
         self.states = tuple(self._described())
         self.inputs = tuple(Named(name, unit_of(name), _about(name)) for name in self._names)
-        self.parameters = tuple(entry for parameter in model.parameters for entry in entries(parameter))
         self.outputs = tuple(Named(name, unit_of(name), _about(name)) for name in model.outputs)
         self.x = cs.SX.sym("x", len(self.states))
         self.u = cs.SX.sym("u", len(self.inputs))
-        self.p = trace.p
 
     @cached_property
     def step(self) -> cs.Function:
@@ -141,8 +149,8 @@ class MemoryEquations:
     def _prediction(self, windows: dict[str, list[Symbol]]) -> Symbol:
         memory = self.trace.memory
         rows = [cs.horzcat(cs.SX.zeros(1, memory - len(windows[name])), *windows[name]) for name in self.model.inputs]
-        predict = cs.Function("predict", [self._window, self.p], [self._predicted])
-        return predict(cs.vertcat(*rows), self.p)
+        predict = cs.Function("predict", [self._window, self.trace.p], [self._predicted])
+        return predict(cs.vertcat(*rows), self._all_of_p)
 
 
 def equations_of(subject: Subject) -> Equations | MemoryEquations:
@@ -153,7 +161,7 @@ def equations_of(subject: Subject) -> Equations | MemoryEquations:
     BadInput : the model is a hybrid.
     """
     if isinstance(subject.model, MemoryModel):
-        return MemoryEquations(subject.model)
+        return MemoryEquations(subject.model, subject.moving)
     if isinstance(subject.model, HybridModel):
         raise BadInput(
             f"{subject.model.name} is a hybrid, and hybrids are not exported. Give a single track the stiffnesses it "

@@ -102,8 +102,8 @@ def graph_of(function: cs.Function) -> Builder:
 
 def columns(builder: Builder, name: str, widths: Sequence[int]) -> list[str]:
     """An array (batch, n) cut into pieces of these widths."""
-    if len(widths) == 1:
-        return [name]
+    if len(widths) < 2:
+        return [name] * len(widths)
     return builder.several("Split", len(widths), name, builder.numbers(*widths), axis=1)
 
 

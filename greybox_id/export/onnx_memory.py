@@ -13,11 +13,12 @@ from .onnx_graph import Builder, columns, translated
 def step_of(equations: MemoryEquations) -> Builder:
     """(x, u, p) -> x_next, of one set of parameters."""
     builder, trace = Builder(), equations.trace
-    p = columns(builder, "p", [1] * len(equations.parameters))
+    given = columns(builder, "p", [1] * len(equations.parameters))
+    p = _all_parameters(builder, equations, given)
     u = columns(builder, "u", [1] * len(equations.inputs))
     now, actuators, past = _split(builder, equations)
     newest = [own[0] for own in now]
-    seen, moved = translated(builder, equations.seen, [newest, actuators, u, p])
+    seen, moved = translated(builder, equations.seen, [newest, actuators, u, given])
     longer = [
         builder.add("Concat", *held, value, axis=1) if held else value for held, value in zip(past, seen, strict=True)
     ]
@@ -39,6 +40,16 @@ def step_of(equations: MemoryEquations) -> Builder:
     ]
     builder.name("x_next", "Concat", *predicted, *moved, *kept, axis=1)
     return builder
+
+
+def _all_parameters(builder: Builder, equations: MemoryEquations, given: list[str]) -> list[str]:
+    """Those that p holds from there, the others as numbers."""
+    left, chosen = iter(given), {parameter.name for parameter in equations.chosen}
+    return [
+        next(left) if parameter.name in chosen else builder.constant(value)
+        for parameter in equations.model.parameters
+        for value in parameter.array.ravel().tolist()
+    ]
 
 
 def _split(builder: Builder, equations: MemoryEquations) -> tuple[list[list[str]], list[str], list[list[str]]]:

@@ -54,7 +54,7 @@ def _begun(fixed):
     made = AcadosModel()
     made.name = "NAME"
     made.x, made.u = x.column, u.column
-    if not fixed:
+    if NAME.PARAMETERS and not fixed:
         made.p = p.column
     made.x_labels = [f"{own.name} [{own.unit}]" for own in NAME.STATES]
     made.u_labels = [f"{own.name} [{own.unit}]" for own in NAME.INPUTS]

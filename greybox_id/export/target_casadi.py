@@ -43,12 +43,12 @@ def file_of(subject: Subject, function: str) -> str:
     return f"{subject.name}_{function}.casadi"
 
 
-def literals(subject: Subject, equations: Equations | MemoryEquations) -> str:
+def literals(equations: Equations | MemoryEquations) -> str:
     """What the entries of x, u, p and y are, and the default parameters, as Python."""
     lists = {"STATES": equations.states, "INPUTS": equations.inputs, "OUTPUTS": equations.outputs}
     lists["PARAMETERS"] = equations.parameters
     text = "".join(f"{name} = (\n{_entries(named)})\n" for name, named in lists.items())
-    numbers = ", ".join(_number(float(value)) for value in subject.model.values)
+    numbers = ", ".join(_number(float(value)) for value in equations.values)
     values = textwrap.fill(numbers, 118, initial_indent="    ", subsequent_indent="    ")
     return f"{text}P = cs.DM([\n{values}\n])\n"
 
@@ -80,7 +80,7 @@ def _module(subject: Subject, equations: Equations | MemoryEquations, functions:
         signatures=signatures, time=_time(equations),
     )  # fmt: skip
     loaded = "".join(f"{name} = _load({name!r})\n" for name in functions)
-    return text + _NAMED + literals(subject, equations) + _timing(equations) + _BODY + loaded
+    return text + _NAMED + literals(equations) + _timing(equations) + _BODY + loaded
 
 
 def _signature(name: str, function: cs.Function) -> str:

@@ -32,7 +32,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
     else:
         step = onnx_graph.graph_of(equations.step)
     graphs = {"step": (step, equations.step), "output": (onnx_graph.graph_of(equations.output), equations.output)}
-    defaults = {"p": [float(value) for value in subject.model.values]}
+    defaults = {"p": equations.values.tolist()} if len(equations.values) else {}
     return {
         f"{subject.name}_{name}.onnx": builder.model(
             name, OPSET, *_shapes(function), defaults, about
@@ -48,7 +48,7 @@ def _shapes(function: cs.Function) -> tuple[_Shapes, _Shapes]:
     """Of the arguments and of the result. Parameters and length of step are one for all points."""
     sets: dict[str, str | int] = {"x": "batch", "u": "batch", "p": 1, "dt": 1}
     return (
-        {name: (sets[name], function.numel_in(k)) for k, name in enumerate(function.name_in())},
+        {name: (sets[name], function.numel_in(k)) for k, name in enumerate(function.name_in()) if function.numel_in(k)},
         {function.name_out()[0]: ("batch", function.numel_out(0))},
     )
 

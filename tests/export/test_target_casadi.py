@@ -6,10 +6,10 @@ import sys
 import casadi as cs
 import numpy as np
 import pytest
-from exported import EFFECTS, MEMORY, MOTION, loaded, memory, motion, points, values, write
+from exported import EFFECTS, MEMORY, MOTION, loaded, memory, motion, points, subject, values, write
 
 from greybox_id.export.equations import Equations
-from greybox_id.export.memory_equations import MemoryEquations
+from greybox_id.export.memory_equations import MemoryEquations, equations_of
 
 
 @pytest.mark.parametrize(("name", "effects"), [*((name, ()) for name in MOTION), ("single_track on pacejka", EFFECTS)])
@@ -83,6 +83,23 @@ def test_values_that_no_literal_writes_are_kept(tmp_path):
     model = model.with_parameters(model["steering_rate_limit"].with_value(np.inf))
     module = loaded(write(model, "casadi", tmp_path / "out"))
     assert np.isinf(float(module.P[module.p_index["steering_rate_limit"]]))
+
+
+FEW = {"single_track on pacejka": ("I_z", "B_f"), "msnn_full_plus": ("kappa_1", "steering_rate_limit"), "kinematic": ()}
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_parameters_that_are_to_stay_are_constants(name, tmp_path):
+    model = memory(name) if name in MEMORY else motion(name)
+    module = loaded(write(model, "casadi", tmp_path / "out", moving=FEW[name]))
+    whole = equations_of(subject(model))
+    x, u = points(whole, 20)
+    dt = [] if name in MEMORY else [[0.02]]
+    assert {own.name.partition("[")[0] for own in module.PARAMETERS} == set(FEW[name])
+    p, names = np.array(module.P).ravel() * 1.1, [own.name for own in whole.parameters]
+    moved = [p[module.p_index[n]] if n in module.p_index else v for n, v in zip(names, model.values, strict=True)]
+    expected = values(whole.step, x, u, moved, *dt)
+    np.testing.assert_allclose(values(module.step, x, u, p, *dt), expected, rtol=1e-11, atol=1e-13)
 
 
 def test_the_folder_needs_nothing_but_casadi(tmp_path):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import yaml
+from calling import greybox
 from exported import points, subject
 
 from greybox_id.errors import BadInput
@@ -170,3 +171,11 @@ def test_numbers_with_exponents_are_read_as_numbers():
 def test_models_without_tyres_are_refused(name):
     with pytest.raises(BadInput, match="has no tyres"):
         files(subject(build(name)))
+
+
+def test_the_command_takes_limits_from_the_vehicle_file_and_warns(tmp_path):
+    asked = ("--vehicle", "roboracer", "--with", "steering_delay=31ms", "--target", "f1tenth")
+    called = greybox("export", *asked, "--out", tmp_path / "car")
+    assert called.code == 0
+    assert "warning: f1tenth_gym cannot hold steering_delay 0.031 s." in called.err
+    assert yaml.safe_load((tmp_path / "car" / "car_gym.yaml").read_text())["s_max"] == 0.419

@@ -66,6 +66,19 @@ def test_parameters_may_be_handed_in(model):
     assert np.abs(expected - values(equations.step, x, u, model.values, *dt)).max() > 1e-6
 
 
+@pytest.mark.parametrize(("name", "moving"), [
+    ("single_track on pacejka", ("I_z",)), ("kinematic", ()), ("msnn_full_plus", ("kappa_1",)), ("msnn_full", ()),
+])  # fmt: skip
+def test_parameters_that_are_to_stay_are_constants(name, moving):
+    meant = subject(MODELS[name](), moving=moving)
+    equations, graphs = equations_of(meant), files(meant)
+    x, u = points(equations, 20)
+    dt = [[0.02]] if "dt" in equations.step.name_in() else []
+    expected = values(equations.step, x, u, equations.values, *dt)
+    assert_close(ran(graphs["car_step.onnx"], x=x, u=u, dt=np.full((1, 1), 0.02)), expected)
+    assert {own.name.partition("[")[0] for own in equations.parameters} == set(moving)
+
+
 def test_precision_opset_and_names_are_told_in_graph_and_manifest(tmp_path):
     folder = write(motion("kinematic", ("steering_delay",)), "onnx", tmp_path / "out")
     graph = onnx.load(folder / "car_step.onnx")
