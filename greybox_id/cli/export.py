@@ -15,7 +15,7 @@ from ..choices.parameters import Choices, Magnitudes, magnitudes, with_choices
 from ..choices.wanted import Wanted
 from ..errors import BadInput
 from ..export.subject import Subject
-from ..export.verb import TARGETS
+from ..export.verb import TARGETS, cautions
 from ..export.verb import export as export_model
 from ..fit import load
 from ..model import Model
@@ -71,9 +71,11 @@ def export(
     else:
         if not any(asked.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        model = _or_single_track(wanted(**asked, effects=effects, fix=fix)).model()
-        subject = Subject(model, name, _moving(model, parameters), None, asked["vehicle"] or model.name, command)
-    for sentence in _assumed(model, magnitudes(effects)):
+        meant = _or_single_track(wanted(**asked, effects=effects, fix=fix))
+        model = meant.model()
+        source = asked["vehicle"] or model.name
+        subject = Subject(model, name, _moving(model, parameters), None, source, command, meant.vehicle)
+    for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
         click.echo(f"warning: {sentence}", err=True)
     written = export_model(subject, target, out)
     if as_json:

@@ -92,6 +92,13 @@ class Equations:
         """(p) -> by how many seconds the outputs named in `late` are read late."""
         return self._shifts("latencies", slice(len(self.delayed), None))
 
+    def shifts(self) -> dict[str, float]:
+        """Delays of inputs and latencies of outputs at the default parameters, s; those of no time are left out."""
+        names = [f"delay of {name}" for name in self.delayed] + [f"latency of {name}" for name in self.late]
+        values = np.array(self._trace.timing(self.model.values)).ravel()
+        late = dict(zip(names, values.tolist(), strict=True))
+        return {name: seconds for name, seconds in late.items() if seconds}
+
     def _function(self, name: str, of: cs.Function, dt: Symbol | None = None) -> cs.Function:
         rest = cs.SX.zeros(self._trace.segment_size - 1 - len(self.inputs))
         segment = cs.vertcat(0 if dt is None else dt, self.u, rest)

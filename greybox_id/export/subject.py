@@ -15,6 +15,7 @@ from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..model import Model
 from ..motion_model import MotionModel
+from ..vehicle import Vehicle
 from .equations import Equations
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
@@ -37,6 +38,7 @@ class Subject:
     fit : where the values come from; None where they are stated.
     source : the fit's or vehicle's name, for people.
     command : what reproduces the export.
+    vehicle : whose numbers the model has, where they are a vehicle's.
     """
 
     model: Model
@@ -45,6 +47,7 @@ class Subject:
     fit: Fit | None = None
     source: str = ""
     command: str = ""
+    vehicle: Vehicle | None = None
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name) or self.name in RESERVED or keyword.iskeyword(self.name):
