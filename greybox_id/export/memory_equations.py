@@ -7,7 +7,7 @@ outputs are fed back and are no part of u. A step is one sample long.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cached_property
 
 import casadi as cs
@@ -38,6 +38,7 @@ class MemoryEquations:
     chosen : the parameters that p holds.
     states, inputs, parameters, outputs : what the entries of x, u, p and y are.
     sample_time : s, of a step.
+    all_of_p : all parameters of the model, those that p holds as its symbols.
     trace : the equations in stages: what windows look at, the windows, what becomes of them.
     held : output -> how many of its predictions x holds, newest first.
     looked_back : input -> how many of its past samples x holds, oldest first.
@@ -49,14 +50,14 @@ class MemoryEquations:
         self.values = pack(self.chosen)
         self.parameters = tuple(entry for parameter in self.chosen for entry in entries(parameter))
         self.p = cs.SX.sym("p", len(self.parameters))
-        self._all_of_p = joined(model, {p.name for p in self.chosen}, self.p)
+        self.all_of_p = joined(model, {p.name for p in self.chosen}, self.p)
         self.sample_time = model.sample_time
         self.trace = trace = Trace(model)
         self._window, self._predicted = trace.step
         self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
-        self._p = namespace(model, self._all_of_p)
+        self._p = namespace(model, self.all_of_p)
         self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
-        self.held = {name: len(self._weights.get(name, (1,))) for name in model.outputs}
+        self.held = {name: len(self.sensor_weights(name)) for name in model.outputs}
         self.looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
         self.states = tuple(self._described())
         self.inputs = tuple(Named(name, unit_of(name), _about(name)) for name in self._names)
@@ -83,7 +84,7 @@ class MemoryEquations:
         """(x, u, p) -> y, what sensors read now."""
         now, _, _ = self._split()
         read = [
-            sum(weight * then for weight, then in zip(self._weights.get(name, (1,)), now[name], strict=True))
+            sum(weight * then for weight, then in zip(self.sensor_weights(name), now[name], strict=True))
             for name in self.model.outputs
         ]
         value = cs.densify(cs.vertcat(*read))
@@ -103,6 +104,10 @@ class MemoryEquations:
             seen |= dict(zip(self.trace.fed_back, cs.vertsplit(fed), strict=True))
         results = [cs.densify(cs.vertcat(*seen.values())), cs.densify(cs.vertcat(*moved))]
         return cs.Function("seen", [y, actuators, self.u, self.p], results, ["y", "a", "u", "p"], ["seen", "a_next"])
+
+    def sensor_weights(self, name: str) -> Sequence[Symbol]:
+        """Weights of an output's last predictions, newest first, in what is read of it now."""
+        return self._weights.get(name, (cs.SX(1),))
 
     def _depth(self, number: int) -> int:
         """How many samples before the newest one the equations see of an input."""
@@ -150,7 +155,7 @@ class MemoryEquations:
         memory = self.trace.memory
         rows = [cs.horzcat(cs.SX.zeros(1, memory - len(windows[name])), *windows[name]) for name in self.model.inputs]
         predict = cs.Function("predict", [self._window, self.trace.p], [self._predicted])
-        return predict(cs.vertcat(*rows), self._all_of_p)
+        return predict(cs.vertcat(*rows), self.all_of_p)
 
 
 def equations_of(subject: Subject) -> Equations | MemoryEquations:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .memory import MemoryC
 from .motion import MotionC
 
 
@@ -33,10 +34,10 @@ endif()
 """
 
 
-def read_me(written: MotionC) -> str:
+def read_me(written: MotionC | MemoryC) -> str:
     """`README.md`: what is there and how to build it."""
     name = written.name
-    functions = "\n".join(f"| `{own.name}` | {own.about} |" for own in written.functions)
+    functions = "\n".join(f"| `{function}` | {task} |" for function, task in written.tasks.items())
     return f"""\
 # {name}
 
@@ -52,8 +53,7 @@ intervals and where the numbers come from. To use it in a project of your own: `
 | function | |
 |---|---|
 {functions}
-| `{name}_vde_forw` | The derivatives of the state and of its forward sensitivities. |
 
 `{name}_default_parameters` holds the parameters as estimated; hand in others to change them. Nothing is allocated and
-nothing is kept between calls; a call takes at most {written.stack_bytes} bytes of stack.
+nothing is kept between calls but in what you hand in; a call takes at most {written.stack_bytes} bytes of stack.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .memory import MemoryC
 from .motion import MotionC
 from .naming import constant, number
 
@@ -54,6 +55,47 @@ int main(void)
         }}
         printf("\\n");
 {step}    }}
+    return 0;
+}}
+"""
+
+
+def memory_example(written: MemoryC) -> str:
+    """`main.c`: five seconds of steady inputs with a step of the steering, on the map's own predictions, as CSV."""
+    own, e = written.name, written.equations
+    m, r, time = (constant(own, word) for word in ("NU", "NY", "SAMPLE_TIME"))
+    first = [2.0 if i.name == "v_x" else 0.0 for i in e.inputs]
+    steers = any(i.name == "steer" for i in e.inputs)
+    turned = f"        u[{constant(own, 'U', 'steer')}] = k < 20 ? 0.0 : 0.1; /* rad */\n" if steers else ""
+    return f"""\
+/* {written.title}
+   Five seconds{" with a step of the steering" if steers else ""}, as CSV. */
+
+#include "{own}.h"
+
+#include <stdio.h>
+
+int main(void)
+{{
+    static {own}_window window;
+    double u[{m}] = {{{", ".join(map(number, first))}}};
+    double y[{r}] = {{0.0}};
+    int i, k;
+    {own}_start(&window, {own}_default_parameters, u, y);
+    printf("time");
+    for (i = 0; i < {r}; i++) {{
+        printf(",%s", {own}_output_names[i]);
+    }}
+    printf("\\n");
+    for (k = 0; k * {time} < 5.0; k++) {{
+{turned}        {own}_output(&window, y);
+        printf("%.2f", k * {time});
+        for (i = 0; i < {r}; i++) {{
+            printf(",%.6g", y[i]);
+        }}
+        printf("\\n");
+        {own}_step(&window, u);
+    }}
     return 0;
 }}
 """

@@ -72,6 +72,10 @@ class CFunction:
         return 8 * sum(line.startswith(("const", "double")) for line in self.body.lines) + FRAME
 
     @property
+    def _all(self) -> tuple[Argument, ...]:
+        return (*self.arguments, *self.results)
+
+    @property
     def signature(self) -> str:
         """Its declaration, without what ends it."""
         told = [own.given for own in self.arguments] + [f"double *{own.name}" for own in self.results]
@@ -80,13 +84,13 @@ class CFunction:
     @property
     def declaration(self) -> str:
         """Its declaration with what it computes, for a header."""
-        sizes = ", ".join(f"{own.name} {own.size}" for own in (*self.arguments, *self.results) if own.size)
+        sizes = ", ".join(f"{own.name} {own.size}" for own in self._all if own.size)
         return f"/* {comment(self.about)}\n   Lengths: {sizes}. */\n{self.signature};\n"
 
     @property
     def definition(self) -> str:
         """Its C."""
-        unused = [f"(void){own.name};" for own in self.arguments if not self.body.reads(own.name)]
+        unused = [f"(void){own.name};" for own in self._all if not self.body.reads(own.name)]
         lines = "\n".join(f"    {line}" for line in (*self.body.lines, *unused))
         return f"{self.signature}\n{{\n{lines}\n}}\n"
 

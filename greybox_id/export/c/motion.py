@@ -32,6 +32,12 @@ class MotionC:
         self.functions = tuple(self._functions())
 
     @property
+    def tasks(self) -> dict[str, str]:
+        """Function -> what it does, for people."""
+        sensitivities = {f"{self.name}_vde_forw": "The derivatives of the state and of its forward sensitivities."}
+        return {function.name: function.about for function in self.functions} | sensitivities
+
+    @property
     def stack_bytes(self) -> int:
         """What any of the functions needs of the stack at most."""
         n = len(self.equations.states)

@@ -9,31 +9,12 @@ import numpy as np
 
 from ...parameter import Array
 from ..points import points
+from .comparing import COMPARE, POINTS, TOLERANCE, table
 from .functions import CFunction
 from .motion import MotionC
-from .naming import numbers
 
-POINTS = 100
-TOLERANCE = 1e-12
-"""How far numbers may differ, relative to their own size and to a thousandth of the largest of their kind."""
 MOST = 20_000
 """Numbers of one result that are written down at most; of larger ones fewer points are."""
-
-COMPARE = """\
-static double worst = 0.0;
-
-/* entries of one result against those expected, relative to an entry and to a thousandth of the largest one */
-static void compare(const double *found, const double *expected, int count, double largest)
-{
-    int k;
-    for (k = 0; k < count; k++) {
-        const double off = fabs(found[k] - expected[k]) / (fabs(expected[k]) + 1e-3 * largest + 1e-300);
-        if (!(off <= worst)) {
-            worst = off;
-        }
-    }
-}
-"""
 
 
 def self_test(written: MotionC) -> str:
@@ -43,7 +24,7 @@ def self_test(written: MotionC) -> str:
         f"/* {written.title}",
         "   Compares the functions with what Python computed at random points, among them some at standstill. */",
         f'\n#include "{written.name}.h"\n\n#include <math.h>\n#include <stdio.h>\n',
-        *(_table(f"given_{name}", values.reshape(POINTS, -1)) for name, values in given.items() if values.size),
+        *(table(f"given_{name}", values.reshape(POINTS, -1)) for name, values in given.items() if values.size),
         *([] if given["p"].size else ["static const double given_p[1][1] = {{0.0}};\n"]),
         COMPARE,
     ]
@@ -76,7 +57,7 @@ def _test(function: CFunction, given: Mapping[str, Array]) -> str:
     rows = min(POINTS, max(1, MOST // max(1, max(value.shape[1] for value in values))))
     lines, declared = [], []
     for own, value in zip(function.results, values, strict=True):
-        lines.append(_table(f"{function.name}_{own.name}", value[:rows]))
+        lines.append(table(f"{function.name}_{own.name}", value[:rows]))
         declared.append(f"double {own.name}[{value.shape[1]}];")
     arguments = [f"given_{own.name}[k]" if own.size else f"given_{own.name}[k][0]" for own in function.arguments]
     call = ", ".join([*arguments, *(own.name for own in function.results)]).replace(
@@ -111,8 +92,8 @@ def _sensitivities(written: MotionC, given: Mapping[str, Array]) -> str:
     S_x, S_u = (1.0 / (2.0 + np.arange(n)[:, None] + 3.0 * np.arange(count)) for count in (n, m))
     A, B = by_x.reshape(-1, n, n, order="F"), by_u.reshape(-1, n, m, order="F")
     made = {"S_x_dot": A @ S_x, "S_u_dot": A @ S_u + B}
-    tables = [_table(f"expected_{name}", value.transpose(0, 2, 1).reshape(POINTS, -1)) for name, value in made.items()]
-    tables += [_table(f"given_{name}", value.ravel(order="F")[None]) for name, value in (("S_x", S_x), ("S_u", S_u))]
+    tables = [table(f"expected_{name}", value.transpose(0, 2, 1).reshape(POINTS, -1)) for name, value in made.items()]
+    tables += [table(f"given_{name}", value.ravel(order="F")[None]) for name, value in (("S_x", S_x), ("S_u", S_u))]
     compared = [
         f"compare({name}, expected_{name}[k], {value[0].size}, {float(np.max(np.abs(value)))!r});"
         for name, value in made.items()
@@ -132,8 +113,3 @@ static void test_sensitivities(void)
 }}
 """
     )
-
-
-def _table(name: str, rows: Array) -> str:
-    lines = ",\n".join(f"    {{\n{numbers(row)}\n    }}" for row in rows)
-    return f"static const double {name}[{len(rows)}][{rows.shape[1]}] = {{\n{lines}\n}};\n"
