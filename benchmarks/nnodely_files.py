@@ -4,9 +4,9 @@
     python benchmarks/nnodely_files.py --out tests/exchange/nnodely
 
 needs nothing of greybox-id. Each NAME.json is a file of nnodely's own `saveModel`; NAME.windows.json holds random
-windows, oldest sample first, and nnodely's predictions from them, in float32 as it is and in double precision. Sizes differ from the paper's where that
-keeps files small. `renamed` states the same family in other words: other names, the speed multiplied outside, local
-models without centres, windows in seconds.
+windows, oldest sample first, and nnodely's predictions from them, in float32 as it is and in double precision. Sizes
+differ from the paper's where that keeps files small. `renamed` states the same family in other words: other names, the
+speed multiplied outside, local models without centres, windows in seconds.
 """
 
 from __future__ import annotations
@@ -152,6 +152,21 @@ def renamed(rng: np.random.Generator):
     return (speed, wheel, push), out
 
 
+def without_acceleration(v: Any, steer: Any, rng: np.random.Generator) -> Any:
+    """The paper's second ablation: MS-NN-lat that knows nothing of the acceleration."""
+    streams = (v.sw(4), steer.sw(4))
+    over = tuple(
+        nn.Fuzzify(centers=centres)(own) for own, centres in zip(streams, ([0.3, 2.9], [-0.3, 0.3]), strict=True)
+    )
+
+    def at(place):
+        k = [nn.Parameter(f"k{n}_{place[0]}_{place[1]}", values=numbers(rng, -1, 1)[0]) for n in (1, 2, 3)]
+        return lambda speed, angle: speed * (angle * k[0] + k[1]) - k[2] * speed * speed
+
+    steady = nn.LocalModel(input_function=at, pass_indexes=True)(streams, over)
+    return nn.LocalModel(output_function=lambda: nn.Fir())(steady, over[0])
+
+
 def made(name: str, rng: np.random.Generator) -> tuple[nn.nnodely, dict[str, str]]:
     """The network of that name, and which of its inputs holds which signal."""
     vx, steer, ax = nn.Input("vx"), nn.Input("steer"), nn.Input("ax")
@@ -163,13 +178,16 @@ def made(name: str, rng: np.random.Generator) -> tuple[nn.nnodely, dict[str, str
         net.addModel("lateral", [out])
         net.addMinimize("error", rate.next(), out, loss_function="rmse")
         return net, {"vx": "v_x", "steer": "steer", "ax": "a_x"}
+    if name == "lat_without_a_x":
+        net.addModel("lateral", [nn.Output("rate", without_acceleration(vx, steer, rng))])
+        return net, {"vx": "v_x", "steer": "steer"}
     if name == "renamed":
         (speed, wheel, push), stream = renamed(rng)
         net.addModel("turning", [nn.Output("turn", stream)])
         return net, {speed.name: "v_x", wheel.name: "steer", push.name: "a_x"}
     vel, crt, delta, accy = nn.Input("vel"), nn.Input("crt"), nn.Input("delta"), nn.Input("accy")
     if name in ("long", "long_by_axle"):
-        sizes = (15, (6, 2, 4)) if name == "long" else (5, (3, 1, 2))
+        sizes = (15, (6, 2, 4)) if name == "long" else (5, (3, 2, 1))
         out = nn.Output("acceleration", long(vel, crt, delta, accy, *sizes, rng, by_axle=name != "long"))
         acc = nn.Input("acc")
         net.addModel("acc", [out])
@@ -186,7 +204,7 @@ def made(name: str, rng: np.random.Generator) -> tuple[nn.nnodely, dict[str, str
     return net, {"vel": "v_x", "crt": "motor_current", "delta": "steer", "accy": "a_y", "acc": "a_x"}
 
 
-NAMES = ("lat", "lat_small", "renamed", "long", "long_by_axle", "full", "full_closed")
+NAMES = ("lat_without_a_x", "lat", "lat_small", "renamed", "long", "long_by_axle", "full", "full_closed")
 
 
 def write(name: str, folder: Path) -> None:

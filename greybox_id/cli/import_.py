@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -68,9 +67,8 @@ def _show(found: Imported, path: Path) -> None:
         out.print(f"{title:8} {', '.join(words)}")
     for line in _structure(fit):
         out.print(f"         {line}")
-    out.print(
-        f"checked  on random windows the model predicts what the file's own graph does, to {found.error:.0e} of the largest"
-    )
+    nearness = f"to {found.error:.0e} of the largest prediction"
+    out.print(f"checked  on random windows the model predicts what the file's own graph does, {nearness}")
     for note in found.notes:
         out.print(f"note     {note}")
     out.print("held     all numbers: the file says nothing of their uncertainty, so no interval is given")
@@ -85,7 +83,7 @@ def _structure(fit: Fit) -> list[str]:
         if not isinstance(own, dict):
             continue
         step = own["sample_time"]
-        samples = own.get("q", own.get("gamma", 0)) + 1
+        samples = 1 + int(own["q"] if "q" in own else own["gamma"])
         neurons = f", {counted(own['eta'], 'neuron')} each for traction and braking" if "eta" in own else ""
         lines.append(f"{name}: windows of {counted(samples, 'sample')} of {step:g} s{neurons}")
         for signal in ("v_x", "steer", "a_x", "a_y"):

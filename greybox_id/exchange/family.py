@@ -141,11 +141,9 @@ def _loops(network: Network, parts: list[Part], derived: list[str]) -> tuple[str
     if len(parts) < 2:
         return ()
     found = [
-        "in closed loop a_y is the predicted yaw rate times the speed of the same sample; nnodely multiplies by the speed "
-        "one sample before. One sample ahead (--open-loop) both are the same."
+        "in closed loop a_y is the predicted yaw rate times the speed of the same sample; nnodely multiplies by the "
+        "speed one sample before. One sample ahead (--open-loop) both are the same."
     ]
     if len({roles[name] for name in closed}) < 2:
-        found.insert(
-            0, "the file states no closed loop of both a_x and a_y; MS-NN-full closes both, but with --open-loop."
-        )
+        found.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but with --open-loop.")
     return tuple(found)

@@ -1,6 +1,6 @@
 """Sums of local models and the impulse responses behind them, found in a file's graph by their shape alone.
 
-    output = sum over t of  Fir_t( S * activations of t ),   S = sum over places of  g(sample) * activations of the place
+    output = sum over t of Fir_t(S * activations of t),   S = sum over places of g(sample) * activations of the place
 
 Names count for nothing here: what a local model g is made of is told by its values, affine in the signals, on random
 samples. So any way of writing it is understood.
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -23,6 +24,7 @@ PROBES = 8
 MOST_TERMS = 4_000
 MOST_RELATIONS = 100
 """Relations that one local model may be made of."""
+MOST_RESPONSES = 400
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,17 @@ def leaves(network: Network, root: str, operations: Sequence[str]) -> tuple[list
     return found, others
 
 
-def response(network: Network, fir: str) -> Response:
-    """What a Fir of the family is made of. Raises `BadInput` where it is another."""
+def responses(network: Network, firs: Sequence[str]) -> list[Response]:
+    """What Firs are made of. Raises `BadInput` where they are none of the family, or filter different steady states."""
+    if len(firs) > MOST_RESPONSES:
+        raise network.wrong(f"it holds {len(firs)} impulse responses; up to {MOST_RESPONSES} are read.")
+    found = [_response(network, name) for name in firs]
+    if len({(own.steady, own.factors) for own in found}) > 1:
+        raise network.wrong(f"{', '.join(firs)[:200]} do not filter one sum of local models; one is read.")
+    return found
+
+
+def _response(network: Network, fir: str) -> Response:
     relation = network.relations[fir]
     W, b = weights_of(network, relation)
     if W.shape[1] != 1 or len(relation.inputs) != 1 or np.any(b):
@@ -79,8 +90,8 @@ def response(network: Network, fir: str) -> Response:
     sums = [name for name in rest if leaves(network, name, ("Fuzzify",))[0]]
     if len(sums) > 1:
         raise network.wrong(f"relation {fir} filters a product of two sums of local models; one is read.")
-    others = tuple(name for name in rest if name not in sums)
-    return Response(W[:, 0], place_of(network, selects), sums[0] if sums else None, others)
+    others = tuple(_simple(network, name) for name in rest if name not in sums)
+    return Response(W[:, 0], _place(network, selects), sums[0] if sums else None, others)
 
 
 def local_models(network: Network, of: Response) -> list[tuple[Place, tuple[str, ...]]]:
@@ -90,13 +101,26 @@ def local_models(network: Network, of: Response) -> list[tuple[Place, tuple[str,
     found = []
     for term in _flat(network, of.steady, "Add"):
         selects, rest = _parted(network, _flat(network, term, "Mul"))
-        if not selects or any(leaves(network, name, ("Fuzzify", "Fir"))[0] for name in rest):
+        if not selects:
             raise network.wrong(f"relation {term} is not a local model times its memberships.")
-        found.append((place_of(network, selects), (*rest, *of.factors)))
+        found.append((_place(network, selects), (*(_simple(network, name) for name in rest), *of.factors)))
     return found
 
 
-def place_of(network: Network, selects: Sequence[str]) -> Place:
+def _simple(network: Network, name: str) -> str:
+    """The name of a relation that a local model may be made of."""
+    seen, stack = {name}, [name]
+    while stack:
+        relation = network.relations.get(stack.pop())
+        if relation is not None and (relation.operation in ("Fuzzify", "Fir") or len(seen) > MOST_RELATIONS):
+            raise network.wrong(f"relation {name} is too intricate for a local model or a factor of one.")
+        new = set(relation.inputs) - seen if relation is not None else set()
+        seen |= new
+        stack += new
+    return name
+
+
+def _place(network: Network, selects: Sequence[str]) -> Place:
     """The place that a product of selected memberships stands for."""
     index: dict[str, int] = {}
     centres: dict[str, tuple[float, ...]] = {}
@@ -136,13 +160,10 @@ def affine(
     ------
     BadInput : it is not affine in those inputs, or looks at another sample or input.
     """
-    for name in factors:
-        if len(network.order(name)) > MOST_RELATIONS:
-            raise network.wrong(f"relation {name} is too intricate for a local model {form}.")
     rng = np.random.default_rng(0)
     given = {name: rng.uniform(0.5, 2.0, (PROBES, window, 1)) for name in network.inputs}
-    value = np.prod([_sampled(network, name, given, window) for name in factors], axis=0) if factors else np.ones(())
-    value = np.broadcast_to(value, (PROBES, window, 1)).ravel()
+    values = [np.ones((PROBES, window, 1)), *(_sampled(network, name, given, window) for name in factors)]
+    value = np.asarray(reduce(np.multiply, values)).ravel()
     scale = given[times].ravel() if times is not None else np.ones(value.size)
     columns = np.stack([scale, *(scale * given[name].ravel() for name in by)], axis=1)
     return matched(network, columns, value, f"the local model {' * '.join(factors) or '1'}", form)

@@ -10,7 +10,7 @@ import numpy as np
 from ..models.msnn_long import GRAVITY, LongitudinalSettings
 from ..parameter import Array
 from .evaluation import evaluate, weights_of, window_of
-from .local_models import PROBES, SAME, Response, affine, leaves, local_models, response
+from .local_models import PROBES, SAME, Response, affine, leaves, local_models, responses
 from .network import Network
 from .recognised import Part, padded, put
 
@@ -34,9 +34,9 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Par
             f"relation {output} is not of two networks of the motor current, one of its positive part and one of its "
             "negative part (Linear of Tanh of Fir)."
         )
+    found = responses(network, sides)
     physical, factors = _newton(network, output, torques, sides, others, roles)
-    responses = [response(network, name) for name in sides]
-    lengths = [W.shape[0] for _, W, _, _ in branches.values()] + [len(own.weights) for own in responses]
+    lengths = [W.shape[0] for _, W, _, _ in branches.values()] + [len(own.weights) for own in found]
     length, eta = max(lengths), max(W.shape[1] for _, W, _, _ in branches.values())
     values: dict[str, Array] = {name: np.array(number) for name, number in physical.items()}
     for sign, (name, W, b, G) in branches.items():
@@ -44,7 +44,7 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Par
         values[f"G_1{sign}"] = np.pad(W.T, ((0, more), (length - len(W), 0)))
         values[f"b_1{sign}"] = np.pad(b, (0, more))
         values[f"G_2{sign}"] = np.pad(factors[name] * G, (0, more))
-    v_x, a_y, lateral_force = _sides(network, responses, [factors[name] for name in sides], length, of)
+    v_x, a_y, lateral_force = _sides(network, found, [factors[name] for name in sides], length, of)
     settings = LongitudinalSettings(
         n_v=len(v_x), n_y=len(a_y), eta=eta, gamma=length - 1, one_inertia="I_w" in physical, v_x=v_x, a_y=a_y
     )
@@ -127,33 +127,31 @@ def _solved(columns: Array, y: Array) -> Array | None:
     if not np.all(np.isfinite(y)):
         return None
     found = np.linalg.lstsq(columns, y, rcond=None)[0]
-    return found if np.max(np.abs(columns @ found - y)) <= SAME * np.max(np.abs(y)) else None
+    return np.asarray(found) if np.max(np.abs(columns @ found - y)) <= SAME * np.max(np.abs(y)) else None
 
 
 def _sides(
-    network: Network, responses: Sequence[Response], factors: Sequence[float], length: int, of: Mapping[str, str]
+    network: Network, found: Sequence[Response], factors: Sequence[float], length: int, of: Mapping[str, str]
 ) -> tuple[tuple[float, ...], tuple[float, ...], dict[str, Array]]:
     """Centres over v_x and a_y, and the values of the lateral force; zeros where the file has none."""
-    if not responses:
+    if not found:
         zeros = {"q_1": np.zeros(1), "q_2": np.zeros(1), "F_y": np.zeros((1, length))}
         return (0.0,), (0.0,), zeros
-    if len({(own.steady, own.factors) for own in responses}) > 1:
-        raise network.wrong("the impulse responses of the lateral force filter different steady states; one is read.")
     if "a_y" not in of:
         raise network.wrong("its lateral force has no input that is a_y.")
-    v, a, first = of["v_x"], of["a_y"], responses[0]
+    v, a, first = of["v_x"], of["a_y"], found[0]
     models = local_models(network, first)
     v_x = first.place.centres.get(v, (0.0,))
     a_y = models[0][0].centres.get(a, (0.0,))
-    found = [own.place.centres for own in responses] + [place.centres for place, _ in models]
-    if any(own.get(v, v_x) != v_x or own.get(a, a_y) != a_y or not set(own) <= {v, a} for own in found):
+    centres = [own.place.centres for own in found] + [place.centres for place, _ in models]
+    if any(own.get(v, v_x) != v_x or own.get(a, a_y) != a_y or not set(own) <= {v, a} for own in centres):
         raise network.wrong("the lateral force has memberships over other signals than v_x and a_y, or several sets.")
     q, F = np.full((2, len(a_y)), np.nan), np.full((len(v_x), length), np.nan)
     for place, own in models:
         at = place.index.get(a, 0)
         level, slope = affine(network, own, len(first.weights), [a], None, FORM)
         put(network, q, (slice(None), at), [level + slope * a_y[at], slope])
-    for one, factor in zip(responses, factors, strict=True):
+    for one, factor in zip(found, factors, strict=True):
         put(network, F, (one.place.index.get(v, 0), slice(None)), padded(factor * one.weights, length))
     if np.any(np.isnan(q)) or np.any(np.isnan(F)):
         raise network.wrong("local models or impulse responses of the lateral force are missing.")

@@ -21,6 +21,7 @@ MOST_BYTES = 5_000_000
 """The paper's networks take 50 kB; read as JSON, a file takes some twenty times its size of memory."""
 MOST_NUMBERS = 200_000
 """Numbers in the parameters and constants of one file."""
+LONGEST_NAME = 100
 LARGEST = 1e12
 """Numbers beyond it mean nothing in a vehicle, and square out of range."""
 
@@ -126,6 +127,9 @@ def read_network(path: str | Path) -> Network:
     if sum(values.size for values in numbers.values()) > MOST_NUMBERS:
         raise BadInput(f"{file} holds more than {MOST_NUMBERS} numbers; no network of this family has as many.")
     names = [*parts["Inputs"], *relations, *held]
+    for name in (*names, *functions, *parts["Outputs"]):
+        if not name.isprintable() or len(name) > LONGEST_NAME:
+            raise BadInput(f"{file}: {_short(name)} is no name; names are of at most {LONGEST_NAME} printable letters.")
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise BadInput(f"{file}: {_short(twice)} names two things among inputs, relations, parameters and constants.")
@@ -196,8 +200,8 @@ def _loop(file: Path, name: str, own: Any) -> str | None:
         raise BadInput(f"{file}: input {_short(name)} is not a single signal (dim {_short(own.get('dim'))}).")
     if "connect" in own:
         raise BadInput(
-            f"{file}: input {_short(name)} is connected to {_short(own['connect'])} within one sample. Models here feed "
-            "predictions back from one sample to the next: use addClosedLoop in place of addConnect."
+            f"{file}: input {_short(name)} is connected to {_short(own['connect'])} within one sample. Models here "
+            "feed predictions back from one sample to the next: use addClosedLoop in place of addConnect."
         )
     return _text(file, own["closedLoop"], f"the loop of input {_short(name)}") if "closedLoop" in own else None
 

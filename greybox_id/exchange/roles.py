@@ -16,7 +16,6 @@ SPELLINGS: dict[str, tuple[str, ...]] = {
     "motor_current": ("motorcurrent", "current", "crt"),
 }
 """Signal -> what its input is called, in small letters and without underscores."""
-MOST_INPUTS = 5
 
 
 def assignments(
@@ -37,7 +36,8 @@ def assignments(
     for name in used:
         if said.get(name, signals[0]) not in signals:
             raise network.wrong(f"input {name} is said to be {said[name]}; {output} is made of {', '.join(signals)}.")
-    known = {name: signal for name in used if (signal := said.get(name) or by_name(name)) in signals}
+    named = {name: said.get(name) or by_name(name) for name in used}
+    known = {name: signal for name, signal in named.items() if signal is not None and signal in signals}
     if len(set(known.values())) < len(known) or len(used) > len(signals):
         raise network.wrong(
             f"output {output} follows from {', '.join(used)[:200]}; a model here takes one input each for "
@@ -59,7 +59,7 @@ def by_name(name: str) -> str | None:
 
 def roles_of(pairs: Sequence[str], network: Network) -> dict[str, str]:
     """Input -> signal from SIGNAL=INPUT pairs. Raises `BadInput` where either is unknown."""
-    found = {}
+    found: dict[str, str] = {}
     for pair in pairs:
         signal, equals, name = pair.partition("=")
         if not equals or signal not in SPELLINGS:

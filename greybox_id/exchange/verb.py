@@ -162,8 +162,8 @@ def _difference(network: Network, family: Family, model: MemoryModel) -> float:
         worst = max(worst, float(np.max(np.abs(stated - own))) / scale)
     if worst > CHECKED:
         raise BadInput(
-            f"{network.file} was read as {model.name}, but its own graph predicts otherwise (by {worst:.1e} of the largest "
-            "prediction); it is not of the family."
+            f"{network.file} was read as {model.name}, but its own graph predicts otherwise (by {worst:.1e} of the "
+            "largest prediction); it is not of the family."
         )
     return worst
 
