@@ -15,7 +15,7 @@ from functools import reduce
 import numpy as np
 
 from ..parameter import Array
-from .evaluation import evaluate, fuzzy_of, index_of, weights_of, window_of
+from .evaluation import LONGEST_WINDOW, evaluate, fuzzy_of, index_of, weights_of, window_of
 from .network import Network
 
 SAME = 1e-9
@@ -83,8 +83,10 @@ def responses(network: Network, firs: Sequence[str]) -> list[Response]:
 def _response(network: Network, fir: str) -> Response:
     relation = network.relations[fir]
     W, b = weights_of(network, relation)
-    if W.shape[1] != 1 or len(relation.inputs) != 1 or np.any(b):
-        raise network.wrong(f"relation {fir} is not one impulse response without a bias.")
+    if W.shape[1] != 1 or len(W) > LONGEST_WINDOW or len(relation.inputs) != 1 or np.any(b):
+        raise network.wrong(
+            f"relation {fir} is not one impulse response, without a bias, of up to {LONGEST_WINDOW} samples."
+        )
     factors = _flat(network, relation.inputs[0], "Mul")
     selects, rest = _parted(network, factors)
     sums = [name for name in rest if leaves(network, name, ("Fuzzify",))[0]]
