@@ -124,8 +124,10 @@ def _value(network: Network, name: str, values: Mapping[str, Array]) -> Array:
             raise network.wrong(f"{name} holds {number.size} numbers where a formula takes one.")
         return number.reshape(1, 1, 1)
     if name in network.inputs:
-        raise network.wrong(f"input {name} is used without a window; take its window with sw() or last().")
+        raise network.wrong(f"input {name} is taken where it should not count.")
     relation = network.relations[name]
+    if relation.operation not in ("SamplePart", "TimePart") and any(own in network.inputs for own in relation.inputs):
+        raise network.wrong(f"relation {name} takes an input without a window; windows are taken with sw() or last().")
     taken = [values[own] for own in relation.inputs]
     operation = OPERATIONS.get(relation.operation)
     if relation.operation in ELEMENTWISE:

