@@ -189,7 +189,7 @@ def _select(network: Network, relation: Relation, x: Array) -> Array:
 def index_of(network: Network, relation: Relation) -> int:
     """Which output of a relation a Select takes."""
     index = relation.rest[1] if len(relation.rest) == 2 else None
-    if not isinstance(index, int) or not 0 <= index < LONGEST_WINDOW:
+    if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CENTRES:
         raise network.wrong(f"relation {relation.name} does not say which output it selects.")
     return index
 

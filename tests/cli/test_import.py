@@ -51,6 +51,10 @@ def test_the_fit_is_diagnosed_like_any_other(fit):
     assert greybox("gap", "--fit", fit, shipped("racer_valid"), "--columns", "roboracer", "--json").code == 0
 
 
+def test_a_report_of_a_fit_that_saw_no_recording_is_refused(fit):
+    assert "was imported and has seen no recording" in refused("report", fit)
+
+
 def test_a_fit_goes_to_a_folder_of_the_models_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert greybox("import", FOLDER / "lat_small.json").code == 0
