@@ -1,13 +1,17 @@
 """A network saved by nnodely predicts here what it predicts there, and its file becomes a fit like any other."""
 
+import json
+
 import numpy as np
 import pytest
 from networks import FOLDER, FOREIGN, NAMES, body_of, imported, predicted, said, stated
 
+from greybox_id.datasets.read import read
 from greybox_id.errors import BadInput
 from greybox_id.exchange import import_network, verb
 from greybox_id.fit import load
 from greybox_id.models.registry import build
+from greybox_id.scores.metrics import score
 
 MODELS = {"lat": "msnn_lat", "ren": "msnn_lat", "lon": "msnn_long", "ful": "msnn_full"}
 
@@ -72,6 +76,24 @@ def test_numbers_that_no_vehicle_has_are_kept_and_said(tmp_path):
     assert any("r, k_a" in note or "k_a, r" in note for note in found.notes)
     again = load(found.fit.save(tmp_path / "fit.json"), build)
     assert float(again.model["r"].array) == -0.27
+
+
+def test_the_authors_numbers_in_a_file_of_nnodely_give_their_published_error(tmp_path, real_data):
+    net = json.loads((real_data / "roboracer" / "lateral_net.json").read_text(encoding="utf-8"))
+    body = body_of("lat")
+    for name, own in body["Parameters"].items():  # made as theirs was, the file has their names
+        own["values"] = net["parameters"][name]
+    for name, own in body["Constants"].items():
+        axis = next(axis for axis in ("steer", "vx", "ax") if name.startswith(axis))
+        own["values"] = [net["centres"][{"vx": "v_x", "ax": "a_x"}.get(axis, axis)][int(name[-1])]]
+    for own in body["Functions"].values():
+        if "centers" in own:
+            sizes = {-0.3: "v_x", -0.37: "steer", -5.1: "a_x"}
+            own["centers"] = net["centres"][sizes[own["centers"][0]]]
+    valid = read(real_data / "roboracer" / "valid.csv", "roboracer")
+    model = imported(tmp_path, body).fit.model
+    scored = score(model, valid.with_signals(a_x=-valid["a_x"]))  # their sign of a_x
+    assert scored["published"]["yaw_rate"].rmse == pytest.approx(0.1088, abs=5e-4)
 
 
 def test_what_is_read_wrongly_is_not_handed_out(tmp_path, monkeypatch):
