@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +21,7 @@ READERS = {
     "msnn_long": (longitudinal, ("v_x", "motor_current", "steer", "a_y"), ("v_x", "motor_current")),
 }
 """Model -> what reads it, the signals it may take, and those it cannot do without."""
+MOST_OUTPUTS = 5
 
 
 @dataclass(frozen=True)
@@ -30,13 +31,11 @@ class Family:
     Attributes
     ----------
     parts : MS-NN-lat, MS-NN-long, or both; in this order.
-    across : relations that are the lateral acceleration, yaw rate times newest speed.
     notes : sentences for the user.
     """
 
     parts: tuple[Part, ...]
-    across: tuple[str, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...]
 
 
 def recognise(network: Network, said: Mapping[str, str]) -> Family:
@@ -46,10 +45,10 @@ def recognise(network: Network, said: Mapping[str, str]) -> Family:
     ------
     BadInput : an output is no model of the family; the sentence names what was not understood.
     """
-    if not network.outputs:
-        raise network.wrong("it has no outputs.")
     relations = list(dict.fromkeys(network.outputs.values()))
-    derived = [own for own in relations if any(other in network.order(own) for other in relations if other != own)]
+    if not 0 < len(relations) <= MOST_OUTPUTS:
+        raise network.wrong(f"it has {len(relations)} outputs; 1 to {MOST_OUTPUTS} are read.")
+    derived = [own for own in relations if len(set(relations).intersection(network.order(own))) > 1]
     parts = [_part(network, own, said) for own in relations if own not in derived]
     models = [part.model for part in parts]
     if len(set(models)) < len(models):
@@ -58,15 +57,12 @@ def recognise(network: Network, said: Mapping[str, str]) -> Family:
     for part in parts:
         _must_be_ahead(network, part)
     _must_accelerate(network, parts, derived)
-    return Family(tuple(parts), tuple(derived), _loops(network, parts, derived))
+    return Family(tuple(parts), _loops(network, parts, derived))
 
 
 def _part(network: Network, output: str, said: Mapping[str, str]) -> Part:
-    model = (
-        "msnn_long"
-        if any(_is_linear(network, own) for own in leaves(network, output, ("Fir", "Linear"))[0])
-        else "msnn_lat"
-    )
+    nearest = {network.relations[name].operation for name in leaves(network, output, ("Fir", "Linear"))[0]}
+    model = "msnn_long" if "Linear" in nearest else "msnn_lat"
     reader, signals, needed = READERS[model]
     found: list[Part] = []
     errors: list[BadInput] = []
@@ -87,10 +83,6 @@ def _part(network: Network, output: str, said: Mapping[str, str]) -> Part:
     if found:
         raise network.wrong(f"the names of its inputs do not tell which signal is which; {hint}")
     raise BadInput(f"{errors[0]} If that is because of names, {hint}")
-
-
-def _is_linear(network: Network, name: str) -> bool:
-    return network.relations[name].operation == "Linear"
 
 
 def _must_be_ahead(network: Network, part: Part) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -134,7 +135,9 @@ def formula(code: object, where: str) -> Formula:
     if not isinstance(code, str) or len(code) > MOST_CODE:
         raise BadInput(f"{where} is no Python source of at most {MOST_CODE} characters.")
     try:
-        body = ast.parse(code).body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what the compiler thinks of a stranger's spelling is not for the user
+            body = ast.parse(code).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise BadInput(f"{where} is not Python that can be read ({type(error).__name__}).") from error
     match body:

@@ -7,6 +7,7 @@ source as text, which stays text here. Source: nnodely 1.5, github.com/tonegas/n
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,8 +131,8 @@ def read_network(path: str | Path) -> Network:
     for name in (*names, *functions, *parts["Outputs"]):
         if not name.isprintable() or len(name) > LONGEST_NAME:
             raise BadInput(f"{file}: {_short(name)} is no name; names are of at most {LONGEST_NAME} printable letters.")
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+    [(twice, count), *_] = Counter(["", *names]).most_common(1)
+    if count > 1:
         raise BadInput(f"{file}: {_short(twice)} names two things among inputs, relations, parameters and constants.")
     return Network(
         file=str(file),

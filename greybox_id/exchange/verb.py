@@ -47,7 +47,7 @@ class Imported:
     ----------
     fit : the model at the file's numbers, without uncertainty.
     roles : input of the file -> signal.
-    outputs : relation of the file -> signal.
+    outputs : output of the file -> signal.
     error : largest difference from the file's own graph on random windows, as a share of the largest prediction.
     notes : sentences for the user.
     """
@@ -87,7 +87,8 @@ def import_network(
     model, odd = _model(network, family)
     error = _difference(network, family, model)
     roles = {name: signal for part in family.parts for name, signal in part.roles.items()}
-    outputs = {part.relation: part.output for part in family.parts}
+    signals = {part.relation: part.output for part in family.parts}
+    outputs = {name: signals[relation] for name, relation in network.outputs.items() if relation in signals}
     fit = Fit(
         model=model,
         sd={p.name: np.full(p.shape, np.nan) for p in model.parameters},

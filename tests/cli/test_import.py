@@ -20,6 +20,7 @@ def test_what_was_recognised_is_printed(tmp_path):
     told = " ".join(greybox("import", FOLDER / "full.json", "--out", tmp_path / "fit.json").out.split())
     assert "network full.json: msnn_full, 70 numbers" in told
     assert "motor_current [A] from crt" in told
+    assert "yaw_rate [rad/s] from rate" in told
     assert "lat: windows of 6 samples of 0.05 s" in told
     assert "long: centres over a_y at −3.70, 6.60 m/s²" in told
     assert "2 neurons each for traction and braking" in told

@@ -137,6 +137,11 @@ def test_expressions_as_deep_as_source_can_be_end_in_a_sentence(word):
         returning(word * (room // len(word)) + "x", "x")(X)
 
 
+def test_what_the_compiler_would_warn_of_is_not_said(recwarn):
+    assert returning("1if x else 0", "x").arguments == ("x",)
+    assert len(recwarn) == 0
+
+
 def test_the_deepest_expression_that_is_read():
     assert returning("-" * (DEEPEST - 3) + "x", "x")(X).shape == X.shape
     with pytest.raises(BadInput, match="deeper"):

@@ -56,6 +56,7 @@ TEXTS = {
     "other JSON": '{"format": "greybox-fit"}',
     "binary": "\0\1\2",
 }
+RELATIONS = list(body_of("lat_small")["Relations"])
 BODIES = {
     "huge number": changed("lat_small", Parameters={"k1_0_0_0": {"dim": [1, 1], "values": [[1e300]]}}),
     "huge integer": changed("lat_small", Parameters={"k1_0_0_0": {"dim": [1, 1], "values": [[10**4000]]}}),
@@ -68,6 +69,7 @@ BODIES = {
     "sample time of nothing": changed("lat_small", Info={"SampleTime": 0}),
     "sample time in words": changed("lat_small", Info={"SampleTime": "0.05"}),
     "a window of a year": json.loads(json.dumps(body_of("lat_small")).replace("[-4, 0]", "[-1000000000, 0]")),
+    "many outputs": {**body_of("lat_small"), "Outputs": {str(k): name for k, name in enumerate(RELATIONS)}},
     "no outputs": {**body_of("lat_small"), "Outputs": {}},
     "an output that is an input": {**body_of("lat_small"), "Outputs": {"rate": "vx"}},
     "an output that is nowhere": {**body_of("lat_small"), "Outputs": {"rate": "Add1e9"}},
