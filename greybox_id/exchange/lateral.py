@@ -89,7 +89,7 @@ def _impulse_responses(
 def _filtered(network: Network, output: str) -> tuple[list[Response], Array]:
     """The impulse responses that make up an output, and the factor of each."""
     firs, others = leaves(network, output, ("Fir",))
-    found = responses(network, firs)
+    found = responses(network, output, firs)
     if not firs or any(name not in network.numbers for name in others):
         raise network.wrong(f"relation {output} is not a sum of impulse responses (Fir) alone.")
     rng = np.random.default_rng(0)

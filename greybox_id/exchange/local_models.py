@@ -8,7 +8,7 @@ samples. So any way of writing it is understood.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 
@@ -22,9 +22,9 @@ SAME = 1e-9
 """Of the largest value: what evaluating a formula in another order may move it by."""
 PROBES = 8
 MOST_TERMS = 4_000
-MOST_RELATIONS = 100
+MOST_RELATIONS = 60
 """Relations that one local model may be made of."""
-MOST_RESPONSES = 400
+MOST_RESPONSES, MOST_FACTORS = 400, 6
 
 
 @dataclass(frozen=True)
@@ -70,17 +70,22 @@ def leaves(network: Network, root: str, operations: Sequence[str]) -> tuple[list
     return found, others
 
 
-def responses(network: Network, firs: Sequence[str]) -> list[Response]:
+def responses(network: Network, root: str, firs: Sequence[str]) -> list[Response]:
     """What Firs are made of. Raises `BadInput` where they are none of the family, or filter different steady states."""
     if len(firs) > MOST_RESPONSES:
         raise network.wrong(f"it holds {len(firs)} impulse responses; up to {MOST_RESPONSES} are read.")
-    found = [_response(network, name) for name in firs]
+    fuzzy: set[str] = set()
+    for name in network.order(root):
+        own = network.relations.get(name)
+        if own is not None and (own.operation == "Fuzzify" or not fuzzy.isdisjoint(own.inputs)):
+            fuzzy.add(name)
+    found = [_response(network, name, fuzzy) for name in firs]
     if len({(own.steady, own.factors) for own in found}) > 1:
         raise network.wrong(f"{', '.join(firs)[:200]} do not filter one sum of local models; one is read.")
     return found
 
 
-def _response(network: Network, fir: str) -> Response:
+def _response(network: Network, fir: str, fuzzy: Collection[str]) -> Response:
     relation = network.relations[fir]
     W, b = weights_of(network, relation)
     if W.shape[1] != 1 or len(W) > LONGEST_WINDOW or len(relation.inputs) != 1 or np.any(b):
@@ -89,7 +94,7 @@ def _response(network: Network, fir: str) -> Response:
         )
     factors = _flat(network, relation.inputs[0], "Mul")
     selects, rest = _parted(network, factors)
-    sums = [name for name in rest if leaves(network, name, ("Fuzzify",))[0]]
+    sums = [name for name in rest if name in fuzzy]
     if len(sums) > 1:
         raise network.wrong(f"relation {fir} filters a product of two sums of local models; one is read.")
     others = tuple(_simple(network, name) for name in rest if name not in sums)
@@ -203,5 +208,8 @@ def _flat(network: Network, root: str, operation: str) -> list[str]:
 
 
 def _parted(network: Network, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The memberships among factors, and the others."""
     selects = [name for name in names if name in network.relations and network.relations[name].operation == "Select"]
+    if max(len(selects), len(names) - len(selects)) > MOST_FACTORS:
+        raise network.wrong(f"{', '.join(names)[:100]}, ...: {len(names)} factors are too many for the family.")
     return selects, [name for name in names if name not in selects]

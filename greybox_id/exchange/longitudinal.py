@@ -32,7 +32,7 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Par
             f"relation {output} is not of two networks of the motor current, one of its positive part and one of its "
             "negative part (Linear of Tanh of Fir)."
         )
-    found = responses(network, sides)
+    found = responses(network, output, sides)
     physical, factors = newton(network, output, (torques, sides), others, roles)
     lengths = [W.shape[0] for _, W, _, _ in branches.values()] + [len(own.weights) for own in found]
     length, eta = max(lengths), max(W.shape[1] for _, W, _, _ in branches.values())
