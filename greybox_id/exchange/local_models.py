@@ -22,8 +22,8 @@ SAME = 1e-9
 """Of the largest value: what evaluating a formula in another order may move it by."""
 PROBES = 8
 MOST_TERMS = 4_000
-MOST_RELATIONS = 60
-"""Relations that one local model may be made of."""
+MOST_RELATIONS = 80
+"""Relations that one local model, or Newton's law, may be made of."""
 MOST_RESPONSES, MOST_FACTORS = 400, 6
 
 

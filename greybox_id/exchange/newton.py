@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..models.msnn_long import GRAVITY
 from ..parameter import Array
 from .evaluation import evaluate, window_of
-from .local_models import PROBES, SAME
+from .local_models import MOST_RELATIONS, PROBES, SAME
 from .network import Network
 
 LAW = (
@@ -50,6 +50,8 @@ def newton(
     """
     signals, numbers = _made_of(network, output, others, roles)
     torques, sides = terms
+    if len(network.order(output, (*torques, *sides))) > MOST_RELATIONS:
+        raise network.wrong(f"relation {output} is too intricate for Newton's law: {LAW}.")
     inertias = INERTIAS[len(numbers)]
     rng, count = np.random.default_rng(0), len(torques) + len(sides) + 3 + PROBES
     p = {name: rng.uniform(0.5, 2.0, count) for name in (*PHYSICAL, *inertias)}

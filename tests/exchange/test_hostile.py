@@ -44,6 +44,14 @@ def chain(operation, count):
     return {"D0": ["SamplePart", ["vx"], -1, [-4, 0]], **links}
 
 
+def lengthened(name, output, count):
+    """The file with so many relations between its output and what it was."""
+    body = body_of(name)
+    before = body["Outputs"][output]
+    links = {f"T{k}": ["Tanh", [f"T{k - 1}" if k else before]] for k in range(count)}
+    return {**body, "Relations": body["Relations"] | links, "Outputs": {output: f"T{count - 1}"}}
+
+
 TEXTS = {
     "empty": "",
     "no object": "[1, 2]",
@@ -71,6 +79,8 @@ BODIES = {
     "a window of a year": json.loads(json.dumps(body_of("lat_small")).replace("[-4, 0]", "[-1000000000, 0]")),
     "many outputs": {**body_of("lat_small"), "Outputs": {str(k): name for k, name in enumerate(RELATIONS)}},
     "no outputs": {**body_of("lat_small"), "Outputs": {}},
+    "a law of many relations": lengthened("long_by_axle", "acceleration", 20_000),
+    "a sum of many relations": lengthened("lat_small", "yaw_rate_", 20_000),
     "an output that is an input": {**body_of("lat_small"), "Outputs": {"rate": "vx"}},
     "an output that is nowhere": {**body_of("lat_small"), "Outputs": {"rate": "Add1e9"}},
     "an output that is itself": {
