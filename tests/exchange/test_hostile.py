@@ -165,7 +165,7 @@ def ran_with(file):
 CANARY = "__import__('pathlib').Path({!r}).touch()"
 
 
-@pytest.mark.parametrize("name", ["lat_small", "long_by_axle", "full_closed"])
+@pytest.mark.parametrize("name", ["lat_small", "long_by_axle", pytest.param("full_closed", marks=pytest.mark.slow)])
 def test_no_text_of_a_file_is_ever_executed(tmp_path, name):
     sys.addaudithook(_hook)
     import_network(FOLDER / f"{name}.json")  # what is imported late is imported now
