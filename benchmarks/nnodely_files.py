@@ -15,6 +15,8 @@ import argparse
 import json
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -232,8 +234,11 @@ def write(name: str, folder: Path) -> None:
         "roles": roles,
         "windows": {key: np.round(values, 4).tolist() for key, values in windows.items()},
         "predictions": predictions(net, windows),
-        "double": in_double(folder, name, windows),
     }
+    with in_double(folder, name) as loaded:
+        body["double"] = predictions(loaded, {key: np.round(values, 4) for key, values in windows.items()})
+        if name == "full_closed":
+            body["loop"] = closed_loop(loaded, rng)
     (folder / f"{name}.windows.json").write_text(json.dumps(body) + "\n")
 
 
@@ -246,8 +251,9 @@ def predictions(net: nn.nnodely, windows: dict[str, np.ndarray]) -> dict[str, li
     return found
 
 
-def in_double(folder: Path, name: str, windows: dict[str, np.ndarray]) -> dict[str, list[float]]:
-    """The same from the file, loaded by nnodely, with its arithmetic in double precision."""
+@contextmanager
+def in_double(folder: Path, name: str) -> Iterator[nn.nnodely]:
+    """The file, loaded by nnodely, with its arithmetic in double precision."""
     modules = [own for key, own in sys.modules.items() if key.startswith("nnodely") and hasattr(own, "TORCH_DTYPE")]
     for own in modules:
         own.TORCH_DTYPE = torch.float64
@@ -257,11 +263,28 @@ def in_double(folder: Path, name: str, windows: dict[str, np.ndarray]) -> dict[s
     net.loadModel(name, str(folder))
     net.neuralizeModel()
     net._model.eval()
-    found = predictions(net, {key: np.round(values, 4) for key, values in windows.items()})
+    yield net
     torch.set_default_dtype(torch.float32)
     for own in modules:
         own.TORCH_DTYPE = torch.float32
-    return found
+
+
+def closed_loop(net: nn.nnodely, rng: np.random.Generator) -> dict[str, dict[str, list[float]]]:
+    """A run of MS-NN-full on its own predictions, at constant speed, from a window of readings on."""
+    inputs = net.json["Inputs"]
+    window = max(own["ns"][0] for own in inputs.values())
+    rows, speed = window + WINDOWS - 1, 2.0
+    read = {"delta": rng.uniform(-0.4, 0.4, rows), "crt": rng.uniform(-20, 20, rows), "vel": np.full(rows, speed)}
+    rate = np.round(rng.uniform(-1, 1, window), 4)
+    read |= {"acc": rng.uniform(-3, 3, window), "accy": rate * speed}
+    read = {key: np.round(values, 4) for key, values in read.items()}
+    given = {key: values[window - inputs[key]["ns"][0] :].tolist() for key, values in read.items()}
+    found = net(inputs=given, prediction_samples=WINDOWS - 1)
+    told = {key: np.ravel(values).tolist() for key, values in found.items()}
+    return {
+        "read": {key: values.tolist() for key, values in read.items()} | {"rate": rate.tolist()},
+        "predictions": told,
+    }
 
 
 def main() -> None:

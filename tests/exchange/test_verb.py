@@ -11,7 +11,8 @@ from greybox_id.errors import BadInput
 from greybox_id.exchange import import_network, verb
 from greybox_id.fit import load
 from greybox_id.models.registry import build
-from greybox_id.scores.metrics import score
+from greybox_id.recording import Recording
+from greybox_id.scores.metrics import predictions, score
 
 MODELS = {"lat": "msnn_lat", "ren": "msnn_lat", "lon": "msnn_long", "ful": "msnn_full"}
 
@@ -72,6 +73,19 @@ def test_numbers_that_no_vehicle_has_are_kept_and_said(tmp_path):
     assert any("r, k_a" in note or "k_a, r" in note for note in found.notes)
     again = load(found.fit.save(tmp_path / "fit.json"), build)
     assert float(again.model["r"].array) == -0.27
+
+
+def test_a_closed_loop_at_constant_speed_is_that_of_nnodely():
+    told, found = stated("full_closed")["loop"], of_file("full_closed")
+    read = {name: np.array(values) for name, values in told["read"].items()}
+    rows = len(read["vel"]) + 1
+    signals = {found.roles[name]: values for name, values in read.items() if name in found.roles}
+    signals["yaw_rate"] = read["rate"]
+    padded = {name: np.pad(values, (0, rows - len(values)), "edge") for name, values in signals.items()}
+    run = predictions(found.fit.model, Recording("loop", 0.05 * np.arange(rows), padded), "closed_loop").predicted
+    for output, signal in found.outputs.items():
+        own = run[:, found.fit.model.outputs.index(signal)]
+        np.testing.assert_allclose(own, told["predictions"][output], rtol=0, atol=1e-12)
 
 
 def test_the_authors_numbers_in_a_file_of_nnodely_give_their_published_error(tmp_path, real_data):
