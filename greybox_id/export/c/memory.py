@@ -46,7 +46,7 @@ class MemoryC:
         """How large the window is."""
         sizes = self._sizes
         kept = sizes["PAST"] * sizes["NY"] + sizes["MEMORY"] * (sizes["SEEN"] + sizes["SIGNALS"] + sizes["TAPS"])
-        return 8 * (sizes["NP"] + sizes["ACTUATORS"] + kept)
+        return 8 * (sizes["NP"] + 1 + sizes["ACTUATORS"] + kept)
 
     @property
     def stack_bytes(self) -> int:
@@ -107,7 +107,7 @@ class MemoryC:
         e, trace = self.equations, self.equations.trace
         return {
             "NU": len(e.inputs),
-            "NP": max(1, len(e.parameters)),
+            "NP": len(e.parameters),
             "NY": len(e.outputs),
             "MEMORY": trace.memory,
             "SEEN": len(e.model.inputs),

@@ -74,17 +74,14 @@ def memory_self_test(written: MemoryC) -> str:
     run = course(e)
     results = ("y_next", "by_window", "by_u", "by_y", "by_p")
     places = sorted(run.derivatives)
+    found = {name: np.array([run.derivatives[k][i] for k in places]) for i, name in enumerate(results)}
     tables = [table("given_u", run.u), table("given_y", run.y), table("expected_outputs", run.outputs)]
-    tables += [
-        table(f"expected_{name}", np.array([run.derivatives[k][i] for k in places])) for i, name in enumerate(results)
-    ]
-    sizes = {name: run.derivatives[places[0]][i].size for i, name in enumerate(results)}
-    declared = "\n    ".join(f"static double {name}[{size}];" for name, size in sizes.items())
-    largest = {
-        name: float(max(np.max(np.abs(run.derivatives[k][i])) for k in places)) for i, name in enumerate(results)
-    }
+    tables += [table(f"expected_{name}", values) for name, values in found.items() if values.size]
+    declared = "\n    ".join(f"static double {name}[{values.shape[1] or 1}];" for name, values in found.items())
     compared = "\n            ".join(
-        f"compare({name}, expected_{name}[place], {size}, {largest[name]!r});" for name, size in sizes.items()
+        f"compare({name}, expected_{name}[place], {values.shape[1]}, {float(np.max(np.abs(values)))!r});"
+        for name, values in found.items()
+        if values.size
     )
     return "\n".join(
         [

@@ -10,7 +10,7 @@ ABOUT = """\
 
 DECLARATIONS = """
 typedef struct {
-    double p[$_NP];
+    double p[$_NP + 1];
     double weights[$_TAPS][$_MEMORY];  /* of past signals, oldest first */
     double actuators[$_ACTUATORS];
     double y[$_PAST][$_NY];            /* predictions, newest first */
@@ -96,7 +96,7 @@ void @_start(@_window *window, const double *p, const double *u, const double *y
 {
     int k;
     memset(window, 0, sizeof *window);
-    memcpy(window->p, p, sizeof window->p);
+    memcpy(window->p, p, $_NP * sizeof(double));
     weights(window->p, window->weights[0]);
     for (k = 0; k < $_PAST; k++) {
         predicted(window, y);
