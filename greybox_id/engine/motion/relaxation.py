@@ -19,6 +19,7 @@ from math import factorial
 import casadi as cs
 
 from ...model import Symbol
+from ...transient import SERIES, mean_and_slope
 from .quantities import NamedQuantities, Relax
 
 JUST_AFTER = 1e-5
@@ -27,9 +28,6 @@ TINY_TIME = 1e-15
 """Added to time constants, s: the limit of no lag without a division by zero."""
 TINY_RATIO = 1e-9
 """Added to a step over the time constant: segments that only fill up have no length."""
-
-SERIES = 0.03
-"""Below this ratio weights follow from their series, in which nothing cancels."""
 
 TimeConstants = Mapping[str, Callable[[NamedQuantities], Symbol]]
 """Relaxed quantity -> q -> s."""
@@ -107,9 +105,7 @@ class _Path:
     def first(self, value: Symbol, q: NamedQuantities) -> Symbol:
         self.w_0, self.off = value, self.standing - value
         self.ratio = r = self._ratio(q)
-        self.mean = -cs.expm1(-r) / r
-        moment = (self.mean - cs.exp(-r)) / r
-        self.slope = 12 * (moment - self.mean / 2)
+        self.mean, self.slope = mean_and_slope(r)
         return value + self.off * self._transient(0.0)
 
     def second(self, value: Symbol, q: NamedQuantities) -> Symbol:

@@ -8,6 +8,7 @@ and rear axle stand side by side, and the processor works on both at once.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from .mathematics import FUNCTIONS as OWN
 
 OWN_OF = {name: f"own_{name}" for name in FUNCTIONS.values() if f"own_{name}" in OWN}
 """Functions that this project has its own C for."""
+LONGEST = 60
+"""Characters of an expression that stands where it is asked for, if that is in one place only."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]
     dense = cs.Function("dense", symbols, [cs.densify(result) for result in function.call(symbols)])
     graph, numbers = traced(dense, [name.rstrip("*") for name in arguments], "p")
     scalars = frozenset(name.rstrip("*") for name in arguments if name.endswith("*"))
-    writer = _Writer(graph, scalars, {value for values in numbers for value in values})
+    writer = _Writer(graph, scalars, [value for values in numbers for value in values])
     held, stores = (
         list[str](),
         list[str](),
@@ -76,7 +79,7 @@ class _Writer:
     functions : names of the functions of `mathematics` called so far.
     """
 
-    def __init__(self, graph: Graph, scalars: frozenset[str], wanted: set[int]) -> None:
+    def __init__(self, graph: Graph, scalars: frozenset[str], wanted: Sequence[int]) -> None:
         self.graph = graph
         self.scalars = scalars
         self.functions: set[str] = set()
@@ -84,6 +87,8 @@ class _Writer:
         self._choices = dict(self._found_choices())
         self._needed = self._found_needed(wanted)
         self._angles = self._found_angles()
+        self._uses = self._found_uses(wanted)
+        self._inlined: dict[int, str] = {}
 
     def lines(self) -> Iterator[str]:
         """The statements, those that wait for fewer slow functions first."""
@@ -97,7 +102,11 @@ class _Writer:
             value = self._operations[k]
             pair = self._angles.get(value.sources[0]) if value.op in (cs.OP_SIN, cs.OP_COS) else None
             if pair is None:
-                yield self._definition(k, value)
+                text = self._expression(k, value)
+                if self._uses[k] == 1 and value.op in OPERATORS and len(text) <= LONGEST:
+                    self._inlined[k] = f"({text})"
+                else:
+                    yield f"const {'int' if value.op in TESTS or value.op in LOGIC else 'double'} v{k} = {text};"
             else:
                 sine, cosine = pair
                 done |= {sine, cosine}
@@ -109,32 +118,32 @@ class _Writer:
         """What a value is called in C."""
         value = self.graph.values[k]
         if not isinstance(value, Leaf):
-            return f"v{k}"
+            return self._inlined.get(k, f"v{k}")
         number = re.fullmatch(r"splat\((.*)\)", value.text)
         if number is not None:
             return _literal(number[1])
         array = value.text.partition("[")[0]
         return array if array in self.scalars else value.text
 
-    def _definition(self, k: int, value: Operation) -> str:
+    def _expression(self, k: int, value: Operation) -> str:
         names = [self.name(source) for source in value.sources]
         if k in self._choices:
             test, yes, no = (self.name(source) for source in self._choices[k])
-            return f"const double v{k} = {test} ? {yes} : {no};"
+            return f"{test} ? {yes} : {no}"
         if value.op in TESTS:
-            return f"const int v{k} = {TESTS[value.op].format(*names)};"
+            return TESTS[value.op].format(*names)
         if value.op in LOGIC:
             words = {cs.OP_NOT: "!{0}", cs.OP_AND: "{0} && {1}", cs.OP_OR: "{0} || {1}"}
-            return f"const int v{k} = {words[value.op].format(*names)};"
+            return words[value.op].format(*names)
         if value.op == SELECT:
-            return f"const double v{k} = {names[0]} ? {names[1]} : 0.0;"
+            return f"{names[0]} ? {names[1]} : 0.0"
         if value.op in OPERATORS:
-            return f"const double v{k} = {OPERATORS[value.op].replace('splat(1)', '1.0').format(*names)};"
+            return OPERATORS[value.op].replace("splat(1)", "1.0").format(*names)
         called = FUNCTIONS[value.op]
         own = OWN_OF.get(called, called)
         if own != called:
             self.functions.add(own)
-        return f"const double v{k} = {own}({', '.join(names)});"
+        return f"{own}({', '.join(names)})"
 
     def _found_choices(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
         """Sums that say "a where a test holds, b where it does not", which is one choice."""
@@ -156,7 +165,16 @@ class _Writer:
                 asked.setdefault(value.sources[0], {})[value.op] = k
         return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in asked.items() if len(both) == 2}
 
-    def _found_needed(self, wanted: set[int]) -> set[int]:
+    def _found_uses(self, wanted: Sequence[int]) -> Counter[int]:
+        """How often each value is asked for. What is doubled or squared is asked for twice."""
+        uses = Counter(wanted)
+        for k in self._needed & self._operations.keys():
+            value = self._operations[k]
+            own = Counter(self._choices.get(k, value.sources))
+            uses += Counter(dict.fromkeys(own, 2)) if value.op in (cs.OP_SQ, cs.OP_TWICE) else own
+        return uses
+
+    def _found_needed(self, wanted: Sequence[int]) -> set[int]:
         """Operations whose values are asked for, once choices are made in one."""
         needed = set(wanted)
         for k in reversed(self._operations):  # a value stands behind those it is made of

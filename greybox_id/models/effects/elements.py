@@ -12,6 +12,7 @@ import casadi as cs
 
 from ...model import Namespace, Symbol
 from ...motion_model import Actuator
+from ...transient import mean_and_slope
 from .smooth import within_limit
 
 Line = tuple[Symbol, Symbol]
@@ -38,12 +39,9 @@ def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) ->
         behind = (end - begin) * T / h  # how far a steady ramp is followed behind
         off = state - begin + behind
         a = h / T
-        decay = cs.exp(-a)
-        mean = -cs.expm1(-a) / a
-        moment = (mean - decay) / a
-        centre, slope = off * mean, 12 * off * (moment - mean / 2)  # of off * exp(-a sigma) over sigma in [0, 1]
-        line = (begin - behind + centre - slope / 2, end - behind + centre + slope / 2)
-        return end - behind + off * decay, line
+        mean, slope = mean_and_slope(a)
+        line = (begin - behind + off * (mean - slope / 2), end - behind + off * (mean + slope / 2))
+        return end - behind + off * cs.exp(-a), line
 
     def after(state: Symbol, command: Symbol, p: Namespace, time: float) -> Symbol:
         return command + (state - command) * cs.exp(-time / (time_constant(p) + TINY_TIME))
