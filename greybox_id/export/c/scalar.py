@@ -57,10 +57,9 @@ def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]
     graph, numbers = traced(dense, [name.rstrip("*") for name in arguments], "p")
     scalars = frozenset(name.rstrip("*") for name in arguments if name.endswith("*"))
     writer = _Writer(graph, scalars, [value for values in numbers for value in values])
-    held, stores = (
-        list[str](),
-        list[str](),
-    )  # what is handed through is read before anything is written: x_next may be x
+    lines = list(writer.lines())
+    # what is handed through is read before anything is written, for x_next may be x
+    held, stores = list[str](), list[str]()
     for array, values in zip(results, numbers, strict=True):
         for k, value in enumerate(values):
             given = writer.name(value)
@@ -68,7 +67,7 @@ def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]
                 held.append(f"const double {array}_{k} = {given};")
                 given = f"{array}_{k}"
             stores.append(f"{array}[{k}] = {given};")
-    return Body((*writer.lines(), *held, *stores), frozenset(writer.functions))
+    return Body((*lines, *held, *stores), frozenset(writer.functions))
 
 
 class _Writer:
