@@ -3,7 +3,7 @@
 A step of a single-track vehicle asks 38 times for atan, atan2, sin, cos or tanh, each of which waits for the one
 before: what counts is how long one takes from argument to result. These here look up polynomials (atan) or an angle
 beside the one asked for (sine and cosine) and take half as long as the C library's; compiled into the code that asks
-for them, the processor works on both axles at once. Their errors are below two units in the last place, of one for
+for them, the processor works on both axles at once. Their errors are below five units in the last place, of one for
 sine and cosine (tests/export/c/test_mathematics.py); what lies beyond their tables is left to the C library.
 """
 

@@ -165,8 +165,11 @@ class _Writer:
         return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in asked.items() if len(both) == 2}
 
     def _found_uses(self, wanted: Sequence[int]) -> Counter[int]:
-        """How often each value is asked for. What is doubled or squared is asked for twice."""
-        uses = Counter(wanted)
+        """How often each value is asked for; twice if it is doubled, squared or a result.
+
+        Results are computed before any is stored, for x_next may be x.
+        """
+        uses = Counter({value: 2 for value in wanted})
         for k in self._needed & self._operations.keys():
             value = self._operations[k]
             own = Counter(self._choices.get(k, value.sources))

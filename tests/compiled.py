@@ -1,0 +1,56 @@
+"""Compiling what is exported, with the flags a careful user has."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+COMPILERS = ("gcc", "clang")
+
+
+def needed(program):
+    """Skip, saying so, where a program is missing."""
+    if shutil.which(program) is None:
+        pytest.skip(f"{program} is not installed")
+    return program
+
+
+def run(*command, cwd=None):
+    """A program's output; fails with what it said."""
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=cwd, check=False)
+    assert done.returncode == 0, (done.stdout + done.stderr)[:4000]
+    return done.stdout
+
+
+def compiled(sources, target, *flags, compiler="gcc"):
+    """A program of C sources."""
+    run(needed(compiler), *STRICT, *flags, *sources, "-lm", "-o", target)
+    return target
+
+
+class Library:
+    """An export as a shared library, its functions called row by row."""
+
+    def __init__(self, folder, name="car"):
+        target = folder / f"lib{name}.so"
+        compiled([folder / f"{name}.c"], target, "-shared", "-fPIC")
+        self.library = ctypes.CDLL(str(target))
+        self.name = name
+
+    def __call__(self, function, arguments, sizes):
+        """Rows of results of the given sizes; arguments are (rows, entries), or (rows,) for numbers."""
+        called = getattr(self.library, f"{self.name}_{function}")
+        called.restype = None
+        found = [np.full((len(arguments[0]), size), np.nan) for size in sizes]
+        given = [np.ascontiguousarray(own, dtype=float) for own in arguments]
+        for k in range(len(arguments[0])):
+            words = [ctypes.c_double(own[k]) if own.ndim == 1 else _place(own, k) for own in given]
+            called(*words, *(_place(own, k) for own in found))
+        return found
+
+
+def _place(array, row):
+    return ctypes.c_void_p(array.ctypes.data + row * array.strides[0])
