@@ -169,7 +169,7 @@ class _Writer:
 
         Results are computed before any is stored, for x_next may be x.
         """
-        uses = Counter({value: 2 for value in wanted})
+        uses = Counter(dict.fromkeys(wanted, 2))
         for k in self._needed & self._operations.keys():
             value = self._operations[k]
             own = Counter(self._choices.get(k, value.sources))
