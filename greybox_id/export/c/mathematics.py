@@ -20,6 +20,8 @@ from ...parameter import Array
 
 PER_UNIT = 32
 """Entries of the tables per unit of the argument; a power of two."""
+FAR = "0x1p47"
+"""2^52 / PER_UNIT: numbers from there to twice that are so far apart as the tables' entries."""
 ATAN_END, ANGLE_END = 4, 3
 """Where the tables end. An angle of pi, where the sine has to be exact to many digits, is not among them."""
 DEGREE = 7
@@ -56,7 +58,7 @@ def definitions(names: Iterable[str]) -> str:
 
 
 def atan_polynomials() -> Array:
-    """(entries, DEGREE + 1) coefficients of atan about k / PER_UNIT, lowest power first, in entries beyond it.
+    """(entries, DEGREE + 1) coefficients of atan about k / PER_UNIT, lowest power first, of what x is beyond it.
 
     Each is its Taylor series economised on the half entry to both sides; about zero the series itself, which is odd,
     so that small arguments keep all their digits.
@@ -69,7 +71,7 @@ def atan_polynomials() -> Array:
         ) ** np.arange(TAYLOR + 1)
         if c > 0:
             series = chebyshev.cheb2poly(chebyshev.poly2cheb(series)[: DEGREE + 1])
-        rows.append(series[: DEGREE + 1] * 2.0 ** np.arange(DEGREE + 1))
+        rows.append(series[: DEGREE + 1] * (2.0 * PER_UNIT) ** np.arange(DEGREE + 1))
     return np.array(rows)
 
 
@@ -85,26 +87,27 @@ def _table(name: str, about: str, rows: Array) -> str:
 
 
 def _turn(power: int) -> str:
-    """Coefficient of the sine's (odd power) or cosine's (even) series in entries of the table."""
-    return float((-1.0) ** (power // 2) / math.factorial(power) / float(PER_UNIT) ** power).hex()
+    """Coefficient of the sine's (odd power) or cosine's (even) series."""
+    return repr((-1.0) ** (power // 2) / math.factorial(power))
 
 
 PLACE = Function(
     f"""\
-/* the table's entry that is nearest to x >= 0; *beyond is how far beyond it x lies, in entries, -0.5 to 0.5 */
+/* the table's entry that is nearest to x >= 0; *beyond is how far beyond it x lies. Numbers from {FAR} on are
+   multiples of 1 / {PER_UNIT}, which the last bits count. */
 static INLINE size_t entry(double x, double *beyond)
 {{
-    const double scaled = {PER_UNIT}.0 * x, shifted = scaled + 0x1p52;
+    const double shifted = x + {FAR};
     uint64_t bits;
     memcpy(&bits, &shifted, sizeof bits);
-    *beyond = scaled - (shifted - 0x1p52);
+    *beyond = x - (shifted - {FAR});
     return (size_t)(bits & 255u);
 }}
 """
 )
 
 ATAN_NEAR = Function(
-    _table("ATAN", f"atan about k / {PER_UNIT}: polynomials in entries beyond it", atan_polynomials())
+    _table("ATAN", f"atan about k / {PER_UNIT}: polynomials of what is beyond it", atan_polynomials())
     + f"""
 /* for 0 <= x < {ATAN_END} */
 static INLINE double atan_near(double x)

@@ -7,7 +7,7 @@ import pytest
 from compiled import compiled
 
 from greybox_id.export.c.functions import INLINE
-from greybox_id.export.c.mathematics import ATAN_END, FUNCTIONS, atan_polynomials, definitions
+from greybox_id.export.c.mathematics import ATAN_END, FUNCTIONS, PER_UNIT, atan_polynomials, definitions
 
 HEAD = "#include <math.h>\n#include <stdint.h>\n#include <string.h>\n"
 ONE = "void many_{0}(const double *x, double *y, int n);\nvoid many_{0}(const double *x, double *y, int n)\n" \
@@ -86,5 +86,6 @@ def test_the_other_number_is_taken_where_one_is_not_a_number(library):
 
 def test_polynomials_meet_where_one_ends_and_the_next_begins():
     rows = atan_polynomials()
-    ends, begins = rows @ 0.5 ** np.arange(8), rows @ (-0.5) ** np.arange(8)
+    half = 0.5 / PER_UNIT
+    ends, begins = rows @ half ** np.arange(8), rows @ (-half) ** np.arange(8)
     np.testing.assert_allclose(ends[:-1], begins[1:], rtol=1e-15, atol=0)
