@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -13,10 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ..checks import Finding, Severity, check, distrusted
+from ..datasets.formats import WRITTEN, write
 from ..datasets.read import read
+from ..errors import BadInput
 from ..recording import Recording
-from .options import columns_option
-from .output import console
+from .options import columns_option, json_option
+from .output import console, print_json
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
 MOST_ROWS = 20
@@ -44,6 +47,32 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
         for recording, findings in results:
             show(recording, findings, console())
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+@data.command("convert")
+@click.argument("file", metavar="FILE", type=click.Path())
+@columns_option
+@click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
+@json_option
+def convert_command(file: str, columns: str, out: str, as_json: bool) -> None:
+    """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
+
+    \b
+    greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
+    """
+    recording, target = read(file, columns), Path(out)
+    if target.exists() and target.samefile(file):
+        raise BadInput(f"{out} is the file that is read; name another one with --out.")
+    write(recording, target)
+    further = {name: recording.unit(name) for name in recording.extra_units}
+    if as_json:
+        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "extra": further})
+        return
+    screen = console()
+    screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")
+    if further:
+        named = ", ".join(f"{name} [{unit}]" for name, unit in further.items())
+        screen.print(f"         no canonical names, map them under [extra]: {named}")
 
 
 def show(recording: Recording, findings: Sequence[Finding], out: Console) -> None:
