@@ -77,3 +77,19 @@ def test_what_resampling_costs_is_told(tmp_path):
         0.2**2 * 4 / np.sqrt(2) / np.sqrt(120), rel=0.1
     )  # rms of s (1 - s) / 2 h^2 f''
     assert "5 Hz on the clock of gps" in found["sentence"]
+
+
+def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
+    file, out = lap(), tmp_path / "car.toml"
+    told = greybox("data", "map", file, "--out", out, "--json").told
+    assert told["written"] == str(out)
+    assert {"signal", "column", "unit", "units", "sign", "divide_by", "decided", "reasons"} == set(told["signals"][0])
+    written = out.read_text()
+    assert "is there already" in refused("data", "map", file, "--out", out)
+    assert out.read_text() == written
+    assert greybox("data", "map", file, "--out", out, "--overwrite").code == 0
+    assert "?" in greybox("data", "map", file).out
+
+
+def test_a_map_is_a_toml_file(lap, tmp_path):
+    assert ".toml" in refused("data", "map", lap(), "--out", tmp_path / "car.json")
