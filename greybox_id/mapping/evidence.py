@@ -58,9 +58,14 @@ class Met:
         return f"{self.pair.left} against {self.pair.right} says a length of {1 / abs(self.agreed.gain):.2g} m"
 
 
+def pairs_of(recording: Recording) -> list[Pair]:
+    """All pairs of a recording that runs on at all."""
+    return pairs(recording) if recording.sample_time > 0 else []
+
+
 def met(recording: Recording) -> list[Met]:
     """All pairs that agree, or contradict each other, beyond chance."""
-    found = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs(recording)]
+    found = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs_of(recording)]
     return [own for own in found if own.agreed.beyond_chance]
 
 
@@ -82,7 +87,7 @@ def with_units(entries: Sequence[Entry], raw: Recording, wheelbase: float | None
     short = raw.rows(0, MOST_ROWS)
     sizes = sizes_of(short)
     options = [_options(entry, short, sizes) for entry in entries]
-    paired = {name for own in pairs(short) for name in own.channels}
+    paired = {name for own in pairs_of(short) for name in own.channels}
     open_ones = [k for k, own in enumerate(options) if len(own) > 1 and entries[k].signal in paired]
     costs = _costs(options, open_ones, short, sizes, wheelbase)
     best = min(costs, key=lambda choice: costs[choice])
@@ -194,7 +199,7 @@ def _costs(
             chosen[k] = options[k][n]
         factors = {entry.signal: entry.factor for entry in chosen}
         misfits[choice] = {}
-        for pair in pairs(_scaled(raw, chosen)):
+        for pair in pairs_of(_scaled(raw, chosen)):
             key = (pair.left, pair.right, *(factors.get(name) for name in pair.channels))
             if key not in known:
                 known[key] = Met(pair, agreement(raw, pair.left_values, pair.right_values, pair.smoothing))

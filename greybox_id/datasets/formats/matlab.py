@@ -1,4 +1,4 @@
-"""MAT files: versions 4 to 7 by scipy, 7.3 (which is HDF5) by h5py.
+"""MAT files: version 4 by scipy, 5 to 7 by `mat5`, 7.3 (which is HDF5) by h5py.
 
 Structs are flattened to dotted names: a timeseries saved as a struct is `speed.Data` on the clock `speed.Time`. Columns
 of matrices are counted from 1.
@@ -19,12 +19,14 @@ from ..column_map import ColumnMap
 from .columns import Columns
 from .contents import Contents, needed, sound
 from .hdf5 import dataset_leaves
+from .mat5 import Opaque, Value, mat5, texts
 from .tree import Leaf, groups_of, matrix_leaves
 
 KIND = "MAT"
 UNITS = "units"
 """A struct of texts of this name states units."""
 LONGEST_NAME = 63
+VERSION_5 = b"MATLAB 5.0 MAT-file"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -43,8 +45,9 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
         if newest:
             leaves = list(_newest(file, objects))
         else:
-            held = {n: v for n, v in loadmat(file, struct_as_record=True).items() if not n.startswith("__")}
-            units = {".".join(path[1:]): text for path, text in _texts(held) if path[0] == UNITS}
+            data = file.read_bytes()
+            held = mat5(data) if data.startswith(VERSION_5) else _version_4(file)
+            units = {".".join(path[1:]): text for path, text in texts(held) if path[0] == UNITS}
             leaves = [leaf for name, value in held.items() for leaf in _flat((name,), value, units, objects)]
     notes: tuple[str, ...] = ()
     if objects:
@@ -68,28 +71,20 @@ def write(columns: Columns, path: Path) -> None:
     savemat(path, {**vectors, UNITS: dict(columns.units)}, do_compression=True, long_field_names=True)
 
 
-def _flat(path: tuple[str, ...], value: Any, units: Mapping[str, str], objects: list[str]) -> Iterator[Leaf]:
-    if type(value).__name__ in ("MatlabOpaque", "MatlabFunction", "MatlabObject"):
+def _version_4(file: Path) -> dict[str, Value]:
+    return {name: value for name, value in loadmat(file).items() if isinstance(value, np.ndarray)}
+
+
+def _flat(path: tuple[str, ...], value: Value, units: Mapping[str, str], objects: list[str]) -> Iterator[Leaf]:
+    if isinstance(value, Opaque):
         objects.append(".".join(path))
-    elif isinstance(value, np.ndarray) and value.dtype.names:
-        for number, record in enumerate(value.ravel(), 1):
-            own = path if value.size == 1 else (*path, str(number))
-            for name in value.dtype.names:
-                yield from _flat((*own, name), record[name], units, objects)
+    elif isinstance(value, list):
+        for number, record in enumerate(value, 1):
+            for name, own in record.items():
+                yield from _flat((*path, name) if len(value) == 1 else (*path, str(number), name), own, units, objects)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb":
         array = value
         yield from matrix_leaves(path, array.shape, lambda: array, 1, units.get(".".join(path), ""))
-
-
-def _texts(held: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
-    for name, value in held.items():
-        if not isinstance(value, np.ndarray) or not value.size:
-            continue
-        if value.dtype.kind == "U":
-            yield (*path, name), str(value.ravel()[0])
-        elif value.dtype.names and value.size == 1:
-            record = value.ravel()[0]
-            yield from _texts({field: record[field] for field in value.dtype.names}, (*path, name))
 
 
 def _newest(file: Path, objects: list[str]) -> Iterator[Leaf]:

@@ -5,14 +5,20 @@ A channel goes by its name, or where several groups have one of that name by gro
 
 from __future__ import annotations
 
+import gc
+import sys
+import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ...errors import BadInput
 from ..column_map import ColumnMap
 from ..table import Table
 from .columns import Columns
@@ -32,7 +38,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         asammdf is not installed, or the file is damaged.
     """
     asammdf = needed("asammdf", "mdf", str(file), KIND)
-    with sound(str(file), KIND), asammdf.MDF(file) as opened:
+    with _opened(asammdf, file) as opened:
         channels = [
             [(channel.name, number) for number, channel in enumerate(group.channels)] for group in opened.groups
         ]
@@ -55,10 +61,34 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     return Contents(str(file), tuple(groups), KIND)
 
 
+@contextmanager
+def _opened(asammdf: Any, file: Path) -> Iterator[Any]:
+    """The file, opened. Of a damaged one asammdf keeps a temporary file until nobody remembers the error."""
+    sentence, before, folder = "", sys.unraisablehook, TemporaryDirectory()
+    try:
+        with sound(str(file), KIND), asammdf.MDF(file, temporary_folder=folder.name) as opened:
+            yield opened
+    except BadInput as error:
+        sentence = str(error)
+        sys.unraisablehook = _overheard  # what was half opened complains when it is closed
+        if error.__cause__:
+            traceback.clear_frames(error.__cause__.__traceback__)
+    if sentence:
+        gc.collect()
+        sys.unraisablehook = before
+    folder.cleanup()
+    if sentence:
+        raise BadInput(sentence)
+
+
+def _overheard(_: object) -> None:
+    return
+
+
 def _loader(asammdf: Any, file: Path, names: dict[str, tuple[int, int]]) -> Any:
     def load(wanted: Sequence[str]) -> Table:
         chosen = [name for name in names if name in wanted]
-        with sound(str(file), KIND), asammdf.MDF(file) as opened:
+        with _opened(asammdf, file) as opened:
             signals = [_channel(opened, *names[name]) for name in chosen]
             columns = tuple(_series(signal) for signal in signals)
         return Table(str(file), tuple(chosen), columns, 1)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -55,36 +54,44 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     return Contents(str(file), groups, KIND, strange)
 
 
-@dataclass(frozen=True)
 class _Bag:
-    file: Path
+    """A bag on disk: opened anew for every topic that is read, its types parsed once."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.old = file.suffix == ".bag"
+        self.store: Any = None
 
     @contextmanager
     def opened(self) -> Iterator[tuple[Any, Callable[[bytes, str], Any]]]:
         """The bag's reader, and what turns bytes of a type into a message."""
         needed("rosbags", "ros", str(self.file), "ROS bags")
         from rosbags import rosbag1, rosbag2
+
+        with sound(str(self.file), KIND), (rosbag1.Reader if self.old else rosbag2.Reader)(self.file) as reader:
+            self.store = self.store or self._types(reader)
+            yield reader, self.store.deserialize_ros1 if self.old else self.store.deserialize_cdr
+
+    def _types(self, reader: Any) -> Any:
+        """All definitions: what the bag says of a type goes before what we know of it."""
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-        old = self.file.suffix == ".bag"
-        with sound(str(self.file), KIND), (rosbag1.Reader if old else rosbag2.Reader)(self.file) as reader:
-            store = get_typestore(Stores.ROS1_NOETIC if old else Stores.ROS2_HUMBLE)
-            store.max_sequence_length = LONGEST
-            types = shipped_types(get_types_from_msg)
-            for connection in reader.connections:
-                definition = connection.msgdef
-                if not definition.data.strip():
-                    continue
-                if definition.format.name == "MSG":
-                    types.update(get_types_from_msg(definition.data, connection.msgtype))
-                elif definition.format.name == "IDL":
-                    for part in re.split(r"={80}\nIDL: .*\n", definition.data):
-                        types.update(get_types_from_idl(part) if part.strip() else {})
-            for name in types:  # what the bag says of a type goes before what we know of it
-                store.fielddefs.pop(name, None)
-                store.types.pop(name, None)
-            store.register(types)
-            yield reader, store.deserialize_ros1 if old else store.deserialize_cdr
+        store = get_typestore(Stores.ROS1_NOETIC if self.old else Stores.ROS2_HUMBLE)
+        store.max_sequence_length = LONGEST
+        types = shipped_types(get_types_from_msg)
+        for definition, name in {(own.msgdef, own.msgtype) for own in reader.connections}:
+            if not definition.data.strip():
+                continue
+            if definition.format.name == "MSG":
+                types.update(get_types_from_msg(definition.data, name))
+            elif definition.format.name == "IDL":
+                for part in re.split(r"={80}\nIDL: .*\n", definition.data):
+                    types.update(get_types_from_idl(part) if part.strip() else {})
+        for name in types:
+            store.fielddefs.pop(name, None)
+            store.types.pop(name, None)
+        store.register(types)
+        return store
 
     def group(
         self, topic: str, connections: Sequence[Any], reader: Any, decode: Callable[[bytes, str], Any]
