@@ -110,11 +110,8 @@ def _transferred(remote: Remote, part: Path, say: Say) -> bool:
                 have = 0  # the server sends all of it again
             length = answer.headers.get("Content-Length")
             whole = have + int(length) if length else None
-            say(
-                f"fetching {remote.name}"
-                + (f", {whole / 1e6:.2f} MB" if whole else "")
-                + (", going on" if have else "")
-            )
+            size = f", {whole / 1e6:.2f} MB" if whole else ""
+            say(f"{'going on with' if have else 'fetching'} {remote.name}{size}")
             with part.open("ab" if have else "wb") as opened:
                 while chunk := answer.read(CHUNK):
                     opened.write(chunk)
