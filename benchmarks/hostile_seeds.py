@@ -26,7 +26,7 @@ PACKAGE = Path(vehicle_file.__file__).parent
 def sound_files(folder: Path) -> dict[str, Path]:
     """Make them."""
     folder.mkdir(parents=True, exist_ok=True)
-    lap = read(shipped("racer_valid"), "roboracer").rows(0, 200)
+    lap = read(shipped("racer_valid"), "roboracer").rows(0, 100)
     files = {kind: folder / f"lap.{kind}" for kind in KINDS}
     for kind in WRITTEN:
         write(lap, files[kind])

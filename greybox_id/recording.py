@@ -27,7 +27,7 @@ class Source:
     ----------
     path : the file as the user named it; empty for a recording made in memory.
     sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
-    columns : name of the column map it was read through.
+    columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
     """
 
     path: str = ""

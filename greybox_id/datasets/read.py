@@ -45,6 +45,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
         The file or the map cannot be read, a column is missing or holds text: the sentence says where.
     """
     mapping = column_map(columns)
+    named = mapping.name if isinstance(columns, ColumnMap) else str(columns)
     file = Path(path)
     found = contents(file, mapping)
     _check_columns(found, mapping)
@@ -57,7 +58,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
         time=joined.time,
         signals={name: values for name, values in joined.signals.items() if name != RUN},
         runs=_runs(joined.time, rows),
-        source=Source(path=str(path), sha256=hash_of(file), columns=mapping.name),
+        source=Source(path=str(path), sha256=hash_of(file), columns=named),
         extra_units={name: column.si_unit for name, column in mapping.extra.items() if name in joined.signals},
         hold=mapping.hold,
         resampled=joined.resampled,
