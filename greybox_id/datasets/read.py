@@ -168,6 +168,8 @@ def _check_columns(found: Contents, mapping: ColumnMap) -> None:
 def _what_there_is(names: Sequence[str]) -> str:
     if one_column(tuple(names)):
         return one_column(tuple(names))
+    if not names:
+        return "The file has no columns of numbers."
     listed = ", ".join(names[:40])
     return f"The file has {listed}{f' and {len(names) - 40} more' if len(names) > 40 else ''}."
 

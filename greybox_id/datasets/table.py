@@ -86,6 +86,6 @@ def unique_names(names: tuple[str, ...], where: str) -> None:
 
 def one_column(names: tuple[str, ...]) -> str:
     """A hint for a header line that was not split; empty if it was."""
-    if len(names) > 1 or not any(separator in names[0] for separator in ";\t|"):
+    if len(names) != 1 or not any(separator in names[0] for separator in ";\t|"):
         return ""
     return f'The whole header line was read as one column, {names[0]!r:.80}; set separator = ";" in the column map.'
