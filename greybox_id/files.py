@@ -11,6 +11,15 @@ from pathlib import Path
 from .errors import BadInput
 
 
+def cache_folder() -> Path:
+    """$GREYBOX_CACHE, else the folder greybox-id of $XDG_CACHE_HOME or ~/.cache; it need not be there.
+
+    Raises `RuntimeError` where nobody's home is known.
+    """
+    named = os.environ.get("GREYBOX_CACHE")
+    return Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "greybox-id")
+
+
 def write_atomically(path: Path, text: str) -> Path:
     """Write a text beside its target, then replace that. Raises `BadInput` where that is not allowed."""
     with replacing(path) as beside:

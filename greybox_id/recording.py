@@ -26,13 +26,33 @@ class Source:
     Attributes
     ----------
     path : the file as the user named it; empty for a recording made in memory.
-    sha256 : hash of the file's bytes, hexadecimal.
-    columns : name of the column map it was read through.
+    sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
+    columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
     """
 
     path: str = ""
     sha256: str = ""
     columns: str = ""
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """How a signal came onto a clock that is not its own.
+
+    Attributes
+    ----------
+    method : "linear" between readings, or "held" from one reading to the next, as commands are.
+    clock : whose clock the signal had: a topic, a channel group.
+    rate : its own readings a second, Hz.
+    error : root mean square of what resampling is estimated to add, in the signal's SI unit.
+    largest : the largest such estimate, in the signal's SI unit.
+    """
+
+    method: Literal["linear", "held"]
+    clock: str
+    rate: float
+    error: float
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -49,6 +69,8 @@ class Recording:
     extra_units : units of signals that are not in `SIGNALS` (a file's own further channels).
     hold : what commands do between rows: "zero", they keep their value until the next row; "linear", they run
         straight to the next one.
+    resampled : signals that had a clock of their own and were brought onto `time`, and what that costs.
+    notes : what else reading did to the file that a person should know, as sentences.
     """
 
     name: str
@@ -58,6 +80,8 @@ class Recording:
     source: Source = Source()
     extra_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     hold: Literal["zero", "linear"] = "zero"
+    resampled: Mapping[str, Resampled] = field(default_factory=lambda: MappingProxyType({}))
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         time = _frozen(self.time)
@@ -70,6 +94,7 @@ class Recording:
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "signals", MappingProxyType(signals))
         object.__setattr__(self, "extra_units", MappingProxyType(dict(self.extra_units)))
+        object.__setattr__(self, "resampled", MappingProxyType(dict(self.resampled)))
         object.__setattr__(self, "runs", tuple(self.runs) or split_runs(time))
 
     def __len__(self) -> int:

@@ -53,6 +53,11 @@ SIGNALS: dict[str, Signal] = {
     )
 }
 
+COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd")
+"""What a driver or a controller asks for: it may rightly stay constant, rest at zero, stop at an end or be held."""
+ANGLES_AROUND = ("yaw",)
+"""Angles that begin anew after a full turn."""
+
 
 def unit_of(name: str, otherwise: str = "1") -> str:
     """SI unit of a signal; `otherwise` where the name is none of `SIGNALS`."""

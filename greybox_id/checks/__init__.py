@@ -8,6 +8,7 @@ from .delays import check_delays
 from .duplicates import check_duplicates
 from .finding import Finding, Severity, Where, distrusted
 from .pairs import pairs
+from .reading import check_reading
 from .rest import check_rest
 from .time import check_time
 from .values import check_values
@@ -28,7 +29,7 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
     list of Finding
         Empty if nothing is noteworthy. `distrusted(findings)` tells whether the recording can be used as it is.
     """
-    findings = [*check_time(recording), *check_values(recording)]
+    findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
     if recording.sample_time > 0:  # false also where no two rows follow each other
         found = pairs(recording)
         findings += [*check_duplicates(recording), *check_rest(recording)]

@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from ..recording import Array, Recording
+from ..signals import COMMANDS
 from .agreement import standard
 from .finding import Finding, Severity, Where, file_rows
 
 NEEDED = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "motor_current", "drive_force")
 """Channels that models are driven by or fitted to: a hole in one of them is a hole in the result."""
-COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd")
-"""Commands may rightly stay constant, rest at zero, stop at an end or be held between updates."""
 TURNING = ("steer", "yaw_rate", "a_y", "v_y", "yaw", "sideslip")
 """When one of these moves, the others move with it."""
 HELD_SHARE = 0.2

@@ -26,6 +26,7 @@ COMMANDS = {
     "exam": ("exam", "Examine the diagnosis of gaps blindly, on vehicles whose truth is sealed."),
     "report": ("report", "Write figures and a PDF report of a fit."),
     "data": ("data", "Look at recordings before anything is fitted to them."),
+    "datasets": ("datasets", "Fetch public recordings, or make synthetic ones."),
 }
 """Command -> module of this folder that holds it, and its line of help; loaded only when it is called."""
 

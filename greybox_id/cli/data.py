@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -13,12 +14,19 @@ from rich.table import Table
 from rich.text import Text
 
 from ..checks import Finding, Severity, check, distrusted
+from ..datasets.formats import WRITTEN, write
 from ..datasets.read import read
+from ..errors import BadInput
+from ..files import write_atomically
 from ..recording import Recording
-from .options import columns_option
-from .output import console
+from .map_output import map_target, proposal_as_dict, show_proposal
+from .options import columns_option, json_option
+from .output import console, print_json
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
+wheelbase_option = click.option(
+    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
+)
 MOST_ROWS = 20
 """Row numbers given for one finding in the JSON output; their count is there in full."""
 
@@ -31,10 +39,8 @@ def data() -> None:
 @data.command("check")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @columns_option
-@click.option(
-    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
-)
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output instead of a table.")
+@wheelbase_option
+@json_option
 def check_command(files: Sequence[str], columns: str, wheelbase: float | None, as_json: bool) -> None:
     """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted."""
     results = [(recording, check(recording, wheelbase)) for recording in (read(file, columns) for file in files)]
@@ -44,6 +50,56 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
         for recording, findings in results:
             show(recording, findings, console())
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+@data.command("map")
+@click.argument("file", metavar="FILE", type=click.Path())
+@click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
+@click.option("--overwrite", is_flag=True, help="Replace what --out names, if it is there.")
+@wheelbase_option
+@json_option
+def map_command(file: str, out: str | None, overwrite: bool, wheelbase: float | None, as_json: bool) -> None:
+    """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
+
+    \b
+    greybox data map lap7.csv --out my_car.toml
+    """
+    from ..mapping import as_toml, propose
+
+    target = map_target(out, overwrite) if out else None
+    proposal = propose(file, wheelbase)
+    if target:
+        write_atomically(target, as_toml(proposal, target.stem))
+    if as_json:
+        print_json(proposal_as_dict(proposal, out))
+    else:
+        show_proposal(proposal, out, console())
+
+
+@data.command("convert")
+@click.argument("file", metavar="FILE", type=click.Path())
+@columns_option
+@click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
+@json_option
+def convert_command(file: str, columns: str, out: str, as_json: bool) -> None:
+    """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
+
+    \b
+    greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
+    """
+    recording, target = read(file, columns), Path(out)
+    if target.exists() and target.samefile(file):
+        raise BadInput(f"{out} is the file that is read; name another one with --out.")
+    write(recording, target)
+    further = {name: recording.unit(name) for name in recording.extra_units}
+    if as_json:
+        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "extra": further})
+        return
+    screen = console()
+    screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")
+    if further:
+        named = ", ".join(f"{name} [{unit}]" for name, unit in further.items())
+        screen.print(f"         no canonical names, map them under [extra]: {named}")
 
 
 def show(recording: Recording, findings: Sequence[Finding], out: Console) -> None:

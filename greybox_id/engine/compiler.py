@@ -18,6 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..errors import GreyboxError
+from ..files import cache_folder
 
 FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
 """-O2 takes half as long again and gives nothing: the code is vectors already. No contraction of a b + c, which can
@@ -120,10 +121,7 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
 
 def _folder() -> Path:
     try:
-        named = os.environ.get("GREYBOX_CACHE")
-        folder = (
-            Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "greybox-id")
-        )
+        folder = cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder

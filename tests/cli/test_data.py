@@ -2,8 +2,10 @@
 
 import json
 
+import h5py
 import numpy as np
 import pytest
+from calling import greybox, refused
 from click.testing import CliRunner
 
 from greybox_id.cli.data import data
@@ -44,3 +46,50 @@ def test_json_is_one_object_on_standard_output(lap):
     assert (file["rows"], file["runs"]) == (800, 1)
     assert {"kind", "severity", "channel", "run", "rows", "sentence", "value", "unit"} <= set(file["findings"][0])
     assert result.exit_code == 1
+
+
+def test_a_file_is_converted_to_a_kind_that_reads_back_the_same(lap, tmp_path):
+    out = tmp_path / "lap.mat"
+    told = greybox("data", "convert", lap(), "--out", out, "--json").told
+    assert (told["rows"], told["signals"]) == (800, ["v_x", "yaw_rate", "steer"])
+    before, after = (greybox("data", "check", file, "--json").told["files"][0] for file in (lap(), out))
+    assert [f["kind"] for f in before["findings"]] == [f["kind"] for f in after["findings"]]
+    assert (before["rows"], before["runs"]) == (after["rows"], after["runs"])
+
+
+def test_a_file_is_never_converted_onto_itself(lap):
+    assert "the file that is read" in refused("data", "convert", lap(), "--out", lap())
+
+
+def test_what_resampling_costs_is_told(tmp_path):
+    with h5py.File(tmp_path / "lap.h5", "w") as file:
+        fast, slow = np.arange(1000) * 0.01, np.arange(51) * 0.2
+        file["imu/time"], file["imu/rate"] = fast, 0.3 * np.sin(2 * fast)
+        file["gps/time"], file["gps/speed"] = slow, 10 + np.sin(2 * slow)
+    (tmp_path / "own.toml").write_text(
+        '[time]\nunit="s"\n[signals.v_x]\ncolumn="gps/speed"\nunit="m/s"\n'
+        '[signals.yaw_rate]\ncolumn="imu/rate"\nunit="rad/s"\n'
+    )
+    called = greybox("data", "check", tmp_path / "lap.h5", "--columns", tmp_path / "own.toml", "--json")
+    (found,) = [f for f in called.told["files"][0]["findings"] if f["kind"] == "resampled"]
+    assert (found["channel"], found["unit"]) == ("v_x", "m/s")
+    assert found["value"] == pytest.approx(
+        0.2**2 * 4 / np.sqrt(2) / np.sqrt(120), rel=0.1
+    )  # rms of s (1 - s) / 2 h^2 f''
+    assert "5 Hz on the clock of gps" in found["sentence"]
+
+
+def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
+    file, out = lap(), tmp_path / "car.toml"
+    told = greybox("data", "map", file, "--out", out, "--json").told
+    assert told["written"] == str(out)
+    assert {"signal", "column", "unit", "units", "sign", "divide_by", "decided", "reasons"} == set(told["signals"][0])
+    written = out.read_text()
+    assert "is there already" in refused("data", "map", file, "--out", out)
+    assert out.read_text() == written
+    assert greybox("data", "map", file, "--out", out, "--overwrite").code == 0
+    assert "?" in greybox("data", "map", file).out
+
+
+def test_a_map_is_a_toml_file(lap, tmp_path):
+    assert ".toml" in refused("data", "map", lap(), "--out", tmp_path / "car.json")

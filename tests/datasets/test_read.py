@@ -222,3 +222,8 @@ def test_lateral_acceleration_of_the_250lm_has_the_sign_of_its_turns(real_data):
 
 def test_a_map_object_can_be_given_as_well(write):
     assert read(write(CSV), column_map("roboracer")).source.columns == "roboracer"
+
+
+def test_a_file_without_columns_is_told(tmp_path):
+    pd.DataFrame(index=range(3)).to_parquet(tmp_path / "lap.parquet", index=False)
+    assert "no columns of numbers" in sentence(tmp_path / "lap.parquet", "canonical")

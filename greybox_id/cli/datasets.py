@@ -1,0 +1,109 @@
+"""`greybox datasets`: public recordings and synthetic ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from ..datasets.fetch import fetch, folder_of
+from ..datasets.made import MADE, make
+from ..datasets.public import PUBLIC, PublicDataset, public
+from .options import json_option
+from .output import console, print_json, progress
+
+
+@click.group()
+def datasets() -> None:
+    """Fetch public recordings from their authors, or make synthetic ones.
+
+    \b
+    greybox datasets list
+    greybox datasets fetch roboracer
+    greybox datasets make racer --out recordings
+    """  # fmt: skip
+
+
+@datasets.command("list")
+@json_option
+def list_command(as_json: bool) -> None:
+    """List what can be fetched and made, with source and licence."""
+    if as_json:
+        made = [{"name": name, "about": about} for name, (about, _) in MADE.items()]
+        print_json({"public": [_as_dict(own) for own in PUBLIC.values()], "made": made})
+        return
+    out = console()
+    for title, rows in (
+        ("to fetch", [(own.name, own.about, f"{own.source}; {own.licence}", _state(own)) for own in PUBLIC.values()]),
+        ("to make", [(name, about, "from a seed", "") for name, (about, _) in MADE.items()]),
+    ):
+        table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+        for heading in (title, "what", "source and licence", ""):
+            table.add_column(heading, header_style="dim", overflow="fold")
+        for row in rows:
+            table.add_row(*row)
+        out.print(table)
+        out.print()
+
+
+@datasets.command("fetch")
+@click.argument("name", metavar="NAME")
+@click.option("--to", metavar="FOLDER", help="Where to; the cache ($GREYBOX_CACHE) unless given.")
+@json_option
+def fetch_command(name: str, to: str | None, as_json: bool) -> None:
+    """Fetch NAME from its authors: resumed where it broke off, checked by SHA-256.
+
+    \b
+    greybox datasets fetch roboracer
+    """  # fmt: skip
+    dataset = public(name)
+    with progress() as say:
+        paths = fetch(dataset, Path(to) if to else None, say)
+    if as_json:
+        print_json({"name": name, "columns": dataset.columns, "files": [str(path) for path in paths]})
+        return
+    out = console()
+    for path in paths:
+        out.print(path)
+    out.print(f"they are their authors' ({dataset.licence}); cite: {dataset.reference}")
+    out.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
+
+
+@datasets.command("make")
+@click.argument("name", metavar="NAME")
+@click.option("--out", default=".", show_default=True, metavar="FOLDER", help="Where to.")
+@click.option("--seed", type=click.IntRange(min=0), help="Of all that is random.")
+@json_option
+def make_command(name: str, out: str, seed: int | None, as_json: bool) -> None:
+    """Make the synthetic recordings NAME; the same seed makes the same.
+
+    \b
+    greybox datasets make virtual_lap --seed 7 --out recordings
+    """  # fmt: skip
+    paths = make(name, Path(out), seed)
+    if as_json:
+        print_json({"name": name, "seed": seed, "files": [str(path) for path in paths]})
+        return
+    for path in paths:
+        console().print(path)
+
+
+def _state(dataset: PublicDataset) -> str:
+    if not dataset.files:
+        return "by hand"
+    return "in the cache" if all((folder_of(dataset) / own.name).is_file() for own in dataset.files) else ""
+
+
+def _as_dict(dataset: PublicDataset) -> dict[str, Any]:
+    return {
+        "name": dataset.name,
+        "about": dataset.about,
+        "source": dataset.source,
+        "licence": dataset.licence,
+        "reference": dataset.reference,
+        "columns": dataset.columns,
+        "cached": _state(dataset) == "in the cache",
+        "files": [{"name": f.name, "address": f.address, "sha256": f.sha256 or None} for f in dataset.files],
+    }

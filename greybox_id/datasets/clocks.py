@@ -1,0 +1,194 @@
+"""Signals that were recorded on clocks of their own, brought onto one.
+
+The clock is that of the column the map names as time, else that of the fastest group. Where its steps are regular its
+own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined by straight
+lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..errors import BadInput
+from ..recording import Array, Resampled
+from ..signals import ANGLES_AROUND, COMMANDS
+
+REGULAR = 0.05
+"""Steps that scatter by less than this share of the usual one are kept as they are."""
+LINEAR_GAP = 3.0
+"""Usual steps without a reading, beyond which no line is drawn."""
+HELD_GAP = 5.0
+"""Usual steps without a command, beyond which it is no longer held ..."""
+HELD_SECONDS = 0.5
+"""... but so many seconds at least: commands are often sent only when they change."""
+MOST_ROWS = 50_000_000
+"""More rows than that are a clock gone wrong."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Signals that share a clock.
+
+    Attributes
+    ----------
+    name : the group's.
+    time : (n,) s, from an origin that all groups of a file share.
+    signals : name -> (n,) in SI units.
+    """
+
+    name: str
+    time: Array
+    signals: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Signals on one clock: time (n,) in s, signals (n,) each, how they came there, and what else was done."""
+
+    time: Array
+    signals: Mapping[str, Array]
+    resampled: Mapping[str, Resampled]
+    notes: tuple[str, ...]
+
+
+def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where: str) -> Joined:
+    """Bring all groups onto the clock of one.
+
+    Parameters
+    ----------
+    groups : two or more.
+    named : name of the group whose clock is taken; None takes the fastest.
+    hold : "zero" holds commands, "linear" takes them as measured.
+    where : the file, for sentences.
+
+    Raises
+    ------
+    BadInput
+        A group has fewer than two readings, or the groups have no time in common.
+    """
+    notes: list[str] = []
+    ordered = [_ordered(group, where, notes) for group in groups]
+    steps = {group.name: float(np.median(np.diff(group.time))) for group in ordered}
+    clock = next((g for g in ordered if g.name == named), None) or min(ordered, key=lambda g: steps[g.name])
+    time, even = _instants(clock.time, where)
+    start = max(group.time[0] for group in ordered)
+    stop = min(group.time[-1] + (_reach(group, steps, hold) if group is not clock else 0.0) for group in ordered)
+    inside = time[(time >= start) & (time <= stop)]
+    if not inside.size:
+        spans = "; ".join(f"{g.name} {g.time[0]:.3f} to {g.time[-1]:.3f} s" for g in ordered)
+        raise BadInput(f"{where}: the groups that the column map names have no time in common: {spans}.")
+    kept = "at an even step" if even else "at its own instants"
+    notes.insert(0, f"signals of {len(ordered)} clocks were brought onto that of {clock.name}, {kept}.")
+    cut = len(time) - len(inside)
+    if cut:
+        notes.append(f"{cut} of {len(time)} instants lie where not all of them were recorded, and were left out.")
+    signals: dict[str, Array] = {}
+    resampled: dict[str, Resampled] = {}
+    for group in ordered:
+        for name, values in group.signals.items():
+            if group is clock and not even:
+                signals[name] = values[(time >= start) & (time <= stop)]
+            else:
+                method = _method(name, hold)
+                signals[name], costs = (_held if method == "held" else _linear)(group.time, values, inside, name)
+                resampled[name] = Resampled(method, group.name, 1 / steps[group.name], *costs)
+    return Joined(inside, signals, resampled, tuple(notes))
+
+
+def _method(name: str, hold: str) -> Literal["linear", "held"]:
+    return "held" if name in COMMANDS and hold == "zero" else "linear"
+
+
+def _reach(group: Readings, steps: Mapping[str, float], hold: str) -> float:
+    """How long after its last reading a group still says something, s."""
+    held = all(_method(name, hold) == "held" for name in group.signals)
+    return max(HELD_GAP * steps[group.name], HELD_SECONDS) if held else 0.0
+
+
+def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
+    order = np.argsort(group.time, kind="stable")
+    order = order[np.isfinite(group.time[order])]
+    times = group.time[order]
+    last = np.append(np.diff(times) > 0, True) if len(times) else np.empty(0, bool)  # of doubled instants the last
+    if np.count_nonzero(last) < 2:
+        raise BadInput(f"{where}: {group.name} has fewer than two readings; leave its columns out of the column map.")
+    lost = len(group.time) - int(np.count_nonzero(last))
+    if lost:
+        notes.append(f"{group.name}: {lost} of {len(group.time)} readings bear no time or that of another; left out.")
+    if np.any(np.diff(group.time) < 0):
+        notes.append(f"{group.name}: readings were not in the order of their times, and were sorted.")
+    order = order[last]
+    return Readings(group.name, group.time[order], {name: values[order] for name, values in group.signals.items()})
+
+
+def _instants(time: Array, where: str) -> tuple[Array, bool]:
+    """The clock's own instants where they are regular, else an even grid over each of its stretches."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    running = steps <= LINEAR_GAP * usual
+    if np.std(steps[running]) <= REGULAR * usual:
+        return time, False
+    edges = [0, *(np.flatnonzero(~running) + 1).tolist(), len(time)]
+    counts = [1 + int((time[b - 1] - time[a]) / usual * (1 + 1e-12)) for a, b in zip(edges, edges[1:], strict=False)]
+    if sum(counts) > MOST_ROWS:
+        raise BadInput(f"{where}: an even clock would have {sum(counts)} rows; name another one as time.")
+    return np.concatenate([time[a] + usual * np.arange(n) for a, n in zip(edges, counts, strict=False)]), True
+
+
+def _linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+    """Straight lines between readings, and what they miss: s (1 - s) / 2 of the second difference there.
+
+    That is the error of a parabola through three readings; noise in readings makes it larger than it is.
+    """
+    known = np.isfinite(values)
+    t, v = time[known], values[known]
+    if len(t) < 2:
+        return np.full(len(instants), np.nan), (np.nan, np.nan)
+    lowest, around = float(np.min(v)), name in ANGLES_AROUND and np.ptp(v) <= 2 * np.pi
+    if around:
+        v = np.unwrap(v)
+    left = np.clip(np.searchsorted(t, instants, side="right") - 1, 0, len(t) - 2)
+    step = np.diff(t)
+    share = (instants - t[left]) / step[left]
+    found = v[left] + share * (v[left + 1] - v[left])
+    found = np.where(share == 1, v[left + 1], found)
+    reached = (step[left] <= LINEAR_GAP * float(np.median(step))) | (share == 0) | (share == 1)
+    found[~reached | (share < 0) | (share > 1)] = np.nan
+    if around:
+        begins = -np.pi if lowest < 0 else 0.0
+        found = begins + np.mod(found - begins, 2 * np.pi)
+    if len(t) < 3:
+        return found, (np.nan, np.nan)
+    bend = np.abs(2 * np.diff(np.diff(v) / step) / (step[1:] + step[:-1]))
+    bend = np.concatenate([bend[:1], np.maximum(bend[:-1], bend[1:]), bend[-1:]])
+    missed = (share * (1 - share) / 2 * step[left] ** 2 * bend[left])[np.isfinite(found)]
+    return found, _costs(missed, len(missed))
+
+
+def _held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+    """The last reading before each instant, and what the clock misses of its steps, which come up to one row late."""
+    known = np.isfinite(values)
+    t, v = time[known], values[known]
+    if not len(t):
+        return np.full(len(instants), np.nan), (np.nan, np.nan)
+    left = np.searchsorted(t, instants, side="right") - 1
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    age = instants - t[np.maximum(left, 0)]
+    found = np.where((left >= 0) & (age <= max(HELD_GAP * usual, HELD_SECONDS)), v[np.maximum(left, 0)], np.nan)
+    inside = (t[1:] > instants[0]) & (t[1:] <= instants[-1])
+    jumps = np.diff(v)[inside]
+    late = instants[np.searchsorted(instants, t[1:][inside])] - t[1:][inside]
+    span = float(instants[-1] - instants[0])
+    return found, _costs(jumps * np.sqrt(late), span, np.abs(jumps[late > 0]))
+
+
+def _costs(missed: Array, over: float, sizes: Array | None = None) -> tuple[float, float]:
+    """Root mean square and largest of what is missed."""
+    if not over:
+        return 0.0, 0.0
+    sizes = missed if sizes is None else sizes
+    return float(np.sqrt(np.sum(missed**2) / over)), float(np.max(sizes, initial=0.0))

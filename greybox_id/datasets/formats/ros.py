@@ -1,0 +1,174 @@
+"""ROS bags and MCAP files: every topic is a group on its own clock, its numbers are columns by dotted path.
+
+A topic's clock is the stamp in its messages' headers, or where they have none (or one of another epoch) the time at
+which the bag received them; both are counts of nanoseconds since 1970.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...errors import BadInput
+from ..column_map import ColumnMap
+from ..table import Table
+from .columns import Columns
+from .contents import TIME, Contents, Group, needed, sound
+from .ros_messages import fields_of, shipped_types, unit_of_path
+
+KIND = "ROS bag"
+TOPIC = "/recording"
+MESSAGE = "greybox_msgs/msg/Recording"
+SAME_EPOCH = 10.0
+"""Stamps further than this from the time of receipt, in s, are of another clock."""
+LONGEST = 2**24
+"""Elements of a sequence in a message, beyond which it is taken as damaged."""
+
+
+def contents(file: Path, _: ColumnMap) -> Contents:
+    """Topics with numbers in their messages: sqlite3 or MCAP, a file or a folder; also bags of ROS 1.
+
+    Raises
+    ------
+    BadInput
+        rosbags is not installed, or the bag is damaged.
+    """
+    bag = _Bag(file)
+    with bag.opened() as (reader, decode):
+        topics: dict[str, list[Any]] = {}
+        for connection in reader.connections:
+            topics.setdefault(connection.topic, []).append(connection)
+        found = [bag.group(topic, own, reader, decode) for topic, own in topics.items()]
+    groups = tuple(group for group in found if isinstance(group, Group))
+    strange = tuple(note for note in found if isinstance(note, str) and note)
+    if not groups:
+        raise BadInput(f"{file}: no topic of this bag holds numbers. {' '.join(strange)}".strip())
+    return Contents(str(file), groups, KIND, strange)
+
+
+class _Bag:
+    """A bag on disk: opened anew for every topic that is read, its types parsed once."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self.old = file.suffix == ".bag"
+        self.store: Any = None
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[Any, Callable[[bytes, str], Any]]]:
+        """The bag's reader, and what turns bytes of a type into a message."""
+        needed("rosbags", "ros", str(self.file), "ROS bags")
+        from rosbags import rosbag1, rosbag2
+
+        with sound(str(self.file), KIND), (rosbag1.Reader if self.old else rosbag2.Reader)(self.file) as reader:
+            self.store = self.store or self._types(reader)
+            yield reader, self.store.deserialize_ros1 if self.old else self.store.deserialize_cdr
+
+    def _types(self, reader: Any) -> Any:
+        """All definitions: what the bag says of a type goes before what we know of it."""
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+        store = get_typestore(Stores.ROS1_NOETIC if self.old else Stores.ROS2_HUMBLE)
+        store.max_sequence_length = LONGEST
+        types = shipped_types(get_types_from_msg)
+        for definition, name in {(own.msgdef, own.msgtype) for own in reader.connections}:
+            if not definition.data.strip():
+                continue
+            if definition.format.name == "MSG":
+                types.update(get_types_from_msg(definition.data, name))
+            elif definition.format.name == "IDL":
+                for part in re.split(r"={80}\nIDL: .*\n", definition.data):
+                    types.update(get_types_from_idl(part) if part.strip() else {})
+        for name in types:
+            store.fielddefs.pop(name, None)
+            store.types.pop(name, None)
+        store.register(types)
+        return store
+
+    def group(
+        self, topic: str, connections: Sequence[Any], reader: Any, decode: Callable[[bytes, str], Any]
+    ) -> Group | str:
+        """A topic's columns, as its first message tells them; a sentence where it cannot be read."""
+        kind = connections[0].msgtype
+        first = next(reader.messages(connections=connections), None)
+        if first is None:
+            return ""
+        try:
+            fields = {field.name: field for field in fields_of(decode(first[2], kind))}
+        except Exception as error:  # an unknown type, or bytes that are none of it: the other topics may be sound
+            return f"{topic}: messages of type {kind} cannot be read ({next(iter(str(error).splitlines()), kind):.80})."
+        if not fields:
+            return ""
+        prefix = f"{topic}."
+        units = {prefix + name: unit_of_path(name) for name in fields}
+
+        def load(wanted: Sequence[str]) -> Table:
+            chosen = [field for name, field in fields.items() if prefix + name in wanted]
+            stamps, messages = self.messages(topic)
+            columns = [pd.Series(field.column(messages)) for field in chosen]
+            names = [prefix + field.name for field in chosen]
+            if prefix + TIME not in names:
+                names, columns = [*names, prefix + TIME], [*columns, pd.Series(stamps)]
+            return Table(str(self.file), tuple(names), tuple(columns), 1)
+
+        own = TIME in fields
+        names = tuple(prefix + name for name in (*fields, *(() if own else (TIME,))))
+        return Group(
+            topic, names, load, prefix, prefix + TIME, "s" if own else "ns", {n: u for n, u in units.items() if u}
+        )
+
+    def messages(self, topic: str) -> tuple[NDArray[np.int64], list[Any]]:
+        """All messages of a topic with their times, in ns since 1970."""
+        received, messages = [], []
+        with self.opened() as (reader, decode), sound(str(self.file), KIND):
+            own = [connection for connection in reader.connections if connection.topic == topic]
+            for connection, when, data in reader.messages(connections=own):
+                received.append(when)
+                messages.append(decode(data, connection.msgtype))
+        stamped = [getattr(getattr(message, "header", None), "stamp", None) for message in messages]
+        arrived = np.array(received, dtype=np.int64)
+        if all(stamp is not None for stamp in stamped):
+            sent = np.array([stamp.sec * 10**9 + stamp.nanosec for stamp in stamped if stamp], dtype=np.int64)
+            if abs(float(np.median(sent - arrived))) < SAME_EPOCH * 1e9:
+                return sent, messages
+        return arrived, messages
+
+
+def write(columns: Columns, path: Path) -> None:
+    """Write columns as messages on one topic of an MCAP file; the message's definition lies in the file.
+
+    Raises
+    ------
+    BadInput
+        ROS would not take a column's name for that of a field, or rosbags is not installed.
+    """
+    needed("rosbags", "ros", str(path), "ROS bags")
+    from rosbags import rosbag2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    for name in columns.values:
+        if not re.fullmatch(r"[a-zA-Z]\w*", name, re.ASCII):
+            raise BadInput(
+                f'{path}: ROS messages have no field named "{name}"; rename it in the column map, or write .h5.'
+            )
+    kinds = {name: "int64" if values.dtype.kind in "iu" else "float64" for name, values in columns.values.items()}
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("".join(f"{kind} {name}\n" for name, kind in kinds.items()), MESSAGE))
+    row = store.types[MESSAGE]
+    lists = [values.tolist() for values in columns.values.values()]
+    with TemporaryDirectory(dir=path.parent) as folder:
+        bag = Path(folder) / "bag"
+        with rosbag2.Writer(bag, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+            connection = writer.add_connection(TOPIC, MESSAGE, typestore=store)
+            times = np.round(columns.steady * 1e9).astype(np.int64).tolist()
+            for when, *values in zip(times, *lists, strict=True):
+                writer.write(connection, when, store.serialize_cdr(row(*values), MESSAGE))
+        (bag / "bag.mcap").replace(path)

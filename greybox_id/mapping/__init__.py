@@ -1,0 +1,11 @@
+"""Proposing a column map for a file whose columns nobody has mapped: from names, units and cross-checks.
+
+A wrong guess given with confidence is worse than a question: what cannot be decided is left to the user, with what
+speaks for each alternative.
+"""
+
+from .entry import Entry
+from .proposal import Proposal, propose
+from .written import as_toml
+
+__all__ = ["Entry", "Proposal", "as_toml", "propose"]

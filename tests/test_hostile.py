@@ -1,0 +1,18 @@
+"""Damaged files of every kind end in an answer or a sentence; benchmarks/hostile.py does the same with ten thousand."""
+
+import pytest
+from hostile import run
+from hostile_seeds import KINDS
+
+
+def test_damaged_files_break_no_bar():
+    found = run(cases=16 * len(KINDS), seed=11)
+    assert len(found) == 16 * len(KINDS)
+    assert [(own.case, own.kind, own.broken) for own in found if own.broken] == []
+    assert {own.code for own in found} >= {0, 2}  # some damage is none, most is told
+
+
+@pytest.mark.slow
+def test_many_damaged_files_break_no_bar():
+    found = run(cases=1200, seed=12, jobs=2)
+    assert [(own.case, own.kind, own.broken) for own in found if own.broken] == []
