@@ -1,0 +1,51 @@
+"""The report of a fit, whatever its model, as PDF or HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..errors import BadInput
+from ..fit import Fit
+from ..hybrid_model import HybridModel
+from ..motion_model import MotionModel
+from ..recording import Recording
+from .document import Document
+from .html import write_html
+from .memory.report import memory_report
+from .motion.report import motion_report
+from .pdf import write_pdf
+
+FORMATS = {"pdf": write_pdf, "html": write_html}
+"""Kind of file -> what writes it."""
+
+
+def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
+    """Write the report of a fit, atomically; as HTML where the file's name ends so, else as PDF.
+
+    Parameters
+    ----------
+    fit : the fit.
+    recordings : what it saw, in any order; each is checked against the fit's record of it.
+    out : file to write.
+
+    Raises
+    ------
+    BadInput : a recording is missing or is another file, or `out` cannot be written.
+    """
+    return write(prepared(fit, recordings), out)
+
+
+def prepared(fit: Fit, recordings: Sequence[Recording]) -> Document:
+    """What the report of a fit says and shows. Raises `BadInput` as `report` does."""
+    if isinstance(fit.model, HybridModel):
+        raise BadInput(
+            f"There is no report of {fit.model.name} yet; greybox validate and greybox predict tell its errors."
+        )
+    return (motion_report if isinstance(fit.model, MotionModel) else memory_report)(fit, recordings)
+
+
+def write(document: Document, out: str | Path, kind: str | None = None) -> Path:
+    """Write a report as PDF or HTML, as `kind` or the file's name says, atomically."""
+    suffix = Path(out).suffix.lower().lstrip(".")
+    return FORMATS[kind or ("html" if suffix in ("html", "htm") else "pdf")](document, out)
