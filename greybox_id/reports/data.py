@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..signals import unit_of
 from .document import Part, Points, Table, Text, titled
 from .drawing import Drawing
 from .figures.excitation import excitation
-from .numbers import counted, number, percent, pretty_unit, signal_words
+from .numbers import counted, number, percent, pretty_unit, raised, signal_words
 from .recordings import Seen, of_role
 
 MOST_FINDINGS = 6
@@ -47,9 +48,14 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
             continue
         low, high = np.quantile(trained, WITHIN)
         beyond = float(np.mean((judged < low) | (judged > high))) if len(judged) else float("nan")
-        cells = [f"{number(float(np.min(own)))} to {number(float(np.max(own)))}" if len(own) else "–" for own in (trained, judged)]
+        cells = [
+            f"{number(float(np.min(own)))} to {number(float(np.max(own)))}" if len(own) else "–"
+            for own in (trained, judged)
+        ]
         unit = pretty_unit(unit_of(name))
-        rows.append((signal_words(name), unit, f"{number(float(low))} to {number(float(high))}", *cells, percent(beyond)))
+        rows.append(
+            (signal_words(name), unit, f"{number(float(low))} to {number(float(high))}", *cells, percent(beyond))
+        )
     head = ("signal", "unit", "99 % of training", "all of training", "all of validation", "beyond")
     words = (
         "Inside the range that holds 99 % of each training signal the data speak; outside, the model extrapolates on "
@@ -107,7 +113,7 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
 
 def _said(finding: Finding) -> str:
     words = {"distrust": "Not to be trusted: ", "warning": "", "note": ""}[finding.severity.value]
-    return f"{words}{finding.sentence}"
+    return words + re.sub(r"(?<![\w.])-(?=\d)", "−", raised(finding.sentence))
 
 
 def _map(recordings: Sequence[Seen]) -> list[Part]:

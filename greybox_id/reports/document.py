@@ -1,4 +1,4 @@
-"""A report as a tree of parts: what it says and shows, without how it looks. Paper and screen are made of the same tree."""
+"""A report as a tree of parts: what it says and shows, not how it looks. Paper and screen are made of one tree."""
 
 from __future__ import annotations
 
@@ -96,6 +96,7 @@ class Document:
     of : what it is a report of, as in "a fit".
     written_by : software and version.
     parts : in order.
+    endless : one page as long as it takes, for a picture.
     """
 
     title: str
@@ -103,6 +104,12 @@ class Document:
     of: str
     written_by: str
     parts: tuple[Part, ...]
+    endless: bool = False
+
+    @property
+    def verdict(self) -> tuple[tuple[str, str], ...]:
+        """Its answer: (lead, sentence) pairs."""
+        return next((part.pairs for part in self.parts if isinstance(part, Verdict)), ())
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
@@ -142,7 +149,7 @@ def _empty(part: Part) -> bool:
         case Points():
             return not part.items
         case Text():
-            return not part.words
+            return not (part.words or part.lead)
         case Pairs() | Verdict():
             return not part.pairs
         case Formulas():

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-
 from ..recording import Array, Recording
 from .spectra import detrended
 

@@ -6,7 +6,7 @@ import json
 import tempfile
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import typst
 
@@ -31,7 +31,7 @@ def write_png(document: Document, out: str | Path, dots_per_inch: int = 150) -> 
     return _write(rendered(document, "png", dots_per_inch), Path(out))
 
 
-def rendered(document: Document, kind: str = "pdf", dots_per_inch: int = 150) -> bytes:
+def rendered(document: Document, kind: Literal["pdf", "png"] = "pdf", dots_per_inch: int = 150) -> bytes:
     """The bytes of the PDF, or of its first page as PNG. No date is in them: they depend on what is shown alone."""
     with tempfile.TemporaryDirectory(prefix="greybox-") as name:
         folder = Path(name)
@@ -41,11 +41,17 @@ def rendered(document: Document, kind: str = "pdf", dots_per_inch: int = 150) ->
         (folder / "document.json").write_text(tree, encoding="utf-8")
         for one in document.drawings:
             (folder / f"{one.name}.svg").write_text(one.svg, encoding="utf-8")
-        more: dict[str, Any] = {"timestamp": 0} if kind == "pdf" else {"ppi": float(dots_per_inch)}
-        # The machine's own fonts are left aside: the same report everywhere.
-        found = typst.compile(str(folder / LAYOUT), root=str(folder), format=kind, ignore_system_fonts=True, **more)
-    pages = found if isinstance(found, list) else [found]
-    return bytes(pages[0])
+        pages = typst.compile(
+            str(folder / LAYOUT),
+            root=str(folder),
+            format=kind,
+            ppi=float(dots_per_inch),
+            timestamp=0,
+            ignore_system_fonts=True,  # the same report everywhere
+        )
+    found = pages[0] if isinstance(pages, list) else pages
+    assert isinstance(found, bytes)
+    return found
 
 
 def as_plain_data(document: Document) -> dict[str, Any]:
@@ -55,6 +61,7 @@ def as_plain_data(document: Document) -> dict[str, Any]:
         "about": _spans(document.about),
         "of": document.of,
         "written_by": document.written_by,
+        "endless": document.endless,
         "parts": [_part(part) for part in document.parts],
     }
 

@@ -45,7 +45,21 @@ def prepared(fit: Fit, recordings: Sequence[Recording]) -> Document:
     return (motion_report if isinstance(fit.model, MotionModel) else memory_report)(fit, recordings)
 
 
+def kind_of(out: str | Path, kind: str | None = None) -> str:
+    """Kind of file, pdf or html: as asked for, else as the file's name says.
+
+    Raises
+    ------
+    BadInput : the name says something else than what is asked for.
+    """
+    suffix = {"htm": "html"}.get(own := Path(out).suffix.lower().lstrip("."), own)
+    if suffix not in FORMATS:
+        raise BadInput(f"{out}: a report is a .pdf or a .html file; name it so with --out.")
+    if kind not in (None, suffix):
+        raise BadInput(f"{out} is named as {suffix.upper()}, but --format says {kind}; leave one of them away.")
+    return suffix
+
+
 def write(document: Document, out: str | Path, kind: str | None = None) -> Path:
     """Write a report as PDF or HTML, as `kind` or the file's name says, atomically."""
-    suffix = Path(out).suffix.lower().lstrip(".")
-    return FORMATS[kind or ("html" if suffix in ("html", "htm") else "pdf")](document, out)
+    return FORMATS[kind or kind_of(out)](document, out)

@@ -29,7 +29,7 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     power = np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2
     density = power.mean(axis=0) / (rate * np.sum(window**2))
     density[1 : -1 if length % 2 == 0 else None] *= 2.0
-    return np.fft.rfftfreq(length, 1 / rate), density
+    return np.asarray(np.fft.rfftfreq(length, 1 / rate), dtype=float), np.asarray(density, dtype=float)
 
 
 def detrended(values: Array) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from greybox_id.reports.gap.pdf import drawing, render, write_report
 from made_gaps import CASES, DELAY, LAG, clear, none, strip, without_v_y
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -21,7 +22,6 @@ from greybox_id.reports.gap.figures.regimes import regimes
 from greybox_id.reports.gap.figures.spectra import spectra
 from greybox_id.reports.gap.figures.strips import running, strips
 from greybox_id.reports.gap.page import page, write_picture
-from greybox_id.reports.gap.pdf import drawing, render, write_report
 
 MADE = Made(
     "full-size car",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape
 
+from ..words import is_symbol_index
 from .expression import (
     SHIFTED,
     Call,
@@ -74,7 +75,9 @@ def _bare(of: Expression) -> str:
         case Window(weights, signal, length):
             ends = f"{_row('<mi>n</mi>', _operator('='), '<mn>1</mn>')}<mn>{length}</mn>"
             weight = _symbol(weights, ("n",))
-            at = _row("<mi>t</mi>", _operator("−"), f"<mo>(</mo><mn>{length}</mn><mo>−</mo><mi>n</mi><mo>)</mo><mi>T</mi>")
+            at = _row(
+                "<mi>t</mi>", _operator("−"), f"<mo>(</mo><mn>{length}</mn><mo>−</mo><mi>n</mi><mo>)</mo><mi>T</mi>"
+            )
             looked_at = _row(_operator("["), _set(signal), _operator("]"))
             return _row(f"<munderover><mo>∑</mo>{ends}</munderover>", weight, THIN, f"<msub>{looked_at}{at}</msub>")
     raise AssertionError(of)
@@ -96,7 +99,9 @@ def _sum(terms: tuple[tuple[bool, Expression], ...], left_out: int) -> str:
 def _call(name: str, arguments: tuple[Expression, ...]) -> str:
     inside = [_set(own) for own in arguments]
     if name == SHIFTED:
-        return _row(inside[0], _operator("("), "<mi>t</mi>", _operator("−"), _set(arguments[1], PRODUCT), _operator(")"))
+        return _row(
+            inside[0], _operator("("), "<mi>t</mi>", _operator("−"), _set(arguments[1], PRODUCT), _operator(")")
+        )
     if name == "sqrt":
         return f"<msqrt>{inside[0]}</msqrt>"
     if name == "abs":
@@ -112,7 +117,8 @@ def _symbol(symbol: Symbol, more: tuple[str, ...] = ()) -> str:
     body = f"<mi>{escape(own.body)}</mi>" if own.slanted else f"<mtext>{escape(own.body)}</mtext>"
     if own.dots:
         body = f"<mover accent='true'>{body}<mo>{DOTS[own.dots]}</mo></mover>"
-    parts = [f"<mtext>{escape(part)}</mtext>" for part in own.index] + [f"<mi>{part}</mi>" for part in more]
+    parts = [f"<mi>{part}</mi>" if is_symbol_index(part) else f"<mtext>{escape(part)}</mtext>" for part in own.index]
+    parts += [f"<mi>{part}</mi>" for part in more]
     lower = _row(_operator(",").join(parts)) if parts else ""
     upper = f"<mtext>{escape(own.mark)}</mtext>" if own.mark else ""
     if lower and upper:

@@ -1,4 +1,4 @@
-"""The equations of a motion model: quantities, derivatives, what follows with a lag, what is late, what sensors read."""
+"""The equations of a motion model: quantities, derivatives, what lags, what is late, what sensors read."""
 
 from __future__ import annotations
 
@@ -141,4 +141,3 @@ class _Before:
 
     def __getattr__(self, name: str) -> Casadi:
         return self._written.named(Symbol(name))
-

@@ -74,7 +74,7 @@ class _Shortened:
     def _written(self, of: Expression) -> Expression:
         repeated = self._uses[of] > 1 and self._sizes[of] >= LARGE
         long = isinstance(of, Sum) and len(of.terms) > MOST_TERMS
-        if repeated or long or isinstance(of, Cases) or isinstance(of, Window):
+        if repeated or long or isinstance(of, Cases | Window):
             if of not in self._letters:
                 self._letters[of] = Symbol(f"{LETTER}_{len(self._letters) + 1}")
             return self._letters[of]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..words import is_symbol_index
 from .expression import (
     SHIFTED,
     Call,
@@ -93,7 +94,7 @@ def _symbol(symbol: Symbol, more: tuple[str, ...] = ()) -> str:
     body = own.body if own.slanted else f'"{own.body}"'
     if own.dots:
         body = f"{DOTS[own.dots]}({body})"
-    index = ", ".join([*(f'"{part}"' for part in own.index), *more])
+    index = ", ".join([*(part if is_symbol_index(part) else f'"{part}"' for part in own.index), *more])
     lower = f"_({index})" if index else ""
     upper = {"": "", "′": "^prime"}.get(own.mark, f'^"{own.mark}"')
     return f"{body}{lower}{upper}"

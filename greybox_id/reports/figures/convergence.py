@@ -26,7 +26,7 @@ def convergence(stage: Stage) -> Figure | None:
         return None
     y = Axis("objective above best [1]", log=True)
     x = Axis("step [1]", ticks=_whole(float(steps[-1]) if len(steps) else 1.0))
-    panels = [Panel((Curve(steps, above[steps], Line(BLUE), dots=1.4),), x, y)]
+    panels = [Panel((Curve(steps.astype(float), above[steps], Line(BLUE), dots=1.4),), x, y)]
     if len(stage.starts) > 1:
         starts = 100.0 * (np.sort(stage.starts) / min(stage.starts) - 1.0)
         top = 1.05 * max(starts[-1], ALIKE)

@@ -28,7 +28,13 @@ def errors(fit: Fit, recordings: Sequence[Seen]) -> Figure:
     x = Axis("recording and run [number]", -0.6, len(groups) - 0.4, ticks=names, grid=False)
     return Figure(
         tuple(
-            (Panel(tuple(_marks(recordings, groups, k)), x, Axis(f"error of {label(name, recordings[0].recording.unit(name))}")),)
+            (
+                Panel(
+                    tuple(_marks(recordings, groups, k)),
+                    x,
+                    Axis(f"error of {label(name, recordings[0].recording.unit(name))}"),
+                ),
+            )
             for k, name in enumerate(fit.model.outputs)
         ),
         (84.0,) * len(fit.model.outputs),

@@ -27,16 +27,16 @@ def excitation(recordings: Sequence[Seen]) -> Figure | None:
     if not points:
         return None
     every = np.vstack(list(points.values()))
-    ends = [(float(low), float(high)) for low, high in np.quantile(every, WITHIN, axis=0).T]
+    v_x, a_y = ((float(low), float(high)) for low, high in np.quantile(every, WITHIN, axis=0).T)
     most = max(points.values(), key=len)
-    shades = counts_of(most[:, 0], most[:, 1], *ends, CELLS)
+    shades = counts_of(most[:, 0], most[:, 1], v_x, a_y, CELLS)
     panels = []
     for number, (role, own) in enumerate(points.items()):
-        marks: tuple[Mark, ...] = (density(own[:, 0], own[:, 1], *ends, CELLS), Rule(0.0))
+        marks: tuple[Mark, ...] = (density(own[:, 0], own[:, 1], v_x, a_y, CELLS), Rule(0.0))
         last = number == len(points) - 1
         panels.append(
             Panel(
-                marks, Axis("v_x [m/s]", *ends[0]), Axis("a_y [m/s²], left positive" if not number else "", *ends[1]),
+                marks, Axis("v_x [m/s]", *v_x), Axis("a_y [m/s²], left positive" if not number else "", *a_y),
                 TITLES[role], shades if last else None,
             )
         )  # fmt: skip

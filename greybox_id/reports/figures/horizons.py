@@ -48,7 +48,9 @@ def horizons(outputs: Sequence[str], own: Scores, held: Scores, noise: Mapping[s
     x = Axis("horizon [s]", -0.35, len(protocols) - 0.65, ticks=ticks)
     panels = []
     for name in outputs:
-        marks: list[Mark] = [Rule(noise[name], replace(NOISE, words="residuals of the fit, sd"))] if name in noise else []
+        marks: list[Mark] = (
+            [Rule(noise[name], replace(NOISE, words="residuals of the fit, sd"))] if name in noise else []
+        )
         if FREE_RUN in protocols[1:]:
             marks.append(Rule(protocols.index(FREE_RUN) - 0.5, upright=True))
         for role, of_role in held.items():
@@ -59,9 +61,7 @@ def horizons(outputs: Sequence[str], own: Scores, held: Scores, noise: Mapping[s
     return grid(panels, len(panels) if len(panels) <= ONE_ROW else COLUMNS, 108.0)
 
 
-def _curves(
-    scores: Mapping[str, Mapping[str, Any]], protocols: Sequence[str], name: str, line: Line
-) -> list[Mark]:
+def _curves(scores: Mapping[str, Mapping[str, Any]], protocols: Sequence[str], name: str, line: Line) -> list[Mark]:
     """One curve over the horizons, the free run apart from it."""
     at = np.array([k for k, protocol in enumerate(protocols) if name in scores.get(protocol, {})], dtype=float)
     errors = [scores[protocols[int(k)]][name] for k in at]

@@ -55,7 +55,7 @@ def impulse_responses(fit: Fit) -> Figure | None:
 
 def _panel(fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> Panel:
     """One response with its band, or several as thin lines. The newest sample is one sample time before the output."""
-    age = step * np.arange(parameter.shape[-1], 0, -1)
+    age = step * np.arange(float(parameter.shape[-1]), 0.0, -1.0)
     sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
     shown = parameter.array
     low, high = float(np.min(shown - sd)), float(np.max(shown + sd))

@@ -44,7 +44,7 @@ def residual_correlations(one: Seen, inputs: Sequence[str]) -> Figure | None:
 
 
 def _row(one: Seen, k: int, driven: Sequence[str], most: int) -> tuple[Panel, ...] | None:
-    lags = np.arange(most + 1) * one.recording.sample_time
+    lags = np.arange(most + 1.0) * one.recording.sample_time
     marks: list[Mark] = [Rule(0.0)]
     for protocol, line in PROTOCOL_LINES.items():
         parts = _parts(one, protocol, k, None)

@@ -11,11 +11,11 @@ from ...parameter import Array
 from ...scores.metrics import Prediction
 from ..noise import Noise
 from ..numbers import pretty_unit
-from ..recordings import Seen
 from ..plot.figure import Figure, Panel, grid
 from ..plot.marks import Curve
 from ..plot.palette import Line
 from ..plot.scale import Axis
+from ..recordings import Seen
 from ..spectra import welch
 from .style import MEASURED, NOISE, PROTOCOL_LINES, symbol
 
@@ -37,9 +37,7 @@ def spectrum(one: Seen, noise: Noise | None) -> Figure | None:
     """
     rate = 1.0 / one.recording.sample_time
     main = one.predicted[one.main]
-    panels = [
-        _panel(one, k, noise, rate) for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])
-    ]
+    panels = [_panel(one, k, noise, rate) for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
     if not panels:
         return None
     columns = len(panels) if len(panels) <= ONE_ROW else COLUMNS

@@ -12,11 +12,11 @@ from ...fit import Fit
 from ...memory_model import MemoryModel
 from ...model import Model
 from ...parameter import Array
-from ..recordings import Seen
 from ..plot.figure import Figure, Panel
 from ..plot.marks import Curve, Mark
 from ..plot.palette import Line
 from ..plot.scale import Axis
+from ..recordings import Seen
 from .density import counts_of, density
 from .style import LEVELS, label
 
@@ -59,8 +59,9 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
         ends = (float(steer.min()), float(steer.max())), (float(low), float(high))
         marks.append(density(steer, rho, *ends))
         shades = counts_of(steer, rho, *ends)
-        speeds = sorted({round(float(speed), 1) for speed in np.linspace(*np.quantile(v_x, QUANTILES), 3)})
-        angles = np.linspace(*ends[0], POINTS)
+        slow, fast = (float(own) for own in np.quantile(v_x, QUANTILES))
+        speeds = sorted({round(float(speed), 1) for speed in np.linspace(slow, fast, 3)})
+        angles = np.linspace(float(steer.min()), float(steer.max()), POINTS)
     for speed, line in zip(speeds, LEVELS[-len(speeds) :], strict=True):
         rho = steady_yaw_rate(trace, angles, speed) / speed
         near = steer[np.abs(v_x - speed) < NEAR * speed]

@@ -6,10 +6,10 @@ import numpy as np
 
 from ...parameter import Array
 from ...scores.metrics import Prediction
-from ..recordings import Seen, run_rows
 from ..plot.figure import Figure, Panel
 from ..plot.marks import Curve, Mark, Rule
 from ..plot.scale import Axis
+from ..recordings import Seen, run_rows
 from .style import MEASURED, PROTOCOL_LINES, label, signal_label
 
 SECONDS = 15.0
@@ -37,10 +37,15 @@ def traces(one: Seen, tallest: float = TALLEST) -> Figure:
     for k, name in enumerate(one.outputs):
         above, below = _marks(one, k, start, stop)
         reach = 1.15 * (max(_farthest(mark.reach[1]) for mark in below) or 1.0)
-        rows.append((Panel(tuple(above), x, Axis(signal_label(one.recording, name))),))
-        rows.append((Panel(tuple(below), x, Axis(label("error", one.recording.unit(name)), -reach, reach)),))
+        rows.append((Panel(tuple(above), x, Axis(_stacked(signal_label(one.recording, name)))),))
+        rows.append((Panel(tuple(below), x, Axis(_stacked(label("error", one.recording.unit(name))), -reach, reach)),))
     each = max(min(TALL, tallest / len(one.outputs)), LOW)
     return Figure(tuple(rows), (0.64 * each, 0.36 * each) * len(one.outputs), joined=True)
+
+
+def _stacked(words: str) -> str:
+    """A label with its unit on a line of its own: panels are low."""
+    return words.replace(" [", "\n[")
 
 
 def _marks(one: Seen, k: int, start: int, stop: int) -> tuple[list[Mark], list[Mark]]:

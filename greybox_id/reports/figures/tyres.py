@@ -57,9 +57,7 @@ def tyres(fit: Fit, recordings: Sequence[Driven]) -> Figure | None:
     reached = [np.nanmax(np.abs(mark.reach[1]), initial=top) for _, marks in above for mark in marks]
     end = min(ROOM * top, 1.05 * max(float(own) for own in reached)) or 1.0
     y = Axis("F_y / F_z [1]", -end, end)
-    upper = tuple(
-        Panel(marks, own.x, y, f"{where} axle") for (where, marks), own in zip(above, below, strict=True)
-    )
+    upper = tuple(Panel(marks, own.x, y, f"{where} axle") for (where, marks), own in zip(above, below, strict=True))
     return Figure((upper, tuple(below)), (120.0, 40.0), joined=True)
 
 

@@ -1,16 +1,15 @@
-"""What the report of a diagnosis says, as plain data for the template."""
+"""What the report of a diagnosis says: sentences and tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
 
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
-from ..content import Table
+from ..document import Table
 from ..numbers import listed, number, percent, pretty_unit, signal_words
 from .quantities import interval_words, magnitude_words
 from .words import REGIMES, capital, how_far, on_these, probability_words, verdict, whole_percent
@@ -51,8 +50,9 @@ class GapContent:
     verdict : (lead, sentence) pairs.
     doubts : sentences on the data.
     ranking : the effects; evidence : sentences on the likely ones.
+    runner_up : a sentence on the likeliest effect that was not applied.
     apart : what could not be told, and the manoeuvre that would tell.
-    silent, absorbed : sentences on what would not show, and on what tolerances would take up.
+    silent : effects that would not show; absorbed : a sentence on what tolerances would take up.
     closures : how far, on which recordings; judged : in a sentence each.
     errors : (title, table) pairs.
     equations, channels, regimes : where.
@@ -65,8 +65,9 @@ class GapContent:
     doubts: tuple[str, ...]
     ranking: Table
     evidence: tuple[tuple[str, str], ...]
+    runner_up: str
     apart: tuple[str, ...]
-    silent: str
+    silent: Table
     absorbed: str
     closures: Table
     judged: tuple[str, ...]
@@ -76,10 +77,6 @@ class GapContent:
     regimes: Table
     recordings: Table
     provenance: tuple[tuple[str, str], ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain data for the template."""
-        return asdict(self)
 
 
 def gap_content(gap: Gap, made: Made) -> GapContent:
@@ -93,23 +90,31 @@ def gap_content(gap: Gap, made: Made) -> GapContent:
         doubts=gap.doubts,
         ranking=_ranking(gap),
         evidence=tuple(_evidence(gap)),
+        runner_up=_runner_up(gap),
         apart=gap.advice,
         silent=_silent(gap),
         absorbed=_absorbed(gap),
-        closures=Table(("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both)),
+        closures=Table(
+            ("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both), "Lrrrr"
+        ),
         judged=tuple(f"{capital(how_far(gap, *one))}." for one in both),
         errors=tuple(
             (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one))
             for one, held_out in reversed(both)
             if one.errors
         ),
-        equations=Table(("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items())),
+        equations=Table(
+            ("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items()), "Lr"
+        ),
         channels=Table(
-            ("channel", "error over noise"), tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items())
+            ("channel", "error over noise"),
+            tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items()),
+            "Lr",
         ),
         regimes=Table(
             ("regime", "of the time", "of the gap"),
             tuple((REGIMES.get(k, k), percent(t), percent(g)) for k, (t, g) in own.regimes.items()),
+            "Lrr",
         ),
         recordings=_recordings(made.data),
         provenance=(
@@ -128,7 +133,7 @@ def _ranking(gap: Gap) -> Table:
         )
         for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
     )  # fmt: skip
-    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows)
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
 
 
 def _evidence(gap: Gap) -> list[tuple[str, str]]:
@@ -141,12 +146,17 @@ def _evidence(gap: Gap) -> list[tuple[str, str]]:
 
 
 def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
-    about = EFFECTS[own.effect].parameter.about if own.effect in EFFECTS else ""
+    known = EFFECTS.get(own.effect)
+    about = known.parameter.about if known is not None else ""
     said = [
         f"{capital(about)}: {magnitude_words(own)}." if about else f"{magnitude_words(own)}.",
+        f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
+        f"It is there with probability {probability_words(own.probability)}"
+        + (" and was applied." if own.effect in gap.applied else "."),
         f"With it the log-likelihood gains {number(own.gain)}"
         + (f", {number(best - own.gain)} less than with the best." if own.gain < best else "."),
     ]
+    said = [sentence for sentence in said if sentence]
     if _touches_null(own):
         said.append("Its interval reaches to where it is not there at all.")
     if own.indistinguishable_from:
@@ -154,16 +164,32 @@ def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
     return said
 
 
+def _runner_up(gap: Gap) -> str:
+    """The likeliest effect that was not applied, against the likeliest that was."""
+    others = [own for own in gap.ranking if own.effect not in gap.applied]
+    first = next((own for own in gap.ranking if own.effect in gap.applied), None)
+    if not others or first is None:
+        return ""
+    second = others[0]
+    less = first.gain - second.gain
+    how = f"{number(less)} less than" if less > 0 else "no less than"
+    return (
+        f"{second.effect}, {magnitude_words(second)}, with probability {probability_words(second.probability)}; alone "
+        f"in its place it would gain {number(second.gain)} of the log-likelihood, {how} {first.effect}."
+    )
+
+
 def _touches_null(own: Ranked) -> bool:
     known = EFFECTS.get(own.effect)
     return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
 
 
-def _silent(gap: Gap) -> str:
-    if not gap.not_excited:
-        return ""
-    named = listed([f"{name} up to {size}" for name, size in gap.not_excited.items()])
-    return f"So much could be there without showing in these recordings (twice the standard deviation): {named}."
+def _silent(gap: Gap) -> Table:
+    rows = tuple(
+        (name, EFFECTS[name].parameter.about if name in EFFECTS else "", size) for name, size in gap.not_excited.items()
+    )
+    head = ("could be there unseen", "meaning", "up to (twice its standard deviation)")
+    return Table(head, rows, "lLr")
 
 
 def _absorbed(gap: Gap) -> str:
@@ -191,7 +217,11 @@ def _errors(closure: Closure) -> Table:
             "–" if e is None else f"{number(e.before, 2)} → {number(e.after, 2)} ({number(e.floor, 2)})" for e in found
         )
         rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
-    return Table(("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)), tuple(rows))
+    return Table(
+        ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),
+        tuple(rows),
+        "l" + "R" * len(horizons),
+    )
 
 
 def _recordings(data: Sequence[DataRecord]) -> Table:
@@ -203,4 +233,4 @@ def _recordings(data: Sequence[DataRecord]) -> Table:
         )
         for d in data
     )  # fmt: skip
-    return Table(head, rows)
+    return Table(head, rows, "lLllrrr")

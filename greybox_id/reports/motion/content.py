@@ -17,7 +17,18 @@ from ..content import ROLE_WORDS, Content, made_with, noise_words, recorded
 from ..convergence import stages
 from ..document import Table
 from ..noise import Noise
-from ..numbers import counted, interval, number, pretty_unit, quantity, raised, short_with_sd, signal_words, with_sd
+from ..numbers import (
+    counted,
+    interval,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    raised,
+    short_with_sd,
+    signal_words,
+    with_sd,
+)
 from ..parameters import scalars
 from .driven import Driven, Errors, held_errors, motion_model
 from .verdict import verdict
@@ -145,7 +156,7 @@ def _combinations(fit: Fit) -> Table:
     rows = tuple(
         (
             one.name, one.about, with_sd(one.value, one.sd), interval(one.low, one.high, one.sd), pretty_unit(one.unit),
-            f"{100 * one.sd / abs(one.value):.2g} %" if one.value else "–",
+            percent(one.sd / abs(one.value)) if one.value else "–",
         )
         for one in told
     )  # fmt: skip

@@ -28,8 +28,8 @@ ERRORS = (
     "leaves, sensors' noise and all that it lacks."
 )
 EQUATIONS = (
-    "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an abbreviation; "
-    "a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that is not the "
+    "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
+    "abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that is not the "
     "quantity itself. Quantities that are constant or lead to nothing that is predicted are left out."
 )
 
@@ -40,9 +40,7 @@ def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     heard = noise([one.recording for one in drives])
     said = motion_content(fit, drives, heard)
     made = {one.name: one for one in motion_drawings(fit, drives, heard)}
-    signals = tuple(
-        dict.fromkeys(name for one in drives for name in (*recorded_inputs(fit, one), *fit.model.outputs))
-    )
+    signals = tuple(dict.fromkeys(name for one in drives for name in (*recorded_inputs(fit, one), *fit.model.outputs)))
     parts = (
         *opening(said, ("How good", "Against what", "How sure")),
         *provenance(said),

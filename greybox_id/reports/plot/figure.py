@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from xml.sax.saxutils import escape
 
 from .letters import FAMILY, SIZE, SMALL, text, width
-from .marks import Mark
+from .marks import Letters, Mark
 from .palette import FAINT, INK, LIGHT, PALE, style
 from .scale import Axis, Scale, scaled
 
@@ -45,14 +45,16 @@ class Panel:
     title : above it.
     shades : the scale of a map.
     bare : without axes, for words that say why there is nothing.
+    equal : a unit is as long along x as along y.
     """
 
     marks: tuple[Mark, ...]
-    x: Axis = Axis()
-    y: Axis = Axis()
+    x: Axis = field(default_factory=Axis)
+    y: Axis = field(default_factory=Axis)
     title: str = ""
     shades: Shades | None = None
     bare: bool = False
+    equal: bool = False
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,23 @@ def _titled(alt: str) -> str:
 def _scales(panel: Panel, wide: float, height: float) -> tuple[Scale, Scale]:
     reaches = [mark.reach for mark in panel.marks]
     y = replace(panel.y, downwards=not panel.y.downwards)  # paper counts from above
-    return scaled(panel.x, [r[0] for r in reaches], wide), scaled(y, [r[1] for r in reaches], height, UPRIGHT)
+    across = scaled(panel.x, [r[0] for r in reaches], wide)
+    along = scaled(y, [r[1] for r in reaches], height, UPRIGHT)
+    if not panel.equal:
+        return across, along
+    unit = max((own.high - own.low) / own.length for own in (across, along))
+    return _stretched(across, unit), _stretched(along, unit)
+
+
+def _stretched(scale: Scale, unit: float) -> Scale:
+    """A scale about the same middle, so many units to a point."""
+    middle, half = (scale.low + scale.high) / 2, unit * scale.length / 2
+    return replace(scale, low=middle - half, high=middle + half)
+
+
+def nothing(words: str) -> Panel:
+    """An empty panel that says why."""
+    return Panel((Letters(0.5, 0.5, words),), Axis(low=0.0, high=1.0), Axis(low=0.0, high=1.0), bare=True)
 
 
 def _right(panel: Panel) -> float:
@@ -260,8 +278,8 @@ def _shades(shades: Shades, left: float, top: float, height: float) -> str:
         shade = shades.lightest + (shades.darkest - shades.lightest) * abs(size)
         y = top + height * (1.0 - (k + 1) / count)
         parts.append(
-            f'<rect x="{left:.1f}" y="{y:.2f}" width="7" height="{height / count + 0.05:.2f}" class="f-{colour}" '
-            f'fill-opacity="{shade:.3f}"/>'
+            f'<rect x="{left:.1f}" y="{y:.2f}" width="7" height="{height / count:.2f}" class="f-{colour}" '
+            f'fill-opacity="{shade:.3f}" shape-rendering="crispEdges"/>'
         )
     widest = 0.0
     for share, words in shades.ticks:

@@ -306,6 +306,44 @@ class Boxes:
 
 
 @dataclass(frozen=True)
+class Spots:
+    """Dots shaded by a share, 0 to 1, the darkest on top."""
+
+    x: Array
+    y: Array
+    share: Array
+    colour: str
+    size: float = 2.2
+    words: str = ""
+
+    @property
+    def reach(self) -> tuple[Array, Array]:
+        """Where they are."""
+        return self.x, self.y
+
+    def drawn(self, x: Scale, y: Scale) -> str:
+        """As SVG, a group for each shade."""
+        a, b = x(self.x), y(self.y)
+        known = np.isfinite(a) & np.isfinite(b) & np.isfinite(self.share)
+        levels = np.round(SHADES * np.clip(np.where(known, self.share, 0.0), 0.0, 1.0)).astype(int)
+        groups = []
+        for level in sorted(set(levels[known].tolist())):
+            spots = "".join(
+                f'<circle cx="{a[k]:.1f}" cy="{b[k]:.1f}" r="{self.size:g}"/>'
+                for k in np.flatnonzero(known & (levels == level))
+            )
+            shade = 0.12 + 0.88 * level / SHADES
+            groups.append(
+                f'<g class="f-{self.colour} s-{PALE}" fill-opacity="{shade:.2f}" stroke-width="0.25">{spots}</g>'
+            )
+        return "".join(groups)
+
+    def key(self) -> str:
+        """Its sample."""
+        return f'<circle cx="9" cy="0" r="{self.size:g}" class="f-{self.colour}"/>'
+
+
+@dataclass(frozen=True)
 class Rule:
     """A straight line across the panel, level or upright."""
 

@@ -67,7 +67,11 @@ class Scale:
         """Values and words, those within the ends."""
         found = self.axis.ticks
         if found is None:
-            found = _decades(self.low, self.high) if self.axis.log else _steps(self.low, self.high, self.length / self.spacing)
+            found = (
+                _decades(self.low, self.high)
+                if self.axis.log
+                else _steps(self.low, self.high, self.length / self.spacing)
+            )
         room = 1e-9 * abs(self.high - self.low)
         return tuple(tick for tick in found if self.low - room <= tick[0] <= self.high + room)
 
@@ -93,13 +97,18 @@ def _steps(low: float, high: float, room: float) -> tuple[tuple[float, str], ...
     """Round values, as many as there is room for."""
     rough = (high - low) / min(max(2.0, room), 7.0)
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(power * own for own in ROUND if power * own >= rough * (1 - 1e-9))
+    steps = [power * own for own in ROUND if power * own >= rough * (1 - 1e-9)]
+    step = steps[0] if _count(low, high, steps[0]) > 1 else max(power * own for own in ROUND if power * own <= rough)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     decimals = max(0, -math.floor(math.log10(step) + 1e-9) + (1 if round(step / power, 3) == 2.5 else 0))
     values = [k * step for k in range(first, last + 1)]
     if max(abs(low), abs(high)) >= 1e5 or step < 1e-4:
         return tuple((value, number(value, 2)) for value in values)
     return tuple((value, f"{value + 0.0:.{decimals}f}".replace("-", "−")) for value in values)
+
+
+def _count(low: float, high: float, step: float) -> int:
+    return math.floor(high / step + 1e-9) - math.ceil(low / step - 1e-9) + 1
 
 
 def _decades(low: float, high: float) -> tuple[tuple[float, str], ...]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 
 from ...filters import Track
 from ...parameter import Array
-from ..figures.style import DENSITY, ORANGE, canvas, look
+from ..figures.density import density
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Curve
+from ..plot.palette import ORANGE, Line
+from ..plot.scale import Axis
 
 AXLES = {"f": "front", "r": "rear"}
 BINS = 60
@@ -21,23 +23,23 @@ def forces_over_slip(found: Track) -> Figure | None:
     wanted = [f"{kind}{axle}" for kind in ("alpha_", "F_y") for axle in AXLES]
     if not all(name in found.values for name in wanted):
         return None
-    with look():
-        figure = canvas(2.9)
-        panels = figure.subplots(1, 2, sharey=True)
-        for axes, (axle, where) in zip(panels, AXLES.items(), strict=True):
-            slip, force = found.values[f"alpha_{axle}"], found.values[f"F_y{axle}"] / 1000.0
-            ends = [max(float(np.quantile(np.abs(a), REACH)), 1e-6) * 1.1 for a in (slip, force)]
-            axes.hist2d(
-                slip, force, bins=BINS, range=[(-ends[0], ends[0]), (-ends[1], ends[1])], cmap=DENSITY, norm=LogNorm(),
-                rasterized=True,
-            )  # fmt: skip
-            middle, median = _medians(slip, force, ends[0])
-            axes.plot(middle, median, color=ORANGE, linewidth=1.2, label="median")
-            axes.set_title(f"{where} axle")
-            axes.set_xlabel(f"slip angle $\\alpha_{axle}$ [rad]")
-        panels[0].set_ylabel("lateral force $F_y$ [kN]")
-        panels[0].legend(loc="upper left")
-    return figure
+    panels = []
+    for axle, where in AXLES.items():
+        slip, force = found.values[f"alpha_{axle}"], found.values[f"F_y{axle}"] / 1000.0
+        ends = [max(float(np.quantile(np.abs(a), REACH)), 1e-6) * 1.1 for a in (slip, force)]
+        area = ((-ends[0], ends[0]), (-ends[1], ends[1]))
+        middle, median = _medians(slip, force, ends[0])
+        marks = (
+            density(slip, force, *area, (BINS, BINS)),
+            Curve(middle, median, Line(ORANGE, width=1.2, words="median")),
+        )
+        panels.append(
+            Panel(
+                marks, Axis(f"slip angle alpha_{axle} [rad]", *area[0]),
+                Axis(f"lateral force F_y{axle} [kN]", *area[1]), f"{where} axle",
+            )
+        )  # fmt: skip
+    return Figure((tuple(panels),), (150.0,))
 
 
 def _medians(slip: Array, force: Array, reach: float) -> tuple[Array, Array]:

@@ -1,0 +1,320 @@
+"""Several fits side by side: what each is, how far each errs on the same recordings, and whether that differs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..errors import BadInput
+from ..fit import Fit
+from ..hybrid_model import HybridModel
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..scores.metrics import FREE_RUN, Prediction
+from ..signals import unit_of
+from .document import Document, Pairs, Part, Table, Text, Verdict, titled
+from .drawing import Drawing
+from .figures.style import label
+from .memory.seen import seen
+from .motion.driven import driven
+from .numbers import counted, listed, number, percent, pretty_unit, signal_words
+from .plot.figure import Panel, grid
+from .plot.marks import Curve
+from .plot.palette import BLUE, INK, ORANGE, PURPLE, RUST, Line
+from .plot.scale import Axis
+from .recordings import Seen
+from .spectra import correlation
+
+DRAWS = 2000
+"""Of blocks, with replacement, for each interval."""
+LEAST_SECONDS, TIMES = 1.0, 4.0
+"""A block lasts so long at least, and so many correlation times of the difference."""
+LEAST_BLOCKS = 6
+"""Fewer blocks tell no interval."""
+COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
+
+OWN_PREDICTIONS = "closed_loop"
+
+
+@dataclass(frozen=True)
+class Named:
+    """A fit under the name it has in the comparison, with the recordings it saw."""
+
+    name: str
+    fit: Fit
+    recordings: tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Errors of two fits at the same rows.
+
+    Attributes
+    ----------
+    first, second : RMSE in the output's unit.
+    low, high : 95 % interval of second less first, from blocks drawn in pairs; NaN where there are too few.
+    seconds : length of a block.
+    blocks : how many.
+    """
+
+    first: float
+    second: float
+    low: float
+    high: float
+    seconds: float
+    blocks: int
+
+    @property
+    def told(self) -> bool:
+        """Whether the interval leaves out zero."""
+        return bool(np.isfinite(self.low) and (self.low > 0 or self.high < 0))
+
+
+def comparison(fits: Sequence[Named]) -> Document:
+    """The report of several fits.
+
+    Raises
+    ------
+    BadInput : a hybrid is among them, or a recording of one is missing.
+    """
+    for own in fits:
+        if isinstance(own.fit.model, HybridModel):
+            raise BadInput(f"{own.name} is a fit of {own.fit.model.name}; hybrids are not compared yet.")
+    role = common_role(fits)
+    parts: tuple[Part, ...]
+    if role is None:
+        parts = (Verdict((("Not compared", _apart(fits)),)), *titled("The fits", _described(fits)))
+        return _document(fits, parts)
+    found = {own.name: _judged(own, role) for own in fits}
+    base = fits[0].name
+    pairs = {own.name: _pairs(found[base], found[own.name]) for own in fits[1:]}
+    where = listed([record.name for record in fits[0].fit.data if record.role == role])
+    judged = f"{where}{', which they were fitted to' if role == 'train' else ', which they have not seen'}"
+    words = (
+        f"Differences are RMSE less that of {base}, over the rows that both predict, with 95 % intervals from "
+        f"{DRAWS} draws of blocks of time, the same blocks for both; a block lasts {TIMES:g} correlation times of the "
+        "difference of squared errors. An interval that leaves out zero (*) is a difference that these recordings tell."
+    )
+    parts = (
+        Verdict(tuple(_sentence(name, base, own, judged) for name, own in pairs.items())),
+        *titled("The fits", _described(fits)),
+        *titled(
+            "Errors on the same recordings", *_drawn(found), *(_table(base, *own) for own in pairs.items()), Text(words)
+        ),
+        *titled("Their commands", _commands(fits)),
+    )
+    return _document(fits, parts)
+
+
+def common_role(fits: Sequence[Named]) -> str | None:
+    """The role of files that all fits share: validate, or train where none of them was validated; None for none."""
+    validated = any(record.role == "validate" for own in fits for record in own.fit.data)
+    role = "validate" if validated else "train"
+    seen_by = [[d.sha256 or d.name for d in own.fit.data if d.role == role] for own in fits]
+    same = all(seen_by) and all(sorted(one) == sorted(other) for one, other in pairwise(seen_by))
+    return role if same else None
+
+
+def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paired:
+    """Errors of two models at the same rows, and an interval of what their RMSE differ by.
+
+    Parameters
+    ----------
+    first, second : (n,) errors.
+    run : (n,) number of the unbroken run of each.
+    sample_time : s.
+    """
+    one, other = first**2, second**2
+    length = max(round(LEAST_SECONDS / sample_time), round(TIMES * _correlation_rows(other - one, run)), 1)
+    blocks: list[tuple[float, float, int]] = []
+    for number_ in np.unique(run):
+        rows = np.flatnonzero(run == number_)
+        count = max(1, len(rows) // length)
+        blocks += [
+            (float(one[part].sum()), float(other[part].sum()), len(part)) for part in np.array_split(rows, count)
+        ]
+    low = high = float("nan")
+    if len(blocks) >= LEAST_BLOCKS:
+        table = np.array(blocks)
+        drawn = table[np.random.default_rng(0).integers(0, len(table), (DRAWS, len(table)))].sum(axis=1)
+        low, high = np.quantile(np.sqrt(drawn[:, 1] / drawn[:, 2]) - np.sqrt(drawn[:, 0] / drawn[:, 2]), (0.025, 0.975))
+    return Paired(
+        float(np.sqrt(one.mean())), float(np.sqrt(other.mean())), float(low), float(high), length * sample_time,
+        len(blocks),
+    )  # fmt: skip
+
+
+def _correlation_rows(values: Array, run: Array) -> float:
+    """Correlation time in rows: one and twice the sum of the correlations up to the first that is not positive."""
+    parts = [(values[run == k], values[run == k]) for k in np.unique(run)]
+    rho = correlation(parts, min(len(values) // 4, 2000))
+    stop = int(np.argmax(~(rho > 0))) if np.any(~(rho > 0)) else len(rho)
+    return float(1.0 + 2.0 * np.sum(rho[1:stop]))
+
+
+Judged = Mapping[str, tuple[tuple[Recording, tuple[str, ...], Prediction], ...]]
+"""Protocol -> (recording, outputs, predictions) of each recording."""
+
+
+def _judged(own: Named, role: str) -> Judged:
+    every: Sequence[Seen] = (driven if isinstance(own.fit.model, MotionModel) else seen)(own.fit, own.recordings)
+    found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
+    for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
+        for protocol, prediction in one.predicted.items():
+            name = FREE_RUN if protocol == OWN_PREDICTIONS else protocol
+            found.setdefault(name, []).append((one.recording, one.outputs, prediction))
+    return {name: tuple(parts) for name, parts in found.items()}
+
+
+def _pairs(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:
+    """(output, protocol) -> errors of both, where both predict it."""
+    found = {}
+    for protocol in (name for name in first if name in second and name != "published"):
+        outputs = dict.fromkeys(name for _, names, _ in first[protocol] for name in names)
+        for output in outputs:
+            parts = [
+                _together(output, one, other)
+                for one, other in zip(first[protocol], second[protocol], strict=True)
+                if output in one[1] and output in other[1]
+            ]
+            parts = [part for part in parts if len(part[0])]
+            if parts:
+                runs = np.concatenate([part[2] + 1000 * k for k, part in enumerate(parts)])
+                own, others = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+                found[output, protocol] = paired(own, others, runs, first[protocol][0][0].sample_time)
+    return found
+
+
+def _together(
+    output: str,
+    one: tuple[Recording, tuple[str, ...], Prediction],
+    other: tuple[Recording, tuple[str, ...], Prediction],
+) -> tuple[Array, Array, Array]:
+    """Errors of both at the rows that both predict, and the rows' runs."""
+    errors = []
+    for _, outputs, found in (one, other):
+        k = outputs.index(output)
+        errors.append((found.rows, found.predicted[:, k] - found.measured[:, k], found.run))
+    _, at, also = np.intersect1d(errors[0][0], errors[1][0], return_indices=True)
+    first, second, run = errors[0][1][at], errors[1][1][also], errors[0][2][at]
+    known = np.isfinite(first) & np.isfinite(second)
+    return first[known], second[known], run[known]
+
+
+def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], judged: str) -> tuple[str, str]:
+    """Where a fit differs from the first in free run, or at the first protocol both have."""
+    protocols = dict.fromkeys(protocol for _, protocol in pairs)
+    if not protocols:
+        return name, f"It makes no prediction of the same kind as {base}, so that their errors are not compared."
+    main = FREE_RUN if FREE_RUN in protocols else next(iter(protocols))
+    clauses = []
+    for (output, protocol), own in pairs.items():
+        if protocol == main:
+            ratio = own.second / own.first if own.first > 0 else float("nan")
+            size = percent(abs(ratio - 1.0))
+            word = "no different" if not own.told else f"{size} {'larger' if ratio > 1 else 'smaller'}"
+            clauses.append(f"{word} in {signal_words(output)}")
+    how = "in free run" if main == FREE_RUN else _protocol(main)
+    return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
+
+
+def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Table:
+    head = ("output", "prediction", base, name, "difference", "95 % interval", "blocks")
+    rows, before = [], ""
+    outputs = list(dict.fromkeys(output for output, _ in pairs))
+    for (output, protocol), own in sorted(pairs.items(), key=lambda pair: outputs.index(pair[0][0])):
+        words = f"{signal_words(output)} [{pretty_unit(unit_of(output))}]"
+        interval = f"[{number(own.low, 2)}, {number(own.high, 2)}]" if np.isfinite(own.low) else "too few blocks"
+        rows.append(
+            (
+                words if words != before else "", _protocol(protocol), number(own.first), number(own.second),
+                number(own.second - own.first, 2), interval + (" *" if own.told else ""),
+                f"{own.blocks} of {own.seconds:.1f} s",
+            )
+        )  # fmt: skip
+        before = words
+    return Table(head, tuple(rows), "lLrrrrr")
+
+
+def _protocol(name: str) -> str:
+    return {"honest": "one sample ahead"}.get(name, name)
+
+
+def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
+    """A panel for each output: RMSE of every fit over the protocols."""
+    protocols = list(dict.fromkeys(p for own in found.values() for p in own if p != "published"))
+    outputs = list(
+        dict.fromkeys(n for own in found.values() for parts in own.values() for _, ns, _ in parts for n in ns)
+    )
+    ticks = tuple(
+        (float(k), p.removesuffix(" s ahead").replace("free run", "free").replace("honest", "1 sample"))
+        for k, p in enumerate(protocols)
+    )
+    x = Axis("horizon [s]", -0.4, len(protocols) - 0.6, ticks=ticks)
+    panels = []
+    for output in outputs:
+        marks = []
+        for k, (name, own) in enumerate(found.items()):
+            at = [j for j, p in enumerate(protocols) if any(output in ns for _, ns, _ in own.get(p, ()))]
+            rmse = [_rmse(output, own[protocols[j]]) for j in at]
+            marks.append(
+                Curve(
+                    np.array(at, dtype=float),
+                    np.array(rmse),
+                    Line(COLOURS[k % len(COLOURS)], ("", "5 2", "1 2")[k % 3], 1.1, name),
+                    1.7,
+                )
+            )
+        panels.append(Panel(tuple(marks), x, Axis(label("RMSE", unit_of(output)), low=0.0), signal_words(output)))
+    caption = "RMSE of every fit on the same recordings by horizon of prediction, each over all rows it predicts."
+    return (Drawing("comparison", grid(panels, min(len(panels), 4), 100.0), caption, "Errors of all fits by horizon."),)
+
+
+def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Prediction]]) -> float:
+    errors = [
+        found.predicted[:, names.index(output)] - found.measured[:, names.index(output)]
+        for _, names, found in parts
+        if output in names
+    ]
+    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+
+
+def _described(fits: Sequence[Named]) -> Table:
+    rows = []
+    for own in fits:
+        model = own.fit.model
+        free = sum(p.size for p in model.parameters if not p.fixed)
+        trained = [d.name for d in own.fit.data if d.role == "train"]
+        judged = [d.name for d in own.fit.data if d.role == "validate"]
+        rows.append(
+            (
+                own.name, model.name, ", ".join(model.effects) or "none", counted(free, "free parameter"),
+                listed(trained), listed(judged) or "none", "yes" if own.fit.stages[-1].converged else "no",
+            )
+        )  # fmt: skip
+    return Table(("fit", "model", "effects", "size", "trained on", "judged on", "converged"), tuple(rows), "llLllll")
+
+
+def _commands(fits: Sequence[Named]) -> Pairs:
+    commands = tuple((own.name, own.fit.command or "not recorded (fitted from Python)") for own in fits)
+    return Pairs(commands, code=tuple(own.name for own in fits))
+
+
+def _apart(fits: Sequence[Named]) -> str:
+    judged = [
+        f"{own.name} on {listed([d.name for d in own.fit.data if d.role == 'validate']) or 'nothing'}" for own in fits
+    ]
+    return (
+        f"The fits were not judged on the same files ({listed(judged)}), so that their errors cannot be compared. Fit "
+        "them with the same --validate, or let greybox validate score them on one recording."
+    )
+
+
+def _document(fits: Sequence[Named], parts: tuple[Part, ...]) -> Document:
+    about = listed([own.name for own in fits])
+    versions = listed(sorted({own.fit.version for own in fits}))
+    return Document("Comparison of fits", about, "several fits", f"greybox-id {versions}", parts)

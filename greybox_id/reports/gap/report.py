@@ -1,0 +1,89 @@
+"""The report of a diagnosis, part by part."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...gap import Gap
+from ..document import Document, Pairs, Part, Points, Text, Verdict, titled
+from ..report import write
+from .content import GapContent, Made, gap_content
+from .page import drawings
+
+DOUBTS = "What is wrong with the data looks like a gap; it is better mended before effects are sought."
+RANKING = (
+    "Probability: that the effect is there. Gain: of the log-likelihood over the model without it, beside the other "
+    "applied effects. Effects that cannot be told apart share what there is to be told."
+)
+CLOSURE = (
+    "Mean squares of the errors over those of the noise, all channels alike. The excess is what lies above the floor, "
+    "the error of a model that fits as well as noise lets it; intervals of 95 % are from paired blocks of time."
+)
+METHOD = (
+    (
+        "Gap",
+        "Every run is simulated freely from its first readings. A p-value says how often noise as stated, and tolerances "
+        "as stated, would leave errors as large as these.",
+    ),
+    (
+        "Which effect",
+        "Each effect is put on the model, alone and with others, and estimated together with all that is stated with a "
+        "tolerance. The likelihood gained, less a price for every effect, makes its probability; hypotheses that explain "
+        "the recordings equally well share it.",
+    ),
+    (
+        "How far",
+        "Tolerances are refitted before and after. What is measured on recordings that chose the effects flatters them; "
+        "recordings held out do not.",
+    ),
+    (
+        "Unknown",
+        "What exceeds the noise and what rough equations may be off by, is still explained by how the vehicle was "
+        "driven, or needs a magnitude that changes along the drive, has no name among the effects.",
+    ),
+)
+ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
+
+
+def write_report(gap: Gap, made: Made, out: str | Path, kind: str | None = None) -> Path:
+    """Write the report of a diagnosis as PDF or HTML, as `kind` or the file's name says, atomically.
+
+    Parameters
+    ----------
+    gap : the diagnosis.
+    made : what it was made with.
+    out : file to write.
+    kind : "pdf" or "html".
+
+    Raises
+    ------
+    BadInput : `out` cannot be written.
+    """
+    return write(gap_report(gap, made), out, kind)
+
+
+def gap_report(gap: Gap, made: Made) -> Document:
+    """What the report of a diagnosis says and shows."""
+    said = gap_content(gap, made)
+    parts = (
+        Verdict(said.verdict),
+        *drawings(gap),
+        *(titled("Doubts on the data", Text(DOUBTS, small=False), Points(said.doubts)) if said.doubts else ()),
+        *_which(said),
+        *titled("What could not be told", Points(said.apart), said.silent, Text(said.absorbed)),
+        *titled("How far the gap closes", Text(" ".join(said.judged), small=False), said.closures, Text(CLOSURE)),
+        *(part for title, table in said.errors for part in titled(title, table, level=2)),
+        Text(ERRORS if said.errors else ""),
+        *titled("Where it lies", said.equations, said.channels, said.regimes),
+        *titled("How it was found", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
+        *titled("How to make it again", said.recordings, Pairs(said.provenance)),
+    )
+    return Document(said.model, said.about, "a gap", f"greybox-id {made.version}", parts)
+
+
+def _which(said: GapContent) -> tuple[Part, ...]:
+    if not said.ranking.rows:
+        return titled("Which effect", Text("No named effect stands out.", small=False))
+    evidence = (Text(words, lead=f"{effect.replace('_', ' ')}:") for effect, words in said.evidence)
+    runner_up = (Text(said.runner_up, lead="Runner-up:"),) if said.runner_up else ()
+    return titled("Which effect", said.ranking, Text(RANKING), *evidence, *runner_up)
