@@ -10,7 +10,7 @@ import click
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import Fit, load
+from ..fit import FORMAT, Fit, load
 from ..json_data import read_json
 from ..models.registry import build
 from ..provenance import DataRecord
@@ -80,19 +80,26 @@ def _beside(files: Sequence[Path], kind: str) -> Path:
 
 def _document(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
     """The report of what the files hold."""
-    from ..reports.gap.report import gap_report
-    from ..reports.gap.saved import is_gap, load_gap
+    others = [file for file in files if _is_no_fit(file)]
+    if len(files) > 1:
+        if others:
+            raise BadInput(f"{others[0]} is no fit; only fits are compared side by side. Name it alone.")
+        return _side_by_side(files, train, validate, columns)
+    if others:  # diagnosing loads more libraries than a report of a fit needs
+        from ..reports.gap.report import gap_report
+        from ..reports.gap.saved import load_gap
+
+        return gap_report(*load_gap(files[0]))
     from ..reports.report import prepared
 
-    gaps = [file for file in files if is_gap(read_json(file))]
-    if len(files) == 1:
-        if gaps:
-            return gap_report(*load_gap(files[0]))
-        fit = load(files[0], build)
-        return prepared(fit, recordings_of(fit, files[0], train, validate, columns))
-    if gaps:
-        raise BadInput(f"{gaps[0]} is a diagnosis; only fits are compared side by side. Name it alone.")
-    return _side_by_side(files, train, validate, columns)
+    fit = load(files[0], build)
+    return prepared(fit, recordings_of(fit, files[0], train, validate, columns))
+
+
+def _is_no_fit(file: Path) -> bool:
+    """Whether a file says itself that it is something else than a fit."""
+    body = read_json(file)
+    return isinstance(body, dict) and body.get("format", FORMAT) != FORMAT
 
 
 def _side_by_side(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:

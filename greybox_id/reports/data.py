@@ -21,7 +21,7 @@ from .recordings import Seen, of_role
 
 MOST_FINDINGS = 6
 """Findings told of each recording; the rest is counted."""
-MOST_ROWS = 30_000
+MOST_ROWS = 12_000
 """Rows of a recording that are looked at; of longer ones, those up to the end of the run that holds this row."""
 WITHIN = (0.005, 0.995)
 """Quantiles between which a model counts as having been driven."""

@@ -11,6 +11,7 @@ GREEK = {
     "lambda": "λ", "mu": "μ", "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "psi": "ψ", "omega": "ω",
 }  # fmt: skip
 _HEAD = "|".join(("[A-Za-z]", *GREEK))
+_ALONE = re.compile(r"([A-Za-z])(?= \[)")
 _SYMBOL = re.compile(rf"(?<![\w.])({_HEAD})((?:_[0-9A-Za-z]+)+)(?![\w.]*\w)")
 
 
@@ -52,6 +53,9 @@ def plain(text: str) -> str:
 
 def _parts(text: str) -> Iterator[Span]:
     at = 0
+    if alone := _ALONE.match(text):  # a label: a letter and its unit
+        yield Span(alone[1], symbol=True)
+        at = 1
     for found in _SYMBOL.finditer(text):
         if found.start() > at:
             yield Span(text[at : found.start()])

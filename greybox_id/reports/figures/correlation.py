@@ -54,7 +54,7 @@ def correlation(fit: Fit) -> Figure | None:
     shown = np.where(np.tril(np.ones((n, n), dtype=bool)), matrix[1:, :-1], np.nan)
     edges = np.arange(n + 1.0)
     marks: list[Mark] = [
-        Cells(edges, edges, shown.T, ORANGE, BLUE, lightest=0.05, darkest=0.85, gap=0.4),
+        Cells(edges, edges, shown.T, ORANGE, BLUE, lightest=0.05, darkest=0.65, gap=0.4),
         *(
             Letters(j + 0.5, i + 0.5, _written(value, n), size=min(7.0, 0.45 * height / n))
             for (i, j), value in np.ndenumerate(shown)
@@ -75,7 +75,7 @@ def correlation(fit: Fit) -> Figure | None:
         ),
         shades=Shades(
             tuple((0.5 + r / 2, f"{r:+.1f}".replace("-", "−")) for r in (-1.0, -0.5, 0.0, 0.5, 1.0)),
-            "correlation [1]", ORANGE, 0.05, 0.85, BLUE,
+            "correlation [1]", ORANGE, 0.05, 0.65, BLUE,
         ),
     )  # fmt: skip
     share = min(1.0, max(1.5 * height / (497.0 - MARGINS), 0.2))

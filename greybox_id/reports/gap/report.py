@@ -22,19 +22,19 @@ CLOSURE = (
 METHOD = (
     (
         "Gap",
-        "Every run is simulated freely from its first readings. A p-value says how often noise as stated, and tolerances "
-        "as stated, would leave errors as large as these.",
+        "Every run is simulated freely from its first readings. A p-value says how often noise and tolerances as "
+        "stated would leave errors as large as these.",
     ),
     (
         "Which effect",
         "Each effect is put on the model, alone and with others, and estimated together with all that is stated with a "
-        "tolerance. The likelihood gained, less a price for every effect, makes its probability; hypotheses that explain "
-        "the recordings equally well share it.",
+        "tolerance. The likelihood gained, less a price for every effect, makes its probability; hypotheses that "
+        "explain the recordings equally well share it.",
     ),
     (
         "How far",
-        "Tolerances are refitted before and after. What is measured on recordings that chose the effects flatters them; "
-        "recordings held out do not.",
+        "Tolerances are refitted before and after. What is measured on recordings that chose the effects flatters "
+        "them; recordings held out do not.",
     ),
     (
         "Unknown",

@@ -6,17 +6,21 @@ from collections.abc import Sequence
 
 from ...fit import Fit
 from ...recording import Recording
+from ...scores.metrics import HORIZONS
 from ..content import OBJECTIVE, opening, provenance, told_together
 from ..data import data_parts, limits
 from ..document import Document, Formulas, Part, Points, Text, Together, titled
 from ..drawing import Drawing
 from ..equations.motion import motion_equations
 from ..equations.shared import readable
+from ..figures.style import NEAR
 from ..noise import noise
 from .content import MotionContent, motion_content
 from .drawings import motion_drawings, recorded_inputs
 from .driven import driven, motion_model
 
+DRAWN = (HORIZONS[0], NEAR)
+"""Horizons, s, that figures show; errors over all of them are in the fit."""
 INTERVALS = (
     "Standard deviations and intervals allow for the residuals' correlation in time and include what priors told; "
     "intervals are those of Student's t with the degrees of freedom that the recordings leave, and end at a "
@@ -29,14 +33,14 @@ ERRORS = (
 )
 EQUATIONS = (
     "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
-    "abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that is not the "
-    "quantity itself. Quantities that are constant or lead to nothing that is predicted are left out."
+    "abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that "
+    "is not the quantity itself. Quantities that are constant or lead to nothing that is predicted are left out."
 )
 
 
 def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     """The report of a fit. Raises `BadInput` where a recording that it saw is missing or is another file."""
-    drives = driven(fit, recordings)
+    drives = driven(fit, recordings, DRAWN)
     heard = noise([one.recording for one in drives])
     said = motion_content(fit, drives, heard)
     made = {one.name: one for one in motion_drawings(fit, drives, heard)}

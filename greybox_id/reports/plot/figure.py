@@ -248,7 +248,7 @@ def _letters_left(y: Scale, left: float, top: float) -> list[str]:
 def _letters_below(x: Scale, left: float, bottom: float) -> list[str]:
     found, deep = [], LINE
     end = float("-inf")
-    for (_, words), at in zip(x.ticks, _at(x), strict=True):
+    for at, (_, words) in sorted(zip(_at(x), x.ticks, strict=True)):
         place = left + at
         if x.axis.upright:
             found.append(text(place + 2.6, bottom + TICK + 3.0, words, size=SMALL, anchor="end", turned=True))
