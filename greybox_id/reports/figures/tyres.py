@@ -19,7 +19,7 @@ from ..plot.palette import BLUE, Line
 from ..plot.scale import Axis
 
 AXLES = {"f": "front", "r": "rear"}
-POINTS = 61
+POINTS = 41
 BEYOND = 1.4
 """Curves reach so many times as far as the slip angles driven."""
 LEAST = 0.02
