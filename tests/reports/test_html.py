@@ -1,5 +1,6 @@
 """The page: everything is in it, nothing is fetched, it says what the PDF says; in a browser where there is one."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -131,10 +132,12 @@ needs_chromium = pytest.mark.skipif(
 )
 QUIET = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --disable-default-apps --disable-features=NetworkTimeServiceQuerying"
+    "--disable-component-update --disable-sync --disable-default-apps"
 )
 NOWHERE = "--host-resolver-rules=MAP * ~NOTFOUND"
 """Nothing that a page asks for leaves the machine; that it asked stands in the log."""
+OWN = "not an origin"
+"""Who asks where the browser asks for itself, as for updates."""
 
 
 def asked_for(file, folder):
@@ -147,8 +150,10 @@ def asked_for(file, folder):
         ],
         check=True, capture_output=True, timeout=120,
     )  # fmt: skip
-    addresses = set(re.findall(r'"url":"([^"]+)"', log.read_text("utf-8", errors="replace")))
-    return {own for own in addresses if own.startswith(("http", "ws"))}, picture.stat().st_size
+    lines = (line for line in log.read_text("utf-8", errors="replace").splitlines() if '"initiator"' in line)
+    events = [json.loads(line.rstrip(","))["params"] for line in lines]
+    asked = [own for own in events if own["initiator"] != OWN]
+    return {own["url"] for own in asked if not own["url"].startswith("file:")}, picture.stat().st_size
 
 
 @needs_chromium
