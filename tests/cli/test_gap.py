@@ -18,6 +18,7 @@ from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
+from greybox_id.reports.gap.saved import load_gap
 
 
 @pytest.fixture(autouse=True)
@@ -124,7 +125,9 @@ def test_a_folder_takes_the_diagnosis_its_picture_report_and_vehicle(laps, asked
     called = greybox("gap", laps[0], "--vehicle", "full_size_car", "--out", tmp_path / "gap", "--json")
     assert called.code == 0, called.err
     assert {file.name for file in (tmp_path / "gap").iterdir()} == {"gap.json", "gap.png", "gap.pdf", "closed.toml"}
-    assert json.loads((tmp_path / "gap" / "gap.json").read_text()) == called.told
+    kept = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert kept["ranking"] == called.told["ranking"]
+    assert load_gap(tmp_path / "gap" / "gap.json")[0].recordings == tuple(called.told["recordings"])
     assert called.told["written"] == [
         str(tmp_path / "gap" / name) for name in ("gap.json", "closed.toml", "gap.png", "gap.pdf")
     ]
