@@ -10,7 +10,7 @@ from .figures.traces import traces
 from .numbers import listed, signal_words
 from .recordings import Seen, of_role, shown_first
 
-TALL, LOW = 400.0, 250.0
+TALL, LOW = 335.0, 250.0
 """Height of the traces of the recording that is judged, and of the training data beside it, points."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,6 +19,8 @@ LINE, TICK, GUTTER, EDGE = 11.5, 2.5, 9.0, 5.0
 """Height of a line of letters, length of a tick, room between panels and at the edges, points."""
 UPRIGHT = 21.0
 """Between ticks of an upright axis."""
+NARROW, LINES = 24, 4.0
+"""Letters in a line of an empty panel, and half of the lines it has room for."""
 SAMPLE = 18.0
 """Width of a sample in the legend."""
 
@@ -178,7 +181,9 @@ def _stretched(scale: Scale, unit: float) -> Scale:
 
 def nothing(words: str) -> Panel:
     """An empty panel that says why."""
-    return Panel((Letters(0.5, 0.5, words),), Axis(low=0.0, high=1.0), Axis(low=0.0, high=1.0), bare=True)
+    lines = textwrap.wrap(words, NARROW)
+    marks = tuple(Letters(0.5, 0.5 * len(lines) - k - 0.5, line) for k, line in enumerate(lines))
+    return Panel(marks, Axis(low=0.0, high=1.0), Axis(low=-LINES, high=LINES), bare=True)
 
 
 def _right(panel: Panel) -> float:
