@@ -139,7 +139,7 @@ def test_a_failure_leaves_what_was_there_and_the_answer_is_told(laps, asked, tmp
     asked.said = clear(strip=None)
     report = tmp_path / "gap.pdf"
     report.write_text("before")
-    monkeypatch.setattr("greybox_id.reports.gap.pdf.render", lambda *_: 1 / 0)
+    monkeypatch.setattr("greybox_id.reports.pdf.rendered", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         greybox("gap", laps[0], "--vehicle", "full_size_car", "--report", report)
     assert report.read_text() == "before"
@@ -188,7 +188,7 @@ def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     assert "nothing.csv" in refused("gap", tmp_path / "nothing.csv", *car)
     assert "nothing.csv" in refused("gap", lap, *car, "--held-out", tmp_path / "nothing.csv")
     assert "the same data" in refused("gap", lap, *car, "--held-out", lap)
-    assert ".pdf" in refused("gap", lap, *car, "--report", tmp_path / "report.html")
+    assert ".pdf" in refused("gap", lap, *car, "--report", tmp_path / "report.docx")
     assert ".toml or .json" in refused("gap", lap, *car, "--apply", tmp_path / "car.txt")
     assert "would be written over" in refused("gap", lap, "--fit", fitted, "--apply", fitted)
     (tmp_path / "file").touch()

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from greybox_id.reports.comparison import Named, common_role, comparison, paired
+from greybox_id.reports.comparison import Named, common_role, comparison
 from greybox_id.reports.document import Table, Together
 from greybox_id.reports.html import page
+from greybox_id.reports.pairing import paired
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 

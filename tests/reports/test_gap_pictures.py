@@ -22,7 +22,8 @@ from greybox_id.reports.gap.page import drawings, write_picture
 from greybox_id.reports.gap.report import gap_report, write_report
 from greybox_id.reports.html import page as html
 from greybox_id.reports.pdf import rendered
-from greybox_id.reports.plot.marks import Band, Bars, Cells, Curve, Letters
+from greybox_id.reports.plot.areas import Bars, Cells
+from greybox_id.reports.plot.marks import Band, Curve, Notice
 
 MADE = Made(
     "full-size car",
@@ -85,7 +86,7 @@ def test_the_map_is_grey_where_nothing_was_driven_and_says_where_there_is_no_gap
     assert np.isfinite(never.share).sum() == np.isnan(cells.share).sum() == 4
     np.testing.assert_allclose(cells.share, own.map["gap"] / np.nanmax(own.map["gap"]))
     assert regimes(own).shades.label == "share of the gap [%]"
-    (empty,) = marks_of(regimes(none().strip), Letters)
+    (empty,) = marks_of(regimes(none().strip), Notice)
     assert "no gap to be placed" in empty.said
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from ...fit import Fit
 from ...parameter import Array
+from ..plot.areas import Cells
 from ..plot.figure import Figure, Panel, Shades
 from ..plot.letters import SMALL, width
-from ..plot.marks import Cells, Letters, Mark
+from ..plot.marks import Letters, Mark
 from ..plot.palette import BLUE, ORANGE
 from ..plot.scale import Axis
 from .style import symbol

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...parameter import Array
+from ..plot.areas import Cells
 from ..plot.figure import Shades
-from ..plot.marks import Cells
 from ..plot.palette import PALE
 
 ACROSS, ALONG = 60, 34

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from ...fit import Fit
 from ...parameter import Array
+from ..plot.areas import Boxes
 from ..plot.figure import Figure, Panel
-from ..plot.marks import Boxes, Mark, Rule
+from ..plot.marks import Mark, Rule
 from ..plot.palette import DOTTED, PALE, Line
 from ..plot.scale import Axis
 from ..recordings import Seen, run_rows

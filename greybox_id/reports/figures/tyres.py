@@ -13,8 +13,9 @@ from ...model import Combination, Namespace
 from ...parameter import Array
 from ..motion.driven import Driven, motion_model, typical_speed
 from ..motion.settled import OverSlip
+from ..plot.areas import Bars
 from ..plot.figure import Figure, Panel
-from ..plot.marks import Band, Bars, Curve, Mark, Rule
+from ..plot.marks import Band, Curve, Mark, Rule
 from ..plot.palette import BLUE, Line
 from ..plot.scale import Axis
 

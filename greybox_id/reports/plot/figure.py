@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from xml.sax.saxutils import escape
 
 from .letters import FAMILY, SIZE, SMALL, text, width
-from .marks import Letters, Mark
+from .marks import Mark, Notice
 from .palette import FAINT, INK, LIGHT, PALE, style
 from .scale import Axis, Scale, scaled
 
@@ -19,8 +18,6 @@ LINE, TICK, GUTTER, EDGE = 11.5, 2.5, 9.0, 5.0
 """Height of a line of letters, length of a tick, room between panels and at the edges, points."""
 UPRIGHT = 21.0
 """Between ticks of an upright axis."""
-NARROW, LINES = 24, 4.0
-"""Letters in a line of an empty panel, and half of the lines it has room for."""
 SAMPLE = 18.0
 """Width of a sample in the legend."""
 
@@ -181,9 +178,7 @@ def _stretched(scale: Scale, unit: float) -> Scale:
 
 def nothing(words: str) -> Panel:
     """An empty panel that says why."""
-    lines = textwrap.wrap(words, NARROW)
-    marks = tuple(Letters(0.5, 0.5 * len(lines) - k - 0.5, line) for k, line in enumerate(lines))
-    return Panel(marks, Axis(low=0.0, high=1.0), Axis(low=-LINES, high=LINES), bare=True)
+    return Panel((Notice(words),), bare=True)
 
 
 def _right(panel: Panel) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 
 from ....gap import Closure, Errors
 from ...figures.style import label
+from ...plot.areas import Bars
 from ...plot.figure import Figure, Panel, nothing
-from ...plot.marks import Bars, Curve, Mark
+from ...plot.marks import Curve, Mark
 from ...plot.scale import Axis
 from .looks import AFTER, BEFORE, FLOOR, row_of
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from ....gap import Gap, Ranked
 from ....models.effects import EFFECTS
+from ...plot.areas import Bars
 from ...plot.figure import Figure, Panel, nothing
-from ...plot.marks import Bars, Curve, Letters, Mark, Rule
+from ...plot.marks import Curve, Letters, Mark, Rule
 from ...plot.palette import BLUE, INK, PALE, PURPLE, Line
 from ...plot.scale import Axis
 from ..quantities import magnitude_words

@@ -6,8 +6,9 @@ import numpy as np
 
 from ....gap import Strip
 from ...numbers import number
+from ...plot.areas import Cells
 from ...plot.figure import Panel, Shades, nothing
-from ...plot.marks import Cells, Mark
+from ...plot.marks import Mark
 from ...plot.palette import FAINT
 from ...plot.scale import Axis
 from .looks import EXCESS

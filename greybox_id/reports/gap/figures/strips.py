@@ -8,8 +8,9 @@ import numpy as np
 
 from ....gap import Strip
 from ....parameter import Array
+from ...plot.areas import Spots
 from ...plot.figure import Figure, Panel, Shades, nothing
-from ...plot.marks import Band, Curve, Mark, Rule, Spots
+from ...plot.marks import Band, Curve, Mark, Rule
 from ...plot.palette import PALE, Line
 from ...plot.scale import Axis
 from .looks import AFTER, BEFORE, EXCESS
