@@ -8,16 +8,20 @@ from pathlib import Path
 from ..errors import BadInput
 from ..fit import Fit
 from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
 from ..recording import Recording
 from .document import Document
 from .html import write_html
+from .hybrid.report import hybrid_report
 from .memory.report import memory_report
 from .motion.report import motion_report
 from .pdf import write_pdf
 
 FORMATS = {"pdf": write_pdf, "html": write_html}
 """Kind of file -> what writes it."""
+KINDS = {MotionModel: motion_report, MemoryModel: memory_report, HybridModel: hybrid_report}
+"""Kind of model -> what makes its report."""
 
 
 def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
@@ -38,11 +42,10 @@ def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
 
 def prepared(fit: Fit, recordings: Sequence[Recording]) -> Document:
     """What the report of a fit says and shows. Raises `BadInput` as `report` does."""
-    if isinstance(fit.model, HybridModel):
-        raise BadInput(
-            f"There is no report of {fit.model.name} yet; greybox validate and greybox predict tell its errors."
-        )
-    return (motion_report if isinstance(fit.model, MotionModel) else memory_report)(fit, recordings)
+    for kind, made in KINDS.items():
+        if isinstance(fit.model, kind):
+            return made(fit, recordings)
+    raise BadInput(f"There is no report of {fit.model.name}.")
 
 
 def kind_of(out: str | Path, kind: str | None = None) -> str:

@@ -11,10 +11,10 @@ from greybox_id.filters import track
 from greybox_id.models.registry import build
 from greybox_id.recording import join
 from greybox_id.reports.drawing import write_drawings
+from greybox_id.reports.figures.slips import forces_over_slip
 from greybox_id.reports.plot.marks import Band, Curve
 from greybox_id.reports.tracking import drawings
 from greybox_id.reports.tracking.bands import over_time
-from greybox_id.reports.tracking.slips import forces_over_slip
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_stiffness_and_forces_have_a_panel_each(found, lap):
 
 def test_a_model_without_axle_forces_has_no_picture_of_them(found, lap):
     bare = replace(found, values={n: v for n, v in found.values.items() if not n.startswith("F_y")})
-    assert forces_over_slip(bare) is None
+    assert forces_over_slip(bare.values) is None
     assert [own.name for own in drawings(bare, lap)] == ["estimates", "innovations"]
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from ...filters import Track
 from ...parameter import Array
-from ..figures.density import density
 from ..plot.figure import Figure, Panel
 from ..plot.marks import Curve
 from ..plot.palette import ORANGE, Line
 from ..plot.scale import Axis
+from .density import density
 
 AXLES = {"f": "front", "r": "rear"}
 BINS = 60
@@ -18,14 +19,15 @@ REACH = 0.998
 """Of the samples, in both directions."""
 
 
-def forces_over_slip(found: Track) -> Figure | None:
+def forces_over_slip(values: Mapping[str, Array]) -> Figure | None:
     """One panel for each axle; None for models without axle forces and slip angles."""
     wanted = [f"{kind}{axle}" for kind in ("alpha_", "F_y") for axle in AXLES]
-    if not all(name in found.values for name in wanted):
+    if not all(name in values for name in wanted):
         return None
     panels = []
     for axle, where in AXLES.items():
-        slip, force = found.values[f"alpha_{axle}"], found.values[f"F_y{axle}"] / 1000.0
+        pairs = np.column_stack([values[f"alpha_{axle}"], values[f"F_y{axle}"] / 1000.0])
+        slip, force = pairs[np.all(np.isfinite(pairs), axis=1)].T
         ends = [max(float(np.quantile(np.abs(a), REACH)), 1e-6) * 1.1 for a in (slip, force)]
         area = ((-ends[0], ends[0]), (-ends[1], ends[1]))
         middle, median = _medians(slip, force, ends[0])
