@@ -17,7 +17,7 @@ LIGHT = {
     ORANGE: "#e69f00", RUST: "#c4682f", PURPLE: "#7b3f8c", NIGHT: "#1a1a3d",
 }  # fmt: skip
 DARK = {
-    INK: "#ececec", PALE: "#9a9a9a", FAINT: "#3a3d42", PAPER: "#17191c", BLUE: "#56b4e9", SKY: "#2f86bd",
+    INK: "#ececec", PALE: "#9a9a9a", FAINT: "#3a3d42", PAPER: "#17191c", BLUE: "#4a9fd8", SKY: "#2f86bd",
     ORANGE: "#f0b429", RUST: "#e08a5a", PURPLE: "#c99bd8", NIGHT: "#d9e6ff",
 }  # fmt: skip
 
