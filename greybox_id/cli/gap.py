@@ -96,6 +96,7 @@ def gap(
             *(data_record(own, "train") for own in asked.recordings),
             *(data_record(own, "validate") for own in asked.held_out),
         ),
+        settings=dict(asked.model.settings),
     )
     closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
     for warning in warnings_of(closed, found, apply, out):

@@ -21,6 +21,7 @@ from .figures.style import label
 from .memory.seen import seen
 from .motion.driven import driven
 from .numbers import counted, listed, number, percent, pretty_unit, signal_words
+from .numbers import interval as interval_of
 from .pairing import DRAWS, TIMES, Judged, Paired, pairs_of
 from .plot.figure import Panel, grid
 from .plot.marks import Curve
@@ -120,7 +121,9 @@ def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Tab
     outputs = list(dict.fromkeys(output for output, _ in pairs))
     for (output, protocol), own in sorted(pairs.items(), key=lambda pair: outputs.index(pair[0][0])):
         words = f"{signal_words(output)} [{pretty_unit(unit_of(output))}]"
-        interval = f"[{number(own.low, 2)}, {number(own.high, 2)}]" if np.isfinite(own.low) else "too few blocks"
+        interval = (
+            interval_of(own.low, own.high, (own.high - own.low) / 4) if np.isfinite(own.low) else "too few blocks"
+        )
         rows.append(
             (
                 words if words != before else "", _protocol(protocol), number(own.first), number(own.second),

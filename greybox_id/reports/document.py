@@ -133,7 +133,7 @@ def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:
     if not kept:
         return ()
     first, *rest = kept
-    if isinstance(first, Drawing | Text) or (isinstance(first, Table) and len(first.rows) <= SHORT):
+    if isinstance(first, Drawing | Text | Pairs) or (isinstance(first, Table) and len(first.rows) <= SHORT):
         return (Together((Section(title, level), first)), *rest)
     return (Section(title, level), *kept)
 

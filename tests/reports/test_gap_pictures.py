@@ -12,6 +12,8 @@ from greybox_id.errors import BadInput
 from greybox_id.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
 from greybox_id.provenance import DataRecord
+from greybox_id.reports.document import Formulas, Together
+from greybox_id.reports.equations.typst import in_typst
 from greybox_id.reports.gap.content import Made, gap_content
 from greybox_id.reports.gap.figures.bars import bars
 from greybox_id.reports.gap.figures.ranking import aliases, relative
@@ -163,3 +165,11 @@ def test_the_runner_up_is_told_and_what_could_be_there_unseen():
     assert "24.0 less than steering_delay" in said.runner_up
     assert said.silent.rows[0] == ("mass_change", EFFECTS["mass_change"].parameter.about, "0.12")
     assert gap_content(none(), MADE).runner_up == ""
+
+
+def test_the_equations_an_effect_changes_are_shown():
+    document = gap_report(clear(), MADE)
+    formulas = [own for part in document.parts if isinstance(part, Together) for own in part.parts]
+    lines = [in_typst(line) for part in formulas if isinstance(part, Formulas) for line in part.equations]
+    assert any("steering delay" in line for line in lines)
+    assert not any("F_zf" in line.split("=")[0] for line in lines)  # loads are what they were

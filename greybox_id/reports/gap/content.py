@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite
+from typing import Any
 
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
@@ -31,6 +32,7 @@ class Made:
     command : what reproduces it.
     seed, version : of everything random; greybox-id's own.
     data : recordings, those held out in the role "validate".
+    settings : from which the model was built.
     """
 
     vehicle: str
@@ -38,6 +40,7 @@ class Made:
     seed: int
     version: str
     data: tuple[DataRecord, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,13 +139,17 @@ def _ranking(gap: Gap) -> Table:
     return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
 
 
-def _evidence(gap: Gap) -> list[tuple[str, str]]:
-    """The likely effects, each with its sentences."""
-    likely = [
+def likely(gap: Gap) -> list[Ranked]:
+    """The effects that have sentences of their own."""
+    return [
         own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
     ][:MOST_EVIDENCE]
+
+
+def _evidence(gap: Gap) -> list[tuple[str, str]]:
+    """The likely effects, each with its sentences."""
     best = max((own.gain for own in gap.ranking), default=0.0)
-    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in likely]
+    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in likely(gap)]
 
 
 def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:

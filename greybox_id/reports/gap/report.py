@@ -5,9 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...gap import Gap
-from ..document import Document, Pairs, Part, Points, Text, Verdict, titled
+from ...models.effects import EFFECTS
+from ...models.registry import build
+from ...motion_model import MotionModel
+from ..document import Document, Formulas, Pairs, Part, Points, Text, Together, Verdict, titled
+from ..equations.motion import motion_equations
+from ..equations.shared import readable
+from ..numbers import listed
 from ..report import write
-from .content import GapContent, Made, gap_content
+from .content import GapContent, Made, gap_content, likely
 from .page import drawings
 
 DOUBTS = "What is wrong with the data looks like a gap; it is better mended before effects are sought."
@@ -18,6 +24,10 @@ RANKING = (
 CLOSURE = (
     "Mean squares of the errors over those of the noise, all channels alike. The excess is what lies above the floor, "
     "the error of a model that fits as well as noise lets it; intervals of 95 % are from paired blocks of time."
+)
+MATHEMATICS = (
+    "The equations that change where an effect is added, written down from the model itself. A dot is a derivative by "
+    "time, w an abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads."
 )
 METHOD = (
     (
@@ -70,6 +80,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *drawings(gap),
         *(titled("Doubts on the data", Text(DOUBTS, small=False), Points(said.doubts)) if said.doubts else ()),
         *_which(said),
+        *_mathematics(gap, made),
         *titled("What could not be told", Points(said.apart), said.silent, Text(said.absorbed)),
         *titled("How far the gap closes", Text(" ".join(said.judged), small=False), said.closures, Text(CLOSURE)),
         *(part for title, table in said.errors for part in titled(title, table, level=2)),
@@ -87,3 +98,24 @@ def _which(said: GapContent) -> tuple[Part, ...]:
     evidence = (Text(words, lead=f"{effect.replace('_', ' ')}:") for effect, words in said.evidence)
     runner_up = (Text(said.runner_up, lead="Runner-up:"),) if said.runner_up else ()
     return titled("Which effect", said.ranking, Text(RANKING), *evidence, *runner_up)
+
+
+def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
+    """The equations that each likely effect puts in the place of the model's."""
+    model = build(gap.model, made.settings, {})
+    if not isinstance(model, MotionModel):
+        return ()
+    before = set(motion_equations(model))
+    parts: list[Part] = []
+    for own in likely(gap):
+        effect = EFFECTS.get(own.effect)
+        if effect is None or not effect.concerns(model):
+            continue
+        changed = [line for line in motion_equations(model + effect.starting_at(effect.typical)) if line not in before]
+        shown, _ = readable(changed)
+        lead = f"{own.effect.replace('_', ' ')}:"
+        if shown:
+            parts.append(Together((Text("", lead=lead), Formulas(shown))))
+        else:
+            parts.append(Text(f"acts before or behind the equations, on {listed([*effect.touches])}.", lead=lead))
+    return titled("What these effects do to the equations", Text(MATHEMATICS if parts else ""), *parts)

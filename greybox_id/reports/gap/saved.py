@@ -50,7 +50,14 @@ def load_gap(path: str | Path) -> tuple[Gap, Made]:
         raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or diagnose again.")
     try:
         data = tuple(DataRecord(**record) for record in body["data"])
-        made = Made(str(body["vehicle"]), str(body["command"]), int(body["seed"]), str(body["version"]), data)
+        made = Made(
+            str(body["vehicle"]),
+            str(body["command"]),
+            int(body["seed"]),
+            str(body["version"]),
+            data,
+            dict(body["settings"]),
+        )
         return from_plain_data(body), made
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{file} is damaged: {error}. Restore it, or diagnose again.") from error

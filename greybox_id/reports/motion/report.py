@@ -79,4 +79,6 @@ def _parameters(said: MotionContent, made: dict[str, Drawing]) -> tuple[Part, ..
 def _equations(fit: Fit) -> tuple[Part, ...]:
     found, left_out = readable(motion_equations(motion_model(fit)))
     more = f" {left_out} abbreviations are left out for their number." if left_out else ""
-    return titled("Equations of the model", Text(EQUATIONS + more), Formulas(found))
+    effects = tuple(f"{name}: {fit.model[name].about}." for name in fit.model.effects)
+    added = (Text("to these equations:", lead="Effects added"), Points(effects)) if effects else ()
+    return titled("Equations of the model", Text(EQUATIONS + more), *added, Formulas(found))

@@ -86,7 +86,8 @@ def scaled(axis: Axis, values: Sequence[Array], length: float, spacing: float = 
         room = (high / low) ** PAD if high > low else 2.0
         ends = low / room, high * room
     else:
-        room = PAD * (high - low) or max(0.05 * abs(low), 1e-12)
+        lowest, highest = low if axis.low is None else axis.low, high if axis.high is None else axis.high
+        room = PAD * (highest - lowest) if highest > lowest else max(0.05 * abs(low), 1e-12)
         ends = low - room, high + room
     low = ends[0] if axis.low is None else axis.low
     high = ends[1] if axis.high is None else axis.high
