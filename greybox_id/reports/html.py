@@ -61,7 +61,7 @@ def _part(part: Part) -> str:
         case Table():
             return _table(part)
         case Formulas(equations):
-            return f"<div class=formulas>{''.join(in_mathml(own) for own in equations)}</div>"
+            return f"<div class=formulas>{''.join(f'<div>{in_mathml(own)}</div>' for own in equations)}</div>"
         case Drawing():
             caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
             return f"<figure>{part.figure.svg(part.alt, palette=None)}{caption}</figure>"

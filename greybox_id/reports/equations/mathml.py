@@ -29,7 +29,7 @@ THIN = '<mspace width="0.17em"/>'
 def in_mathml(equation: Equation) -> str:
     """An equation."""
     inside = f"{_symbol(equation.left)}<mo>=</mo>{_set(equation.right)}"
-    return f'<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">{inside}</math>'
+    return f'<math xmlns="http://www.w3.org/1998/Math/MathML" displaystyle="true">{inside}</math>'
 
 
 def _row(*parts: str) -> str:
@@ -69,9 +69,12 @@ def _bare(of: Expression) -> str:
         case Comparison(sign, left, right):
             return _row(_set(left), _operator(sign), _set(right))
         case Cases(where, value, otherwise):
-            rows = ((_set(value), _row("<mtext>if </mtext>", _set(where))), (_set(otherwise), "<mtext>else</mtext>"))
+            rows = (
+                (_set(value), _row("<mtext>if</mtext>", '<mspace width="0.35em"/>', _set(where))),
+                (_set(otherwise), "<mtext>else</mtext>"),
+            )
             table = "".join(f"<mtr>{''.join(f'<mtd>{cell}</mtd>' for cell in row)}</mtr>" for row in rows)
-            return _row(_operator("{"), f"<mtable columnalign='left'>{table}</mtable>")
+            return _row("<mo stretchy='true' form='prefix'>{</mo>", f"<mtable columnalign='left'>{table}</mtable>")
         case Window(weights, signal, length):
             ends = f"{_row('<mi>n</mi>', _operator('='), '<mn>1</mn>')}<mn>{length}</mn>"
             weight = _symbol(weights, ("n",))
