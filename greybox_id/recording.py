@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
@@ -115,7 +116,7 @@ class Recording:
         """SI unit of a signal of this recording."""
         return unit_of(name, self.extra_units.get(name, "1"))
 
-    @property
+    @cached_property
     def sample_time(self) -> float:
         """Usual time step within runs, s (median over all steps that do not cross a join)."""
         steps = [np.diff(self.time[start:stop]) for start, stop in self.runs]

@@ -17,7 +17,6 @@ from ..engine.motion.shooting import Starts
 from ..files import ensure_writable
 from ..fitting import How, Solver
 from ..fitting import fit as fit_model
-from ..hybrid_model import HybridModel
 from ..motion_model import MotionModel
 from ..recording import join
 from ..scores.prediction import must_suit
@@ -150,7 +149,7 @@ def fit(
         print_json(summary(result) | {"vehicle": vehicle or None, "warnings": warnings, "written": str(path)})
         return
     show(result, vehicle)
-    figures = "" if isinstance(result.model, HybridModel) else f"   figures and report: greybox report {path}"
+    figures = f"   figures and report: greybox report {path}"
     console().print(f"\nwritten  {path}{figures}")
     if isinstance(result.model, MotionModel):
         console().print(f"         on other recordings: greybox validate {path}")

@@ -51,7 +51,7 @@ from .output import console, progress
     help="A recording that chooses nothing, to say on how far the gap closes; repeatable.",
 )
 @click.option("--out", metavar="DIR", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
-@click.option("--report", metavar="FILE", help="PDF report; with --out, DIR/gap.pdf unless given.")
+@click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, DIR/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
 @click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
@@ -96,17 +96,17 @@ def gap(
             *(data_record(own, "train") for own in asked.recordings),
             *(data_record(own, "validate") for own in asked.held_out),
         ),
+        settings=dict(asked.model.settings),
     )
     closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
     for warning in warnings_of(closed, found, apply, out):
         click.echo(f"warning: {warning}", err=True)
-    text = as_json_text(found, made, [target for _, target in targets])
     if as_json:
-        sys.stdout.write(text)
+        sys.stdout.write(as_json_text(found, made, [target for _, target in targets]))
     else:
         show(console(), found)
     for kind, target in targets:
-        write(kind, target, found, closed, made, text)
+        write(kind, target, found, closed, made)
         if not as_json:
             console().print(f"written  {target}")
     if check and found.gap_detected:

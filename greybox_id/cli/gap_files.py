@@ -11,6 +11,7 @@ from ..files import ensure_writable, write_atomically
 from ..gap import Gap
 from ..gap.closed_vehicle import no_place, not_held
 from ..reports.gap.content import Made
+from ..reports.gap.saved import as_text
 from ..vehicle import Vehicle
 
 IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
@@ -31,8 +32,8 @@ def targets_of(
     ------
     BadInput : a file is named wrongly, cannot be written, or is read as well.
     """
-    if report is not None and Path(report).suffix.lower() != ".pdf":
-        raise BadInput(f"{report}: a report is a .pdf file; name it so with --report.")
+    if report is not None and Path(report).suffix.lower() not in (".pdf", ".html"):
+        raise BadInput(f"{report}: a report is a .pdf or a .html file; name it so with --report.")
     if apply is not None and Path(apply).suffix.lower() not in (".toml", ".json"):
         raise BadInput(f"{apply}: a vehicle file ends in .toml or .json; name it so with --apply.")
     found = [(kind, Path(out) / name) for kind, name in IN_FOLDER.items()] if out is not None else []
@@ -61,11 +62,11 @@ def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str 
     return [(kind, target) for kind, target in targets if kind != "vehicle"]
 
 
-def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made, text: str) -> None:
+def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made) -> None:
     """Write one of the files, atomically."""
-    # Pictures load the plotting library: without them, and for --help, it is done without.
+    # Reports load the typesetter: without them, and for --help, it is done without.
     if kind == "json":
-        write_atomically(target, text)
+        write_atomically(target, as_text(gap, made))
     elif kind == "vehicle":
         assert closed is not None
         write_vehicle(closed, target)
@@ -74,7 +75,7 @@ def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made,
 
         write_picture(gap, target)
     else:
-        from ..reports.gap.pdf import write_report
+        from ..reports.gap.report import write_report
 
         write_report(gap, made, target)
 

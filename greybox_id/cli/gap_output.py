@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
 from ..gap import Closure, Errors, Gap
+from ..gap.saved import plain
 from ..reports.gap.content import Made
 from ..reports.gap.quantities import magnitude_words
 from ..reports.gap.words import how_far, judged, left, levels, told_apart, where, whether
@@ -31,7 +30,7 @@ NEAR = 0.5
 
 def as_json_text(gap: Gap, made: Made, written: Sequence[Path]) -> str:
     """The diagnosis and what it was made with as one JSON object; what is not a finite number becomes null."""
-    body = _plain({**gap.to_json(), **asdict(made), "written": [str(target) for target in written]})
+    body = plain({**gap.to_json(), **asdict(made), "written": [str(target) for target in written]})
     return json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -143,16 +142,3 @@ def _error(own: Errors | None) -> str:
     if own is None:
         return "–"
     return f"{number(own.before, 2)} → {number(own.after, 2)} ({number(own.floor, 2)})"
-
-
-def _plain(value: Any) -> Any:
-    """Plain data without numpy's own kinds of number."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
-    return value

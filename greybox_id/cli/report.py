@@ -1,60 +1,128 @@
-"""`greybox report`: figures and a PDF of a fit."""
+"""`greybox report`: what a fit, a diagnosis or several fits side by side say, as PDF or HTML."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import Fit, load
+from ..fit import FORMAT, Fit, load
+from ..json_data import read_json
 from ..models.registry import build
 from ..provenance import DataRecord
 from ..recording import Recording
 from .options import json_option
 from .output import console, print_json
 
+if TYPE_CHECKING:
+    from ..reports.document import Document
+
 
 @click.command(name="report")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
+@click.argument("files", nargs=-1, required=True, metavar="FIT|GAP...", type=click.Path())
 @click.option("--train", multiple=True, metavar="FILE", help="Training recording, where it has moved; repeatable.")
 @click.option("--validate", metavar="FILE", help="Validation recording, where it has moved.")
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
-@click.option("--out", metavar="FILE", help="PDF to write; beside FIT unless given.")
+@click.option("--format", "kind", type=click.Choice(["pdf", "html"]), help="As the name of --out says; else pdf.")
+@click.option("--out", metavar="FILE", help="File to write; beside the first file unless given.")
 @click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
 @json_option
 def report(
-    fit_file: str,
+    files: Sequence[str],
     train: Sequence[str],
     validate: str | None,
     columns: str | None,
+    kind: str | None,
     out: str | None,
     figures: str | None,
     as_json: bool,
 ) -> None:
-    """Write a PDF report of FIT, a file made by greybox fit.
+    """Write a report of a FIT made by greybox fit, of a GAP (gap.json) left by greybox gap --out, or of several
+    FITs side by side.
 
-    The recordings are read from where the fit found them, and must be the same files: their hashes are compared.
+    \b
+    greybox report run/fit.json
+    greybox report run/fit.json --format html
+    greybox report gap/gap.json --out gap.html
+    greybox report run/fit.json other/fit.json --out comparison.pdf
+
+    The recordings of fits are read from where the fits found them, and must be the same files: their hashes are
+    compared.
     """
-    # The reports load the plotting library: commands that draw nothing, and --help, do without.
+    # The reports load the typesetter: commands that write none, and --help, do without.
     from ..reports.drawing import write_drawings
-    from ..reports.pdf import prepared, write_pdf
+    from ..reports.report import kind_of, write
 
-    path = Path(fit_file)
-    fit = load(path, build)
-    found = prepared(fit, recordings_of(fit, path, train, validate, columns))
-    target = write_pdf(found, out or path.with_suffix(".pdf"))
-    written = write_drawings(found.made, figures) if figures else []
-    verdict = found.said.verdict
+    target = Path(out) if out is not None else _beside([Path(file) for file in files], kind or "pdf")
+    kind = kind_of(target, kind)
+    if target.resolve() in {Path(file).resolve() for file in files}:
+        raise BadInput(f"{target} is read by this command and would be written over; name another place with --out.")
+    document = _document([Path(file) for file in files], train, validate, columns)
+    target = write(document, target, kind)
+    written = write_drawings(document.drawings, figures) if figures else []
     if as_json:
-        print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": list(verdict)})
+        verdict = [sentence for _, sentence in document.verdict]
+        print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": verdict})
         return
-    for sentence in verdict:
+    for _, sentence in document.verdict:
         console().print(sentence)
     for file in (target, *written):
         console().print(f"written  {file}")
+
+
+def _beside(files: Sequence[Path], kind: str) -> Path:
+    return files[0].with_suffix(f".{kind}") if len(files) == 1 else files[0].with_name(f"comparison.{kind}")
+
+
+def _document(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
+    """The report of what the files hold."""
+    others = [file for file in files if _is_no_fit(file)]
+    if len(files) > 1:
+        if others:
+            raise BadInput(f"{others[0]} is no fit; only fits are compared side by side. Name it alone.")
+        return _side_by_side(files, train, validate, columns)
+    if others:  # diagnosing loads more libraries than a report of a fit needs
+        from ..reports.gap.report import gap_report
+        from ..reports.gap.saved import load_gap
+
+        return gap_report(*load_gap(files[0]))
+    from ..reports.report import prepared
+
+    fit = load(files[0], build)
+    return prepared(fit, recordings_of(fit, files[0], train, validate, columns))
+
+
+def _is_no_fit(file: Path) -> bool:
+    """Whether a file says itself that it is something else than a fit."""
+    body = read_json(file)
+    return isinstance(body, dict) and body.get("format", FORMAT) != FORMAT
+
+
+def _side_by_side(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
+    from ..reports.comparison import Named, comparison
+
+    if len({file.resolve() for file in files}) < len(files):
+        raise BadInput(f"{', '.join(map(str, files))}: one fit is named twice; name each once.")
+    fits = [load(file, build) for file in files]
+    return comparison(
+        [
+            Named(name, fit, tuple(recordings_of(fit, file, train, validate, columns)))
+            for name, fit, file in zip(_names(files), fits, files, strict=True)
+        ]
+    )
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """Short names that differ: of the file where that suffices, with its folder otherwise."""
+    for parts in (1, 2):
+        names = ["/".join(file.with_suffix("").parts[-parts:]) for file in files]
+        if len(set(names)) == len(names):
+            return names
+    return [str(file) for file in files]
 
 
 def recordings_of(

@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..fit import Fit
 from ..signals import unit_of
+from .document import Pairs, Part, Points, Table, Text, Verdict, titled
 from .noise import Noise
 from .numbers import counted, listed, number, pretty_unit, signal_words
 from .recordings import Seen, of_role
 
 ROLE_WORDS = {"train": "training", "validate": "validation"}
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of words.
-
-    Attributes
-    ----------
-    head : titles of the columns.
-    rows : as many words per row.
-    """
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +23,6 @@ class Content:
 
     Attributes
     ----------
-    template : file that lays it out.
     model, about : name of the model and one sentence on it.
     verdict : three sentences.
     errors : by output, and by protocol or horizon.
@@ -47,7 +32,6 @@ class Content:
     stages : how it was fitted.
     """
 
-    template: ClassVar[str]
     model: str
     about: str
     verdict: tuple[str, ...]
@@ -58,10 +42,6 @@ class Content:
     parameters: Table
     together: tuple[str, ...]
     stages: Table
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain data for the template."""
-        return asdict(self)
 
 
 def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str = "") -> str:
@@ -115,7 +95,7 @@ def recorded(fit: Fit) -> Table:
         )
         for d in fit.data
     )  # fmt: skip
-    return Table(head, rows)
+    return Table(head, rows, "lLllrrr")
 
 
 def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
@@ -127,3 +107,24 @@ def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
         *more,
         ("effects added", ", ".join(fit.model.effects) or "none"),
     )
+
+
+def opening(said: Content, leads: tuple[str, str, str]) -> tuple[Part, ...]:
+    """The verdict, each sentence behind its lead."""
+    return (Verdict(tuple(zip(leads, said.verdict, strict=True))),)
+
+
+def provenance(said: Content) -> tuple[Part, ...]:
+    """Files and what reproduces the fit."""
+    return titled("Provenance", said.recordings, Pairs(said.provenance))
+
+
+def told_together(said: Content) -> tuple[Part, ...]:
+    """What no recording can tell apart."""
+    if not said.together:
+        return ()
+    lead = Text("by any recording, because the equations let them act together only:", lead="Cannot be told apart")
+    return (lead, Points(said.together))
+
+
+OBJECTIVE = "The objective is half the sum of squares of residuals and priors, in standard deviations."

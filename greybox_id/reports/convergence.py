@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..fit import Fit
 from ..provenance import Stage
-from .content import Table
+from .document import Table
 from .numbers import counted, number, percent
 
 SAME_OBJECTIVE = 1e-3
@@ -27,7 +27,7 @@ def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
         )
         for stage in fit.stages
     )  # fmt: skip
-    return Table(head, rows)
+    return Table(head, rows, "LLrrrLL")
 
 
 def ended(stage: Stage) -> str:

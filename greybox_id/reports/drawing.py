@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from ..files import write_atomically
-from .figures.style import svg
 from .figures.traces import typical_stretch
 from .noise import Noise
+from .plot.figure import Figure
 from .recordings import Seen
 
 
@@ -33,10 +30,10 @@ class Drawing:
     caption: str
     alt: str
 
-    @cached_property
-    def svg(self) -> bytes:
-        """The figure as SVG."""
-        return svg(self.figure)
+    @property
+    def svg(self) -> str:
+        """The figure as an SVG file, in the colours of light paper."""
+        return self.figure.svg(self.alt)
 
 
 def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
@@ -46,7 +43,7 @@ def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
     ------
     BadInput : the folder cannot be written.
     """
-    return [write_atomically(Path(folder) / f"{one.name}.svg", one.svg.decode()) for one in made]
+    return [write_atomically(Path(folder) / f"{one.name}.svg", one.svg) for one in made]
 
 
 def where_from(one: Seen) -> str:

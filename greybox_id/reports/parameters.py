@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fit import Fit
 from ..parameter import Parameter
-from .content import Table
+from .document import Table
 from .numbers import interval, number, pretty_unit, with_sd
 
 HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
@@ -28,7 +28,7 @@ def scalars(fit: Fit, parameters: Sequence[Parameter] | None = None, notes: dict
     rows = [
         _row(fit, p, [words[p.name] for words in (said, notes or {}) if p.name in words]) for p in chosen if not p.shape
     ]
-    return Table(HEAD, tuple(rows))
+    return Table(HEAD, tuple(rows), "lLrrllL")
 
 
 def _row(fit: Fit, parameter: Parameter, notes: list[str]) -> tuple[str, ...]:

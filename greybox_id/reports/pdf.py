@@ -1,106 +1,120 @@
-"""The report as a PDF: the same fit and recordings give the same bytes; nothing is fetched, every font is embedded."""
+"""A report as a PDF: the same tree gives the same bytes; nothing is fetched, every font is embedded."""
 
 from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any, Literal
 
 import typst
 
-from ..errors import BadInput
 from ..files import replacing
-from ..fit import Fit
-from ..hybrid_model import HybridModel
-from ..motion_model import MotionModel
-from ..recording import Recording
-from .content import Content
+from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, Verdict
 from .drawing import Drawing
-from .memory.content import memory_content
-from .memory.drawings import memory_drawings
-from .memory.seen import seen
-from .motion.content import motion_content
-from .motion.drawings import motion_drawings
-from .motion.driven import driven
-from .noise import noise
+from .equations.typst import in_typst
+from .words import Span, is_symbol_index, named, spans
 
-LAYOUT = "layout.typ"
-"""What all templates share."""
+LAYOUT = "document.typ"
+WIDE = 7
+"""A table of more columns has smaller letters."""
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a report says and shows."""
-
-    said: Content
-    made: tuple[Drawing, ...]
+def write_pdf(document: Document, out: str | Path) -> Path:
+    """Write a report as a PDF, atomically. Raises `BadInput` where the file cannot be written."""
+    return _write(rendered(document), Path(out))
 
 
-def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
-    """Write the report of a fit as a PDF, atomically.
-
-    Parameters
-    ----------
-    fit : the fit.
-    recordings : what it saw, in any order; each is checked against the fit's record of it.
-    out : file to write.
-
-    Raises
-    ------
-    BadInput : a recording is missing or is another file, or `out` cannot be written.
-    """
-    return write_pdf(prepared(fit, recordings), out)
+def write_png(document: Document, out: str | Path, dots_per_inch: int = 150) -> Path:
+    """Write the first page of a report as a PNG, atomically. Raises `BadInput` where the file cannot be written."""
+    return _write(rendered(document, "png", dots_per_inch), Path(out))
 
 
-def prepared(fit: Fit, recordings: Sequence[Recording]) -> Report:
-    """What the report of a fit says and shows, before it is laid out. Raises `BadInput` as `report` does."""
-    if not fit.data:
-        raise BadInput(
-            f"This fit of {fit.model.name} was imported and has seen no recording that a report could tell of. See how "
-            "far it is from one with greybox validate."
-        )
-    if isinstance(fit.model, MotionModel):
-        drives = driven(fit, recordings)
-        heard = noise([one.recording for one in drives])
-        return Report(motion_content(fit, drives, heard), motion_drawings(fit, drives, heard))
-    if isinstance(fit.model, HybridModel):
-        raise BadInput(
-            f"There is no report of {fit.model.name} yet; greybox validate and greybox predict tell its errors."
-        )
-    found = seen(fit, recordings)
-    heard = noise([one.recording for one in found])
-    return Report(memory_content(fit, found, heard), memory_drawings(fit, found, heard))
-
-
-def write_pdf(report: Report, out: str | Path) -> Path:
-    """Write a report as a PDF, atomically."""
-    target = Path(out)
-    pdf = render(report)
-    with replacing(target) as beside:
-        beside.write_bytes(pdf)
-    return target
-
-
-def render(report: Report) -> bytes:
-    """The bytes of the PDF. The document carries no date: they depend on nothing but what it shows."""
-    said = report.said
-    words = said.as_dict()
-    words["figures"] = {one.name: {"caption": one.caption, "alt": one.alt} for one in report.made}
-    words["written_by"] = next(value for what, value in said.provenance if what == "version")
+def rendered(document: Document, kind: Literal["pdf", "png"] = "pdf", dots_per_inch: int = 150) -> bytes:
+    """The bytes of the PDF, or of its first page as PNG. No date is in them: they depend on what is shown alone."""
     with tempfile.TemporaryDirectory(prefix="greybox-") as name:
         folder = Path(name)
-        for template in (LAYOUT, said.template):
-            text = resources.files(__package__).joinpath(template).read_text("utf-8")
-            (folder / template).write_text(text, encoding="utf-8")
-        (folder / "content.json").write_text(json.dumps(words, ensure_ascii=False), encoding="utf-8")
-        for one in report.made:
-            (folder / f"{one.name}.svg").write_bytes(one.svg)
-        # The machine's own fonts are left aside: the same report everywhere.
-        pdf = typst.compile(
-            str(folder / said.template), root=str(folder), format="pdf", ignore_system_fonts=True, timestamp=0
+        text = resources.files(__package__).joinpath(LAYOUT).read_text("utf-8")
+        (folder / LAYOUT).write_text(text, encoding="utf-8")
+        tree = json.dumps(as_plain_data(document), ensure_ascii=False)
+        (folder / "document.json").write_text(tree, encoding="utf-8")
+        for one in document.drawings:
+            (folder / f"{one.name}.svg").write_text(one.svg, encoding="utf-8")
+        pages = typst.compile(
+            str(folder / LAYOUT),
+            root=str(folder),
+            format=kind,
+            ppi=float(dots_per_inch),
+            timestamp=0,
+            ignore_system_fonts=True,  # the same report everywhere
         )
-    assert isinstance(pdf, bytes)
-    return pdf
+    found = pages[0] if isinstance(pages, list) else pages
+    assert isinstance(found, bytes)
+    return found
+
+
+def as_plain_data(document: Document) -> dict[str, Any]:
+    """The tree for the layout."""
+    return {
+        "title": document.title,
+        "about": _spans(document.about),
+        "of": document.of,
+        "written_by": document.written_by,
+        "endless": document.endless,
+        "parts": [_part(part) for part in document.parts],
+    }
+
+
+def _part(part: Part) -> dict[str, Any]:
+    match part:
+        case Section():
+            return {"kind": "section", "title": _spans(part.title), "level": part.level}
+        case Text():
+            own = {"words": _spans(part.words), "lead": _spans(part.lead), "small": part.small}
+            return {"kind": "text"} | own
+        case Points():
+            return {"kind": "points", "items": [_spans(item) for item in part.items]}
+        case Verdict():
+            return {"kind": "verdict", "pairs": [[_spans(lead), _spans(words)] for lead, words in part.pairs]}
+        case Pairs():
+            pairs = [
+                {"what": _spans(what), "value": value, "spans": _spans(value), "code": what in part.code}
+                for what, value in part.pairs
+            ]
+            return {"kind": "pairs", "pairs": pairs}
+        case Table():
+            rows = [
+                [{"spans": _plain(named(cell) if k == 0 else spans(cell))} for k, cell in enumerate(row)]
+                for row in part.rows
+            ]
+            size = 8.2 if len(part.head) >= WIDE else 8.6
+            head = [_spans(cell) for cell in part.head]
+            return {"kind": "table", "head": head, "rows": rows, "letters": list(part.letters), "size": size}
+        case Formulas():
+            return {"kind": "formulas", "lines": [in_typst(own) for own in part.equations]}
+        case Drawing():
+            return {"kind": "figure", "name": part.name, "alt": part.alt, "caption": _spans(part.caption)}
+        case Together():
+            return {"kind": "together", "parts": [_part(own) for own in part.parts]}
+
+
+def _spans(words: str) -> list[dict[str, Any]]:
+    return _plain(spans(words))
+
+
+def _plain(found: tuple[Span, ...]) -> list[dict[str, Any]]:
+    return [
+        {
+            "words": span.words,
+            "symbol": span.symbol,
+            "index": [{"words": own, "letter": is_symbol_index(own)} for own in span.index],
+        }
+        for span in found
+    ]
+
+
+def _write(content: bytes, target: Path) -> Path:
+    with replacing(target) as beside:
+        beside.write_bytes(content)
+    return target

@@ -61,9 +61,9 @@ def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
     """The predictions of each unbroken run of a recording, with the run's number from 1; runs without any left out."""
     whole = one.predicted[protocol]
     found = []
-    for number, (start, stop) in enumerate(one.recording.runs, 1):
-        inside = (whole.rows >= start) & (whole.rows < stop)
-        if np.any(inside):
+    for number, ends in enumerate(one.recording.runs, 1):
+        inside = slice(*np.searchsorted(whole.rows, ends).tolist())
+        if inside.stop > inside.start:
             part = Prediction(whole.rows[inside], whole.predicted[inside], whole.measured[inside], whole.run[inside])
             found.append((number, part))
     return found

@@ -18,6 +18,7 @@ from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
+from greybox_id.reports.gap.saved import load_gap
 
 
 @pytest.fixture(autouse=True)
@@ -124,7 +125,9 @@ def test_a_folder_takes_the_diagnosis_its_picture_report_and_vehicle(laps, asked
     called = greybox("gap", laps[0], "--vehicle", "full_size_car", "--out", tmp_path / "gap", "--json")
     assert called.code == 0, called.err
     assert {file.name for file in (tmp_path / "gap").iterdir()} == {"gap.json", "gap.png", "gap.pdf", "closed.toml"}
-    assert json.loads((tmp_path / "gap" / "gap.json").read_text()) == called.told
+    kept = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert kept["ranking"] == called.told["ranking"]
+    assert load_gap(tmp_path / "gap" / "gap.json")[0].recordings == tuple(called.told["recordings"])
     assert called.told["written"] == [
         str(tmp_path / "gap" / name) for name in ("gap.json", "closed.toml", "gap.png", "gap.pdf")
     ]
@@ -136,7 +139,7 @@ def test_a_failure_leaves_what_was_there_and_the_answer_is_told(laps, asked, tmp
     asked.said = clear(strip=None)
     report = tmp_path / "gap.pdf"
     report.write_text("before")
-    monkeypatch.setattr("greybox_id.reports.gap.pdf.render", lambda *_: 1 / 0)
+    monkeypatch.setattr("greybox_id.reports.pdf.rendered", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         greybox("gap", laps[0], "--vehicle", "full_size_car", "--report", report)
     assert report.read_text() == "before"
@@ -185,7 +188,7 @@ def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     assert "nothing.csv" in refused("gap", tmp_path / "nothing.csv", *car)
     assert "nothing.csv" in refused("gap", lap, *car, "--held-out", tmp_path / "nothing.csv")
     assert "the same data" in refused("gap", lap, *car, "--held-out", lap)
-    assert ".pdf" in refused("gap", lap, *car, "--report", tmp_path / "report.html")
+    assert ".pdf" in refused("gap", lap, *car, "--report", tmp_path / "report.docx")
     assert ".toml or .json" in refused("gap", lap, *car, "--apply", tmp_path / "car.txt")
     assert "would be written over" in refused("gap", lap, "--fit", fitted, "--apply", fitted)
     (tmp_path / "file").touch()

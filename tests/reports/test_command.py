@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from click.testing import CliRunner
 from driven import written
+from made_gaps import clear
 
 from greybox_id.cli.report import recordings_of, report
 from greybox_id.datasets.read import read
@@ -17,6 +18,8 @@ from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.provenance import data_record
+from greybox_id.reports.gap.content import Made
+from greybox_id.reports.gap.saved import as_text
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +69,40 @@ def test_equations_of_motion_have_a_report_too(motion_fit, laps, tmp_path):
     assert "lap2" in result.stdout.splitlines()[0]
     assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
     assert (tmp_path / "figures" / "tyres.svg").is_file()
+
+
+def test_a_page_is_written_where_the_format_or_the_name_asks_for_it(fitted, tmp_path):
+    asked = CliRunner().invoke(report, [str(fitted), "--format", "html"], catch_exceptions=False)
+    assert asked.exit_code == 0
+    named = CliRunner().invoke(report, [str(fitted), "--out", str(tmp_path / "x.html")], catch_exceptions=False)
+    assert named.exit_code == 0
+    assert (tmp_path / "x.html").read_bytes() == fitted.with_suffix(".html").read_bytes()
+
+
+def test_fits_side_by_side(fitted, tmp_path):
+    other = tmp_path / "other" / "fit.json"
+    other.parent.mkdir()
+    shutil.copy(fitted, other)
+    arguments = [str(fitted), str(other), "--out", str(tmp_path / "both.html"), "--json"]
+    result = CliRunner().invoke(report, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["report"] == str(tmp_path / "both.html")
+    with pytest.raises(BadInput, match="named twice"):
+        CliRunner().invoke(report, [str(fitted), str(fitted)], catch_exceptions=False)
+
+
+def test_a_diagnosis_has_a_report_and_is_not_compared(fitted, tmp_path):
+    gap = tmp_path / "gap.json"
+    gap.write_text(as_text(clear(), Made("car", "greybox gap x", 0, "0.1.0")), encoding="utf-8")
+    result = CliRunner().invoke(report, [str(gap)], catch_exceptions=False)
+    assert result.stdout.startswith("The simulation departs from the vehicle")
+    assert (tmp_path / "gap.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(BadInput, match="only fits are compared"):
+        CliRunner().invoke(report, [str(fitted), str(gap)], catch_exceptions=False)
+
+
+@pytest.mark.parametrize("out", ["report.docx", "fit.json"])
+def test_a_report_of_another_name_is_refused_before_anything_is_read(out, fitted):
+    with pytest.raises(BadInput, match=r"a \.pdf or a \.html file"):
+        CliRunner().invoke(report, [str(fitted), "--out", str(fitted.parent / out)], catch_exceptions=False)
+    assert fitted.is_file()

@@ -3,9 +3,9 @@
 import re
 from dataclasses import replace
 
-import matplotlib as mpl
 import numpy as np
 import pytest
+from letters_of import troubles
 
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
@@ -18,8 +18,7 @@ from greybox_id.reports.drawing import write_drawings
 from greybox_id.reports.figures.impulse_responses import responses
 from greybox_id.reports.figures.spectrum import psd
 from greybox_id.reports.figures.steering import has_steering, steady_yaw_rate
-from greybox_id.reports.figures.style import look, svg
-from greybox_id.reports.figures.traces import traces, typical_stretch
+from greybox_id.reports.figures.traces import typical_stretch
 from greybox_id.reports.memory.drawings import memory_drawings
 from greybox_id.reports.noise import noise
 
@@ -27,7 +26,9 @@ UNIT = re.compile(r"\[.+\]")
 
 
 def test_there_is_every_figure_that_the_model_gives_a_meaning(made):
-    assert [one.name for one in made] == ["traces", "errors", "spectrum", "steering", "impulse_responses"]
+    assert [one.name for one in made] == [
+        *("traces", "traces_training", "errors", "residuals", "spectrum", "steering", "impulse_responses"),
+    ]
     assert not has_steering(msnn_long())
 
 
@@ -35,38 +36,27 @@ def test_every_axis_is_labelled_with_a_unit(made, motion_made):
     for one in (*made, *motion_made):
         if one.name == "correlation":  # its axes hold names
             continue
-        for axes in one.figure.axes:
-            beside = [other for other in one.figure.axes if axes.get_shared_y_axes().joined(axes, other)]
-            assert any(UNIT.search(own.get_ylabel()) for own in (axes, *beside)), f"{one.name}: {axes.get_ylabel()!r}"
-            if axes.get_subplotspec() is not None and axes.get_subplotspec().is_last_row():
-                assert UNIT.search(axes.get_xlabel()), f"{one.name}: {axes.get_xlabel()!r}"
+        for row in one.figure.rows:
+            labels = [panel.y.label for panel in row if panel is not None]
+            assert any(UNIT.search(label) for label in labels), f"{one.name}: {labels}"
+        for panel in one.figure.rows[-1]:
+            assert panel is None or UNIT.search(panel.x.label), f"{one.name}: {panel.x.label!r}"
 
 
-def test_no_label_is_cut_off(made, motion_made):
+def test_no_letters_are_cut_off_or_meet(made, motion_made):
     for one in (*made, *motion_made):
-        assert one.svg  # drawn, so that its layout is settled
-        with look():
-            tight, (width, height) = one.figure.get_tightbbox(), one.figure.get_size_inches()
-        assert min(tight.x0, tight.y0) >= -0.02
-        assert tight.x1 <= width + 0.02
-        assert tight.y1 <= height + 0.02
+        assert troubles(one.svg) == [], one.name
 
 
-def test_files_hold_outlines_for_letters_and_are_the_same_every_time(made, small_fit, found, tmp_path):
+def test_files_are_the_same_every_time_and_need_nothing_but_themselves(made, small_fit, found, tmp_path):
     again = memory_drawings(small_fit, found, noise([one.recording for one in found]))
     files = write_drawings(again, tmp_path / "new")
     assert [file.name for file in files] == [f"{one.name}.svg" for one in made]
     for one, file in zip(made, files, strict=True):
-        assert file.read_bytes() == one.svg
-        assert b"<text" not in one.svg
-        assert b"<dc:date>" not in one.svg
+        assert file.read_text("utf-8") == one.svg
+        assert "href" not in one.svg
+        assert one.svg.count("http") == 1  # the name of the format
     assert sorted((tmp_path / "new").iterdir()) == sorted(files)
-
-
-def test_the_user_s_own_plotting_settings_are_left_alone(found):
-    before = dict(mpl.rcParams)
-    assert svg(traces(found[1]))
-    assert dict(mpl.rcParams) == before
 
 
 def test_impulse_responses_are_found_by_their_use_not_their_name():
@@ -139,4 +129,4 @@ def test_a_fit_without_spread_in_its_recordings_is_drawn_all_the_same(small_fit,
     """A validation recording that stands still: no curvature can be measured, and no error is large."""
     held = replace(found[0], recording=found[0].recording.with_signals(v_x=np.zeros(len(found[0].recording))))
     for one in memory_drawings(small_fit, [held], None):
-        assert one.svg.startswith(b"<?xml")
+        assert one.svg.startswith("<svg")

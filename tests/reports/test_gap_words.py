@@ -109,7 +109,7 @@ def test_a_report_holds_words_only(case):
     assert dict(said.provenance)["command"] == "greybox gap lap7.csv"
     for table in (said.ranking, said.closures, said.equations, said.channels, said.regimes):
         assert all(len(row) == len(table.head) and all(isinstance(cell, str) for cell in row) for row in table.rows)
-    assert not re.search(r"\b(nan|inf|None)\b", str(said.as_dict()))
+    assert not re.search(r"\b(nan|inf|None)\b", str(said))
 
 
 def test_the_runner_up_is_always_discussed():

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ...errors import BadInput
 from ...hybrid_model import HybridModel
@@ -128,6 +127,9 @@ def noise(found: Sequence[Stretch]) -> Array:
 
     A cubic is laid through 15 rows about each; the part of the noise that it follows is allowed for.
     """
+    # Loading it takes a second, which reports of other models need not spend.
+    from scipy.signal import savgol_filter
+
     kept = 1.0 - savgol_filter(np.eye(1, 2 * _SMOOTH + 1, _SMOOTH)[0], _SMOOTH, _ORDER)[_SMOOTH]
     squares: list[list[Array]] = [[] for _ in range(found[0].outputs.shape[0])]
     for one in found:

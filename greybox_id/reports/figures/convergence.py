@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ...provenance import Stage
-from .style import BLUE, INK, ORANGE, canvas, look
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Curve
+from ..plot.palette import BLUE, ORANGE, Line
+from ..plot.scale import Axis
 
 FEWEST = 4
 """Steps that make a picture."""
 ALIKE = 0.1
 """Objectives that differ by less than so many percent are not to look different."""
+MOST_TICKS = 8
 
 
 def convergence(stage: Stage) -> Figure | None:
@@ -22,22 +24,21 @@ def convergence(stage: Stage) -> Figure | None:
     steps = np.flatnonzero(above > 0)
     if len(steps) < FEWEST and len(stage.starts) < 2:
         return None
-    several = len(stage.starts) > 1
-    with look():
-        figure = canvas(1.9)
-        panels = figure.subplots(1, 2 if several else 1, squeeze=False, width_ratios=[1.6, 1.0] if several else None)[0]
-        panels[0].semilogy(steps, above[steps], color=BLUE, linewidth=1.1, marker="o", markersize=2.5)
-        panels[0].set_xlabel("step [1]")
-        panels[0].set_ylabel("objective above best [1]")
-        panels[0].xaxis.set_major_locator(MaxNLocator(integer=True))
-        if several:
-            starts = 100.0 * (np.sort(stage.starts) / min(stage.starts) - 1.0)
-            panels[1].plot(
-                np.arange(1, len(starts) + 1), starts, color=ORANGE, linewidth=0.8, marker="o", markersize=3.5,
-                markeredgecolor=INK, markeredgewidth=0.4,
-            )  # fmt: skip
-            panels[1].set_xlabel("start, best first [number]")
-            panels[1].set_ylabel("objective above best [%]")
-            panels[1].set_ylim(-0.05 * max(starts[-1], ALIKE), 1.05 * max(starts[-1], ALIKE))
-            panels[1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    return figure
+    y = Axis("objective above best [1]", log=True)
+    x = Axis("step [1]", ticks=_whole(float(steps[-1]) if len(steps) else 1.0))
+    panels = [Panel((Curve(steps.astype(float), above[steps], Line(BLUE), dots=1.4),), x, y)]
+    if len(stage.starts) > 1:
+        starts = 100.0 * (np.sort(stage.starts) / min(stage.starts) - 1.0)
+        top = 1.05 * max(starts[-1], ALIKE)
+        numbers = np.arange(1.0, len(starts) + 1)
+        axes = (
+            Axis("start, best first [number]", ticks=_whole(numbers[-1])),
+            Axis("objective above best [%]", -0.05 * top, top),
+        )
+        panels.append(Panel((Curve(numbers, starts, Line(ORANGE, width=0.8), dots=2.0),), *axes))
+    return Figure((tuple(panels),), (95.0,), (1.6, 1.0)[: len(panels)])
+
+
+def _whole(last: float) -> tuple[tuple[float, str], ...]:
+    stride = max(1, round(last / MOST_TICKS))
+    return tuple((float(k), str(k)) for k in range(0, int(last) + 1, stride))

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
 
 from ...fit import Fit
 from ...parameter import Array
-from .style import BLUE, INK, ORANGE, WIDTH, canvas, look, words
+from ..plot.areas import Cells
+from ..plot.figure import Figure, Panel, Shades
+from ..plot.letters import SMALL, width
+from ..plot.marks import Letters, Mark
+from ..plot.palette import BLUE, ORANGE
+from ..plot.scale import Axis
+from .style import symbol
 
-CELL, SMALLEST, LARGEST = 0.26, 1.3, 4.2
-"""Side of a cell, and of the whole picture, inches, at least and at most."""
-GAP, BAR = 0.15, 0.12
-"""Inches between the picture and the scale beside it, and the scale's width."""
-LETTER = 0.055
-"""Inches that a letter of a name takes."""
+CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
+"""Side of a cell, and height of the whole picture, points, at least and at most."""
 FEWEST = 3
 """Parameters that make a picture; a pair that is told together is named anyway."""
 WRITTEN = 0.1
 """Correlations smaller than this are left unwritten."""
 MOST_WRITTEN = 20
 """With more parameters than this, cells are too small for numbers and hold signs."""
+MARGINS = 160.0
+"""Points beside the cells, for names and the scale."""
 
 
 def correlations(fit: Fit) -> tuple[list[str], Array]:
@@ -43,48 +45,44 @@ def correlations(fit: Fit) -> tuple[list[str], Array]:
 def correlation(fit: Fit) -> Figure | None:
     """The lower triangle of the correlations as a picture, with their numbers; None with too few of them.
 
-    Blue is darker than orange, so that signs can be told on a grey printer; the numbers say them too.
+    The numbers say the signs to those who see no colours.
     """
     names, matrix = correlations(fit)
     n = len(names) - 1  # the first has no row, the last no column: nothing but ones on the diagonal
     if len(names) < FEWEST:
         return None
-    side = min(max(CELL * n, SMALLEST), LARGEST)
-    cell = side / n
-    with look():
-        longest = LETTER * max(len(name) if "$" not in words(name) else 3 for name in names) + 0.15
-        left, below, above = max((WIDTH - side) / 2, longest), longest if _long(names) else 0.3, 0.08
-        height = below + side + above
-        figure = canvas(height)
-        figure.set_layout_engine("none")  # squares of a size and names of a length: the layout is known
-        axes = figure.add_axes((left / WIDTH, below / height, side / WIDTH, side / height))
-        shown = np.ma.masked_array(matrix[1:, :-1], np.triu(np.ones((n, n), dtype=bool), 1))
-        picture = axes.pcolormesh(shown, cmap=_DIVERGING, norm=Normalize(-1.0, 1.0), edgecolors="white", linewidth=0.6)
-        axes.invert_yaxis()
-        axes.set_xticks(np.arange(n) + 0.5, [words(name) for name in names[:-1]], rotation=90 if _long(names) else 0)
-        axes.set_yticks(np.arange(n) + 0.5, [words(name) for name in names[1:]])
-        axes.tick_params(length=0)
-        axes.grid(visible=False)
-        axes.spines[:].set_visible(False)
-        for (i, j), value in np.ndenumerate(shown):
-            if j <= i and abs(value) >= WRITTEN:
-                sign = "+" if value > 0 else "−"
-                written = sign if n >= MOST_WRITTEN else f"{sign}{abs(value):.2f}".replace("0.", ".")
-                axes.text(
-                    j + 0.5, i + 0.5, written, ha="center", va="center", fontsize=min(7.0, 24 * cell),
-                    color="white" if value < _DARK else INK,
-                )  # fmt: skip
-        beside = axes.inset_axes((1.0 + GAP / side, 0.0, BAR / side, 1.0))
-        bar = figure.colorbar(picture, cax=beside)
-        bar.set_label("correlation [1]")
-        bar.outline.set_visible(False)
-    return figure
+    height = min(max(CELL * n, SMALLEST), LARGEST)
+    shown = np.where(np.tril(np.ones((n, n), dtype=bool)), matrix[1:, :-1], np.nan)
+    edges = np.arange(n + 1.0)
+    marks: list[Mark] = [
+        Cells(edges, edges, shown.T, ORANGE, BLUE, lightest=0.05, darkest=0.65, gap=0.4),
+        *(
+            Letters(j + 0.5, i + 0.5, _written(value, n), size=min(7.0, 0.45 * height / n))
+            for (i, j), value in np.ndenumerate(shown)
+            if abs(value) >= WRITTEN
+        ),
+    ]
+    words = [symbol(name) for name in names]
+    middle = np.arange(n) + 0.5
+    panel = Panel(
+        tuple(marks),
+        Axis(
+            ticks=tuple(zip(middle.tolist(), words[:-1], strict=True)), low=0.0, high=float(n), grid=False,
+            upright=max(width(word, SMALL) for word in words[:-1]) > CELL,
+        ),
+        Axis(
+            ticks=tuple(zip(middle.tolist(), words[1:], strict=True)), low=0.0, high=float(n), grid=False,
+            downwards=True,
+        ),
+        shades=Shades(
+            tuple((0.5 + r / 2, f"{r:+.1f}".replace("-", "−")) for r in (-1.0, -0.5, 0.0, 0.5, 1.0)),
+            "correlation [1]", ORANGE, 0.05, 0.65, BLUE,
+        ),
+    )  # fmt: skip
+    share = min(1.0, max(1.5 * height / (497.0 - MARGINS), 0.2))
+    return Figure(((None, panel, None),), (height,), ((1 - share) / 2 + 1e-9, share, (1 - share) / 2 + 1e-9))
 
 
-def _long(names: list[str]) -> bool:
-    return any("$" not in words(name) and len(name) > 3 for name in names)
-
-
-_DARK = -0.6
-"""Below this the blue is dark enough for white letters."""
-_DIVERGING = LinearSegmentedColormap.from_list("correlation", [BLUE, "#f7f7f7", ORANGE])
+def _written(value: float, n: int) -> str:
+    sign = "+" if value > 0 else "−"
+    return sign if n >= MOST_WRITTEN else f"{sign}{abs(value):.2f}".replace("0.", ".")

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-
 from ...fit import Fit
 from ...parameter import Array
-from ...scores.metrics import Protocol
+from ..plot.areas import Boxes
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Mark, Rule
+from ..plot.palette import DOTTED, PALE, Line
+from ..plot.scale import Axis
 from ..recordings import Seen, run_rows
-from .style import INK, PALE, PROTOCOL_LINES, canvas, label, look
+from .style import PROTOCOL_LINES, label
 
 MOST_RUNS = 6
 """A recording of more runs is shown as a whole only."""
+WIDE, APART = 0.19, 0.24
+"""Of a box, and between boxes of one group."""
 
 _ROLES = {"train": "training", "validate": "validation"}
 
@@ -24,33 +25,45 @@ _ROLES = {"train": "training", "validate": "validation"}
 def errors(fit: Fit, recordings: Sequence[Seen]) -> Figure:
     """Prediction minus measurement; boxes hold half of the samples, whiskers 95 % of them."""
     groups = _groups(recordings)
-    protocols: list[Protocol] = [p for p in PROTOCOL_LINES if p in recordings[0].predicted]  # type: ignore[misc]
-    with look():
-        figure = canvas(1.75 * len(fit.model.outputs) + 0.55)
-        panels = figure.subplots(len(fit.model.outputs), 1, sharex=True, squeeze=False)[:, 0]
-        for k, (name, axes) in enumerate(zip(fit.model.outputs, panels, strict=True)):
-            axes.axhline(0.0, color=INK, linewidth=0.6)
-            for n, (_, one, run) in enumerate(groups):
-                shown = [p for p in protocols if run is None or p != "published"]
-                for j, protocol in enumerate(shown):
-                    _box(axes, n + (j - (len(shown) - 1) / 2) * 0.24, _residuals(one, protocol, run, k), protocol)
-            for n in range(1, len(groups)):
-                if groups[n][1] is not groups[n - 1][1]:
-                    axes.axvline(n - 0.5, color=PALE, linewidth=0.6, linestyle=":")
-            axes.set_ylabel(f"error of {label(name, recordings[0].recording.unit(name))}")
-            axes.grid(visible=False, axis="x")
-        panels[-1].set_xticks(range(len(groups)), [words for words, _, _ in groups])
-        panels[-1].set_xlim(-0.6, len(groups) - 0.4)
-        panels[-1].set_xlabel("recording and run [number]")
-        handles = [
-            Patch(facecolor=_fill(p), edgecolor=PROTOCOL_LINES[p].colour, label=PROTOCOL_LINES[p].words)
-            for p in protocols
-        ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
-    return figure
+    names = tuple((float(k), words) for k, (words, _, _) in enumerate(groups))
+    x = Axis("recording and run [number]", -0.6, len(groups) - 0.4, ticks=names, grid=False)
+    return Figure(
+        tuple(
+            (
+                Panel(
+                    tuple(_marks(recordings, groups, k)),
+                    x,
+                    Axis(f"error of {label(name, recordings[0].recording.unit(name))}"),
+                ),
+            )
+            for k, name in enumerate(fit.model.outputs)
+        ),
+        (84.0,) * len(fit.model.outputs),
+        joined=True,
+    )
 
 
-def _groups(recordings: Sequence[Seen]) -> list[tuple[str, Seen, int | None]]:
+Groups = Sequence[tuple[str, Seen, int | None]]
+
+
+def _marks(recordings: Sequence[Seen], groups: Groups, output: int) -> list[Mark]:
+    marks: list[Mark] = [Rule(0.0)]
+    for n in range(1, len(groups)):
+        if groups[n][1] is not groups[n - 1][1]:
+            marks.append(Rule(n - 0.5, Line(PALE, DOTTED, 0.6), upright=True))
+    for protocol in (p for p in PROTOCOL_LINES if p in recordings[0].predicted):
+        at, values = [], []
+        for n, (_, one, run) in enumerate(groups):
+            shown = [p for p in PROTOCOL_LINES if p in one.predicted and (run is None or p != "published")]
+            if protocol in shown:
+                at.append(n + (shown.index(protocol) - (len(shown) - 1) / 2) * APART)
+                values.append(_residuals(one, protocol, run, output))
+        line = PROTOCOL_LINES[protocol]
+        marks.append(Boxes(at, values, WIDE, line.colour, line.words))
+    return marks
+
+
+def _groups(recordings: Sequence[Seen]) -> Groups:
     """Words under the boxes, recording, and number of the run or None for the whole recording."""
     groups: list[tuple[str, Seen, int | None]] = []
     for one in recordings:
@@ -61,33 +74,8 @@ def _groups(recordings: Sequence[Seen]) -> list[tuple[str, Seen, int | None]]:
     return groups
 
 
-def _residuals(one: Seen, protocol: Protocol, run: int | None, output: int) -> Array:
+def _residuals(one: Seen, protocol: str, run: int | None, output: int) -> Array:
     parts = dict(run_rows(one, protocol))
     part = one.predicted[protocol] if run is None else parts[run]
     residuals: Array = part.predicted[:, output] - part.measured[:, output]
     return residuals
-
-
-def _box(axes: Axes, at: float, values: Array, protocol: Protocol) -> None:
-    colour = PROTOCOL_LINES[protocol].colour
-    edge = {"color": colour, "linewidth": 0.9}
-    axes.boxplot(
-        values,
-        positions=[at],
-        widths=0.19,
-        whis=(2.5, 97.5),
-        showfliers=False,
-        patch_artist=True,
-        manage_ticks=False,
-        boxprops={"facecolor": _fill(protocol), "edgecolor": colour, "linewidth": 0.9},
-        medianprops={"color": INK, "linewidth": 1.1},
-        whiskerprops=edge,
-        capprops=edge,
-    )
-
-
-def _fill(protocol: Protocol) -> tuple[float, float, float, float]:
-    """The protocol's colour on white paper; mixed, not transparent, so that every viewer shows the same."""
-    red, green, blue, _ = to_rgba(PROTOCOL_LINES[protocol].colour)
-    share = 0.3
-    return (1 - share * (1 - red), 1 - share * (1 - green), 1 - share * (1 - blue), 1.0)

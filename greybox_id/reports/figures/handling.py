@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 
 from ...fit import Fit
 from ...parameter import Array
 from ..motion.driven import MOVING, Driven, motion_model, typical_speed
 from ..motion.settled import steady_turns
-from .style import BLUE, DENSITY, INK, canvas, look
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Curve, Mark, Rule
+from ..plot.palette import BLUE, Line
+from ..plot.scale import Axis
+from .density import counts_of, density
 
 POINTS = 81
 SEEN, SHOWN = (0.005, 0.995), (0.01, 0.99)
@@ -31,37 +34,32 @@ def handling(fit: Fit, recordings: Sequence[Driven]) -> Figure | None:
     steer, v_x, yaw_rate = _measured(recordings)
     speed = typical_speed(recordings)
     reach = float(np.quantile(np.abs(steer), SEEN[1])) * 1.2 if len(steer) else 0.3
-    sides = [np.linspace(0.0, side * reach, POINTS) for side in (1.0, -1.0)]
-    turns = [steady_turns(model, angles, speed) for angles in sides]
-    if any(turn is None for turn in turns):
+    sides = [steady_turns(model, np.linspace(0.0, side * reach, POINTS), speed) for side in (1.0, -1.0)]
+    if sides[0] is None or sides[1] is None:
         return None
-    angles = np.concatenate([sides[1][:0:-1], sides[0]])
-    rate = np.concatenate([turns[1][:0:-1], turns[0]])  # type: ignore[index]
+    angles = np.linspace(-reach, reach, 2 * POINTS - 1)
+    rate = np.concatenate([sides[1][:0:-1], sides[0]])
     beyond, a_y = angles - L * rate / speed, rate * speed
-    with look():
-        figure = canvas(2.3)
-        axes = figure.subplots()
-        if len(steer):
-            measured, need = yaw_rate * v_x, steer - L * yaw_rate / v_x
-            shown = (*np.quantile(measured, SHOWN), *np.quantile(need, SHOWN))
-            cells = axes.hexbin(
-                measured, need, gridsize=(60, 34), bins="log", mincnt=1, cmap=DENSITY, linewidths=0.1, extent=shown
-            )
-            bar = figure.colorbar(cells, ax=axes, pad=0.02)
-            bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            bar.ax.yaxis.set_major_formatter("{x:g}")
-            bar.ax.yaxis.set_minor_formatter("")
-            bar.set_label("samples per cell [1]")
-            bar.outline.set_visible(False)
-        ends = np.quantile(yaw_rate * v_x, SEEN) if len(steer) else np.zeros(2)
-        inside = (a_y >= ends[0]) & (a_y <= ends[1])
-        axes.axhline(0.0, color=INK, linewidth=0.6)
-        axes.plot(a_y, beyond, color=BLUE, linewidth=0.7)
-        axes.plot(np.where(inside, a_y, np.nan), beyond, color=BLUE, linewidth=1.9, label=f"model at {speed:.3g} m/s")
-        axes.set_xlabel("lateral acceleration $v_x$ · yaw rate [m/s²]")
-        axes.set_ylabel("steer − $L$ · curvature [rad]")
-        axes.legend(loc="upper left")
-    return figure
+    marks: list[Mark] = []
+    shades, ends = None, np.zeros(2)
+    if len(steer):
+        measured, need = yaw_rate * v_x, steer - L * yaw_rate / v_x
+        low, high = np.quantile(need, SHOWN)
+        within = (*np.quantile(measured, SHOWN).tolist(),), (min(low, np.nanmin(beyond)), max(high, np.nanmax(beyond)))
+        marks.append(density(measured, need, *within))
+        shades = counts_of(measured, need, *within)
+        ends = np.quantile(measured, SEEN)
+    inside = (a_y >= ends[0]) & (a_y <= ends[1])
+    thick = Line(BLUE, width=2.0, words=f"model at {speed:.3g} m/s, where driven")
+    thin = Line(BLUE, width=0.8, words="beyond" if not np.all(inside) else "")
+    marks += [Rule(0.0), Curve(a_y, beyond, thin), Curve(a_y, np.where(inside, beyond, np.nan), thick)]
+    if not np.any(inside):
+        marks[-1] = Curve(a_y, beyond, replace(thin, words=f"model at {speed:.3g} m/s"))
+    panel = Panel(
+        tuple(marks), Axis("lateral acceleration v_x · yaw rate [m/s²]"),
+        Axis("steer − wheelbase · curvature [rad]"), shades=shades,
+    )  # fmt: skip
+    return Figure(((panel,),), (135.0,))
 
 
 def _measured(recordings: Sequence[Driven]) -> tuple[Array, Array, Array]:

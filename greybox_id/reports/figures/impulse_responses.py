@@ -5,8 +5,6 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ...engine.trace import Trace
 from ...fit import Fit
@@ -14,9 +12,13 @@ from ...memory_model import MemoryModel
 from ...parameter import Parameter
 from ...signals import SIGNALS
 from ..numbers import number, quantity
-from .style import BLUE, INK, canvas, label, look, symbol
+from ..plot.figure import Figure, Panel, grid
+from ..plot.marks import Band, Curve, Mark, Rule
+from ..plot.palette import BLUE, Line
+from ..plot.scale import Axis
+from .style import label, symbol
 
-COLUMNS = 4
+COLUMNS = 3
 MOST_PANELS = 6
 """A parameter of more responses than this (a network's first layer) has them all in one panel, without bands."""
 
@@ -44,49 +46,36 @@ def impulse_responses(fit: Fit) -> Figure | None:
     model = fit.model
     assert isinstance(model, MemoryModel)
     panels = [
-        (parameter, rows)
+        _panel(fit, model.sample_time, parameter, rows)
         for parameter in responses(model)
         for rows in ([[index] for index in _indices(parameter)] if _few(parameter) else [_indices(parameter)])
     ]
-    if not panels:
-        return None
-    height = -(-len(panels) // COLUMNS)
-    with look():
-        figure = canvas(1.75 * height + 0.1)
-        grid = figure.subplots(height, min(COLUMNS, len(panels)), squeeze=False).ravel()
-        first: dict[str, Axes] = {}
-        for axes, (parameter, rows) in zip(grid, panels, strict=False):
-            axes.sharey(first.setdefault(parameter.name, axes))
-            _panel(axes, fit, model.sample_time, parameter, rows)
-            axes.set_xlabel("age [s]")
-            axes.set_ylabel(label(parameter.name, parameter.unit))
-        for axes in grid[len(panels) :]:
-            axes.remove()
-    return figure
+    return grid(panels, COLUMNS, 76.0) if panels else None
 
 
-def _panel(axes: Axes, fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> None:
+def _panel(fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> Panel:
     """One response with its band, or several as thin lines. The newest sample is one sample time before the output."""
-    age = step * np.arange(parameter.shape[-1], 0, -1)
+    age = step * np.arange(float(parameter.shape[-1]), 0.0, -1.0)
     sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
-    axes.axhline(0.0, color=INK, linewidth=0.6)
+    shown = parameter.array
+    low, high = float(np.min(shown - sd)), float(np.max(shown + sd))
+    room = 0.05 * max(high - low, 1e-12)
+    y = Axis(label(parameter.name, parameter.unit), low - room, high + room)
+    x = Axis("age [s]", 0.0, age[0] + step, downwards=True)
+    marks: list[Mark] = [Rule(0.0)]
     if len(rows) == 1:
-        weights, spread = parameter.array[rows[0]], sd[rows[0]]
-        axes.fill_between(age, weights - spread, weights + spread, color="#bcdcee", linewidth=0)
-        axes.plot(age, weights, color=BLUE, linewidth=1.1, marker="o", markersize=2.0)
-        axes.set_title(_title(parameter, rows[0]), fontsize=8)
-    else:
-        for index in rows:
-            axes.plot(age, parameter.array[index], color=BLUE, linewidth=0.6)
-        rms = float(np.sqrt(np.mean(sd**2)))
-        axes.set_title(f"all {len(rows)}, typical sd {number(rms, 2)}", fontsize=8)
-    axes.set_xlim(age[0] + step, 0.0)
+        weights, spread = shown[rows[0]], sd[rows[0]]
+        marks += [Band(age, weights - spread, weights + spread), Curve(age, weights, Line(BLUE), dots=1.1)]
+        return Panel(tuple(marks), x, y, _title(parameter, rows[0]))
+    marks += [Curve(age, shown[index], Line(BLUE, width=0.6)) for index in rows]
+    rms = float(np.sqrt(np.mean(sd**2)))
+    return Panel(tuple(marks), x, y, f"all {len(rows)}, typical sd {number(rms, 2)}")
 
 
 def _title(parameter: Parameter, index: tuple[int, ...]) -> str:
     """Where the local model stands that a response belongs to, else its number."""
     if index and len(parameter.axes) == len(index):
-        return "\n".join(
+        return ", ".join(
             f"{symbol(name)} = {quantity(centres[k], SIGNALS[name].unit)}"
             for (name, centres), k in zip(parameter.axes, index, strict=True)
         )

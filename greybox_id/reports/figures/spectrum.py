@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.signal import welch
 
 from ...parameter import Array
 from ...scores.metrics import Prediction
 from ..noise import Noise
 from ..numbers import pretty_unit
+from ..plot.figure import Figure, Panel, grid
+from ..plot.marks import Curve
+from ..plot.palette import Line
+from ..plot.scale import Axis
 from ..recordings import Seen
-from .style import MEASURED, NOISE, PROTOCOL_LINES, Line, canvas, legend_above, look, symbol
+from ..spectra import welch
+from .style import MEASURED, NOISE, PROTOCOL_LINES, symbol
 
 LONGEST = 256
 """Samples of a Hamming window, as in the papers; shorter where the runs are."""
@@ -33,29 +37,22 @@ def spectrum(one: Seen, noise: Noise | None) -> Figure | None:
     """
     rate = 1.0 / one.recording.sample_time
     main = one.predicted[one.main]
-    outputs = [k for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
-    if not outputs:
+    panels = [_panel(one, k, noise, rate) for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
+    if not panels:
         return None
-    width = len(outputs) if len(outputs) <= ONE_ROW else COLUMNS
-    height = -(-len(outputs) // width)
-    with look():
-        figure = canvas(2.8 if width < COLUMNS else 2.0 * height + 0.4)
-        panels = figure.subplots(height, width, squeeze=False).ravel()
-        for k, axes in zip(outputs, panels, strict=False):
-            name = one.outputs[k]
-            for line, words, parts in _curves(one, k, noise):
-                frequency, density = psd(parts, rate)
-                axes.loglog(frequency[1:], density[1:], label=words, **line.shape())
-            lowest = min(float(np.median(curve.get_ydata())) for curve in axes.lines)
-            axes.set_ylim(bottom=lowest * BELOW)
-            unit = pretty_unit(one.recording.unit(name))
-            axes.set_ylabel(f"PSD of {symbol(name)} [({unit})²/Hz]")
-            axes.set_xlabel("frequency [Hz]")
-            axes.set_xlim(right=rate / 2)
-        for axes in panels[len(outputs) :]:
-            axes.remove()
-        legend_above(figure, panels[0])
-    return figure
+    columns = len(panels) if len(panels) <= ONE_ROW else COLUMNS
+    return grid(panels, columns, 130.0 if len(panels) < COLUMNS else 105.0)
+
+
+def _panel(one: Seen, k: int, noise: Noise | None, rate: float) -> Panel:
+    marks, lowest = [], np.inf
+    for line, words, parts in _curves(one, k, noise):
+        frequency, density = psd(parts, rate)
+        marks.append(Curve(frequency[1:], density[1:], replace(line, words=words)))
+        lowest = min(lowest, float(np.median(density[1:])))
+    name = one.outputs[k]
+    y = Axis(f"PSD of {symbol(name)} [({pretty_unit(one.recording.unit(name))})²/Hz]", low=lowest * BELOW, log=True)
+    return Panel(tuple(marks), Axis("frequency [Hz]", high=rate / 2, log=True), y)
 
 
 def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Line, str, Sequence[Array]]]:
@@ -93,6 +90,6 @@ def psd(parts: Sequence[Array], rate: float) -> tuple[Array, Array]:
     for part in parts:
         if len(part) >= length:
             segments = (len(part) - length // 2) // (length - length // 2)
-            frequency, density = welch(part, rate, "hamming", length, length // 2, detrend="constant")
+            frequency, density = welch(part, rate, length)
             total, weight = total + segments * density, weight + segments
     return frequency, np.maximum(total / weight, np.finfo(float).tiny)

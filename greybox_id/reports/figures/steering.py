@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...engine.trace import Trace
 from ...fit import Fit
 from ...memory_model import MemoryModel
 from ...model import Model
 from ...parameter import Array
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Curve, Mark
+from ..plot.palette import Line
+from ..plot.scale import Axis
 from ..recordings import Seen
-from .style import DENSITY, LEVELS, canvas, label, look
+from .density import counts_of, density
+from .style import LEVELS, label
 
 MOVING = 0.25
 """Curvature is measured where the vehicle is faster than this share of its top speed: yaw_rate/v_x is noise below."""
@@ -23,6 +28,7 @@ NEAR = 0.15
 """A recorded sample counts as of a speed when it is within this share of it."""
 SEEN = (0.005, 0.995)
 """Quantiles of the angles driven at a speed; the characteristic is drawn thin beyond them."""
+POINTS = 161
 ROUNDS = 30
 """Rounds in which inputs that follow from the outputs settle."""
 
@@ -45,39 +51,27 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
     moving = whole & (v_x > MOVING * top)
     v_x, steer, yaw_rate = v_x[moving], steer[moving], yaw_rate[moving]
     trace = Trace(model)
-    with look():
-        figure = canvas(3.0)
-        axes = figure.subplots()
-        if len(v_x):
-            rho = yaw_rate / v_x
-            cells = axes.hexbin(
-                steer, rho, gridsize=(60, 34), bins="log", mincnt=1, cmap=DENSITY, linewidths=0.1,
-                extent=(float(steer.min()), float(steer.max()), *np.quantile(rho, [0.002, 0.998])),
-            )  # fmt: skip
-            bar = figure.colorbar(cells, ax=axes, pad=0.02)
-            bar.set_label("measured samples per cell [1]")
-            bar.outline.set_visible(False)
-            speeds = sorted(
-                {
-                    round(float(speed), 1)
-                    for speed in np.linspace(np.quantile(v_x, QUANTILES[0]), np.quantile(v_x, QUANTILES[1]), 3)
-                }
-            )
-            angles = np.linspace(float(steer.min()), float(steer.max()), 161)
-        else:
-            speeds, angles = [1.0], np.linspace(-0.3, 0.3, 161)
-        for speed, (colour, style) in zip(speeds, LEVELS[-len(speeds) :], strict=True):
-            rho = steady_yaw_rate(trace, angles, speed) / speed
-            near = steer[np.abs(v_x - speed) < NEAR * speed]
-            low, high = np.quantile(near, SEEN) if len(near) else (0.0, 0.0)
-            inside = (angles >= low) & (angles <= high)
-            words = f"model at {speed:g} m/s"
-            axes.plot(angles, rho, color=colour, linewidth=0.6)
-            axes.plot(angles[inside], rho[inside], color=colour, linestyle=style, linewidth=1.9, label=words)
-        axes.set_xlabel(label("steer", "rad"))
-        axes.set_ylabel("curvature ρ = yaw rate / $v_x$ [1/m]")
-        axes.legend(loc="upper left")
-    return figure
+    marks: list[Mark] = []
+    shades, speeds, angles = None, [1.0], np.linspace(-0.3, 0.3, POINTS)
+    if len(v_x):
+        rho = yaw_rate / v_x
+        low, high = np.quantile(rho, [0.002, 0.998])
+        ends = (float(steer.min()), float(steer.max())), (float(low), float(high))
+        marks.append(density(steer, rho, *ends))
+        shades = counts_of(steer, rho, *ends)
+        slow, fast = (float(own) for own in np.quantile(v_x, QUANTILES))
+        speeds = sorted({round(float(speed), 1) for speed in np.linspace(slow, fast, 3)})
+        angles = np.linspace(float(steer.min()), float(steer.max()), POINTS)
+    for speed, line in zip(speeds, LEVELS[-len(speeds) :], strict=True):
+        rho = steady_yaw_rate(trace, angles, speed) / speed
+        near = steer[np.abs(v_x - speed) < NEAR * speed]
+        first, last = np.quantile(near, SEEN) if len(near) else (0.0, 0.0)
+        inside = (angles >= first) & (angles <= last)
+        marks.append(Curve(angles, rho, Line(line.colour, width=0.6)))
+        thick = replace(line, width=1.9, words=f"model at {speed:g} m/s")
+        marks.append(Curve(angles, np.where(inside, rho, np.nan), thick, counts=False))
+    y = Axis("curvature = yaw rate / v_x [1/m]")
+    return Figure(((Panel(tuple(marks), Axis(label("steer", "rad")), y, shades=shades),),), (150.0,))
 
 
 def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:

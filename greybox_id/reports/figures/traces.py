@@ -3,58 +3,69 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ...parameter import Array
 from ...scores.metrics import Prediction
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Curve, Mark, Rule
+from ..plot.scale import Axis
 from ..recordings import Seen, run_rows
-from .style import MEASURED, PROTOCOL_LINES, canvas, label, legend_above, look, signal_label
+from .style import MEASURED, PROTOCOL_LINES, label, signal_label
 
 SECONDS = 15.0
 """Length of the stretch that is shown."""
-TALL, TALLEST, LOW = 2.1, 5.5, 1.35
-"""Height of one output's panels, inches; of the whole figure, at most; of one output's panels then, at least."""
-SMALL = 7.0
-"""Size of the letters of labels where panels are low."""
+TALL, TALLEST, LOW = 130.0, 400.0, 62.0
+"""Height of one output's panels, points; of all panels, at most; of one output's panels then, at least."""
 GAP = 1.5
 """Lines break where the step between rows is more than so many times the usual one."""
 DENSE = 0.5
 """What is read in a larger share of the rows is drawn as a line, with its gaps; else as dots."""
 
 
-def traces(one: Seen) -> Figure:
-    """Every output over a typical stretch of a recording: measured, predicted under each protocol, and residuals."""
+def traces(one: Seen, tallest: float = TALLEST) -> Figure:
+    """Every output over a typical stretch of a recording: measured, predicted under each protocol, and residuals.
+
+    Parameters
+    ----------
+    one : the recording.
+    tallest : height of all panels together, points, if letters leave room for it.
+    """
     start, stop = typical_stretch(one)
-    letters = {"fontsize": SMALL} if TALL * len(one.outputs) > TALLEST else {}
-    with look():
-        figure = canvas(max(min(TALL * len(one.outputs), TALLEST), LOW * len(one.outputs)) + 0.5)
-        panels = figure.subplots(2 * len(one.outputs), 1, sharex=True, height_ratios=[2.4, 1.2] * len(one.outputs))
-        time = one.recording.time[start:stop]
-        for k, name in enumerate(one.outputs):
-            above, below = panels[2 * k], panels[2 * k + 1]
-            read = one.recording[name][start:stop]
-            dots = {} if np.mean(np.isfinite(read)) > DENSE else {"linestyle": "", "marker": ".", "markersize": 3.0}
-            above.plot(time, read, label=MEASURED.words, **(MEASURED.shape() | dots))
-            below.axhline(0.0, color=MEASURED.colour, linewidth=0.6)
-            for protocol, prediction in one.predicted.items():
-                if protocol not in PROTOCOL_LINES or protocol == "published":  # the latter: the same but for the joins
-                    continue
-                line = PROTOCOL_LINES[protocol]
-                inside = (prediction.rows >= start) & (prediction.rows < stop)
-                rows, shown = prediction.rows[inside], prediction.predicted[inside, k]
-                at = one.recording.time[rows]
-                above.plot(*_with_gaps(rows, at, shown), label=line.words, **line.shape())
-                error = shown - prediction.measured[inside, k]
-                below.plot(*_with_gaps(rows, at, error), **(line.shape() | dots))
-            reach = 1.15 * (max(_farthest(np.asarray(line.get_ydata(), dtype=float)) for line in below.lines) or 1.0)
-            below.set_ylim(-reach, reach)
-            above.set_ylabel(signal_label(one.recording, name), **letters)
-            below.set_ylabel(label("error", one.recording.unit(name)), **letters)
-            above.margins(x=0)
-        figure.align_ylabels()
-        panels[-1].set_xlabel("time [s]")
-        legend_above(figure, panels[0])
-    return figure
+    time = one.recording.time
+    x = Axis("time [s]", float(time[start]), float(time[stop - 1]))
+    rows: list[tuple[Panel]] = []
+    for k, name in enumerate(one.outputs):
+        above, below = _marks(one, k, start, stop)
+        reach = 1.15 * (max(_farthest(mark.reach[1]) for mark in below) or 1.0)
+        rows.append((Panel(tuple(above), x, Axis(_stacked(signal_label(one.recording, name)))),))
+        rows.append((Panel(tuple(below), x, Axis(_stacked(label("error", one.recording.unit(name))), -reach, reach)),))
+    each = max(min(TALL, tallest / len(one.outputs)), LOW)
+    return Figure(tuple(rows), (0.64 * each, 0.36 * each) * len(one.outputs), joined=True)
+
+
+def _stacked(words: str) -> str:
+    """A label with its unit on a line of its own: panels are low."""
+    return words.replace(" [", "\n[")
+
+
+def _marks(one: Seen, k: int, start: int, stop: int) -> tuple[list[Mark], list[Mark]]:
+    """What was read and predicted of one output, and the errors."""
+    read = one.recording[one.outputs[k]][start:stop]
+    dense = bool(np.mean(np.isfinite(read)) > DENSE)
+    dots = 0.0 if dense else 1.2
+    above: list[Mark] = [Curve(one.recording.time[start:stop], read, MEASURED, dots, joined=dense)]
+    below: list[Mark] = [Rule(0.0)]
+    for protocol, prediction in one.predicted.items():
+        if protocol not in PROTOCOL_LINES or protocol == "published":  # the latter: the same but for the joins
+            continue
+        line = PROTOCOL_LINES[protocol]
+        inside = (prediction.rows >= start) & (prediction.rows < stop)
+        rows, shown = prediction.rows[inside], prediction.predicted[inside, k]
+        at = one.recording.time[rows]
+        above.append(Curve(*_with_gaps(rows, at, shown), line))
+        error = shown - prediction.measured[inside, k]
+        below.append(Curve(*_with_gaps(rows, at, error), line, dots, joined=dense))
+    return above, below
 
 
 def typical_stretch(one: Seen) -> tuple[int, int]:

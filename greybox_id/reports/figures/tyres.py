@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ...combined import combined
 from ...fit import Fit
@@ -16,10 +13,14 @@ from ...model import Combination, Namespace
 from ...parameter import Array
 from ..motion.driven import Driven, motion_model, typical_speed
 from ..motion.settled import OverSlip
-from .style import BLUE, PALE, canvas, look
+from ..plot.areas import Bars
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Band, Curve, Mark, Rule
+from ..plot.palette import BLUE, Line
+from ..plot.scale import Axis
 
 AXLES = {"f": "front", "r": "rear"}
-POINTS = 61
+POINTS = 41
 BEYOND = 1.4
 """Curves reach so many times as far as the slip angles driven."""
 LEAST = 0.02
@@ -40,47 +41,34 @@ def tyres(fit: Fit, recordings: Sequence[Driven]) -> Figure | None:
     """Both axles' curves with bands of 95 %, over the density of the slip angles driven; None for other models."""
     if not has_tyres(fit):
         return None
-    slips = {axle: np.concatenate([one.quantities[f"alpha_{axle}"] for one in recordings]) for axle in AXLES}
     speed = typical_speed(recordings)
-    with look():
-        figure = canvas(3.1)
-        panels = figure.subplots(2, 2, sharex="col", sharey="row", height_ratios=[3.0, 1.0])
-        top = 0.0
-        for (axle, where), (above, below) in zip(AXLES.items(), panels.T, strict=True):
-            slip = slips[axle]
-            reach = max(
-                BEYOND * float(np.max(np.abs(np.quantile(slip, DRIVEN)), initial=0.0)) if len(slip) else 0.0, LEAST
-            )
-            angles = np.linspace(-reach, reach, POINTS)
-            share, low, high = band(fit, OverSlip(motion_model(fit), axle, speed), angles)
-            top = max(top, float(np.max(np.abs(share))))
-            inside = np.zeros(len(angles), dtype=bool)
-            if len(slip):
-                ends = np.quantile(slip, DRIVEN)
-                inside = (angles >= ends[0]) & (angles <= ends[1])
-                below.hist(slip, bins=60, range=(-reach, reach), density=True, color=PALE)
-            _curve(above, angles, share, low, high, inside)
-            above.set_title(f"{where} axle")
-            below.xaxis.set_major_locator(MaxNLocator(6))
-            below.set_xlabel(f"slip angle $\\alpha_{axle}$ [rad]")
-        panels[0, 0].set_ylim(
-            *(
-                sign * min(ROOM * top, 1.05 * abs(end))
-                for sign, end in zip((-1, 1), panels[0, 0].get_ylim(), strict=True)
-            )
-        )
-        panels[0, 0].set_ylabel("$F_y/F_z$ [1]")
-        panels[1, 0].set_ylabel("density [1/rad]")
-        figure.align_ylabels()
-        handles, said = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles[::-1], said[::-1], loc="outside upper center", ncols=3)
-    return figure
+    above, below, top = [], [], 0.0
+    for axle, where in AXLES.items():
+        slip = np.concatenate([one.quantities[f"alpha_{axle}"] for one in recordings])
+        ends = np.quantile(slip, DRIVEN) if len(slip) else np.zeros(2)
+        reach = max(BEYOND * float(np.max(np.abs(ends))), LEAST)
+        angles = np.linspace(-reach, reach, POINTS)
+        share, low, high = band(fit, OverSlip(motion_model(fit), axle, speed), angles)
+        top = max(top, float(np.max(np.abs(share))))
+        inside = (angles >= ends[0]) & (angles <= ends[1]) if len(slip) else np.zeros(len(angles), dtype=bool)
+        above.append((where, _curves(angles, share, low, high, inside)))
+        counts, edges = np.histogram(slip, bins=60, range=(-reach, reach), density=len(slip) > 0)
+        x = Axis(f"slip angle alpha_{axle} [rad]", -reach, reach)
+        below.append(Panel((Bars(edges[:-1], edges[1:], counts),), x, Axis("density [1/rad]", low=0.0)))
+    reached = [np.nanmax(np.abs(mark.reach[1]), initial=top) for _, marks in above for mark in marks]
+    end = min(ROOM * top, 1.05 * max(float(own) for own in reached)) or 1.0
+    y = Axis("F_y / F_z [1]", -end, end)
+    upper = tuple(Panel(marks, own.x, y, f"{where} axle") for (where, marks), own in zip(above, below, strict=True))
+    return Figure((upper, tuple(below)), (120.0, 40.0), joined=True)
 
 
-def _curve(axes: Axes, angles: Array, share: Array, low: Array, high: Array, inside: Array) -> None:
-    axes.fill_between(angles, low, high, color="#bcdcee", linewidth=0, label="95 % band")
-    axes.plot(angles, share, color=BLUE, linewidth=0.7, label="fit, beyond")
-    axes.plot(angles, np.where(inside, share, np.nan), color=BLUE, linewidth=1.9, label="fit, where driven")
+def _curves(angles: Array, share: Array, low: Array, high: Array, inside: Array) -> tuple[Mark, ...]:
+    return (
+        Band(angles, low, high, words="95 % band"),
+        Rule(0.0),
+        Curve(angles, share, Line(BLUE, width=0.7, words="fit, beyond")),
+        Curve(angles, np.where(inside, share, np.nan), Line(BLUE, width=2.0, words="fit, where driven")),
+    )
 
 
 def band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Array, Array]:

@@ -1,16 +1,16 @@
-"""What the report of a diagnosis says, as plain data for the template."""
+"""What the report of a diagnosis says: sentences and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Any
 
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
-from ..content import Table
+from ..document import Table
 from ..numbers import listed, number, percent, pretty_unit, signal_words
 from .quantities import interval_words, magnitude_words
 from .words import REGIMES, capital, how_far, on_these, probability_words, verdict, whole_percent
@@ -32,6 +32,7 @@ class Made:
     command : what reproduces it.
     seed, version : of everything random; greybox-id's own.
     data : recordings, those held out in the role "validate".
+    settings : from which the model was built.
     """
 
     vehicle: str
@@ -39,6 +40,7 @@ class Made:
     seed: int
     version: str
     data: tuple[DataRecord, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +53,9 @@ class GapContent:
     verdict : (lead, sentence) pairs.
     doubts : sentences on the data.
     ranking : the effects; evidence : sentences on the likely ones.
+    runner_up : a sentence on the likeliest effect that was not applied.
     apart : what could not be told, and the manoeuvre that would tell.
-    silent, absorbed : sentences on what would not show, and on what tolerances would take up.
+    silent : effects that would not show; absorbed : a sentence on what tolerances would take up.
     closures : how far, on which recordings; judged : in a sentence each.
     errors : (title, table) pairs.
     equations, channels, regimes : where.
@@ -65,8 +68,9 @@ class GapContent:
     doubts: tuple[str, ...]
     ranking: Table
     evidence: tuple[tuple[str, str], ...]
+    runner_up: str
     apart: tuple[str, ...]
-    silent: str
+    silent: Table
     absorbed: str
     closures: Table
     judged: tuple[str, ...]
@@ -76,10 +80,6 @@ class GapContent:
     regimes: Table
     recordings: Table
     provenance: tuple[tuple[str, str], ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """As plain data for the template."""
-        return asdict(self)
 
 
 def gap_content(gap: Gap, made: Made) -> GapContent:
@@ -93,23 +93,31 @@ def gap_content(gap: Gap, made: Made) -> GapContent:
         doubts=gap.doubts,
         ranking=_ranking(gap),
         evidence=tuple(_evidence(gap)),
+        runner_up=_runner_up(gap),
         apart=gap.advice,
         silent=_silent(gap),
         absorbed=_absorbed(gap),
-        closures=Table(("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both)),
+        closures=Table(
+            ("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both), "Lrrrr"
+        ),
         judged=tuple(f"{capital(how_far(gap, *one))}." for one in both),
         errors=tuple(
             (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one))
             for one, held_out in reversed(both)
             if one.errors
         ),
-        equations=Table(("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items())),
+        equations=Table(
+            ("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items()), "Lr"
+        ),
         channels=Table(
-            ("channel", "error over noise"), tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items())
+            ("channel", "error over noise"),
+            tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items()),
+            "Lr",
         ),
         regimes=Table(
             ("regime", "of the time", "of the gap"),
             tuple((REGIMES.get(k, k), percent(t), percent(g)) for k, (t, g) in own.regimes.items()),
+            "Lrr",
         ),
         recordings=_recordings(made.data),
         provenance=(
@@ -128,25 +136,34 @@ def _ranking(gap: Gap) -> Table:
         )
         for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
     )  # fmt: skip
-    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows)
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
+
+
+def likely(gap: Gap) -> list[Ranked]:
+    """The effects that have sentences of their own."""
+    return [
+        own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
+    ][:MOST_EVIDENCE]
 
 
 def _evidence(gap: Gap) -> list[tuple[str, str]]:
     """The likely effects, each with its sentences."""
-    likely = [
-        own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
-    ][:MOST_EVIDENCE]
     best = max((own.gain for own in gap.ranking), default=0.0)
-    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in likely]
+    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in likely(gap)]
 
 
 def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
-    about = EFFECTS[own.effect].parameter.about if own.effect in EFFECTS else ""
+    known = EFFECTS.get(own.effect)
+    about = known.parameter.about if known is not None else ""
     said = [
         f"{capital(about)}: {magnitude_words(own)}." if about else f"{magnitude_words(own)}.",
+        f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
+        f"It is there with probability {probability_words(own.probability)}"
+        + (" and was applied." if own.effect in gap.applied else "."),
         f"With it the log-likelihood gains {number(own.gain)}"
         + (f", {number(best - own.gain)} less than with the best." if own.gain < best else "."),
     ]
+    said = [sentence for sentence in said if sentence]
     if _touches_null(own):
         said.append("Its interval reaches to where it is not there at all.")
     if own.indistinguishable_from:
@@ -154,16 +171,32 @@ def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
     return said
 
 
+def _runner_up(gap: Gap) -> str:
+    """The likeliest effect that was not applied, against the likeliest that was."""
+    others = [own for own in gap.ranking if own.effect not in gap.applied]
+    first = next((own for own in gap.ranking if own.effect in gap.applied), None)
+    if not others or first is None:
+        return ""
+    second = others[0]
+    less = first.gain - second.gain
+    how = f"{number(less)} less than" if less > 0 else "no less than"
+    return (
+        f"{second.effect}, {magnitude_words(second)}, with probability {probability_words(second.probability)}; alone "
+        f"in its place it would gain {number(second.gain)} of the log-likelihood, {how} {first.effect}."
+    )
+
+
 def _touches_null(own: Ranked) -> bool:
     known = EFFECTS.get(own.effect)
     return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
 
 
-def _silent(gap: Gap) -> str:
-    if not gap.not_excited:
-        return ""
-    named = listed([f"{name} up to {size}" for name, size in gap.not_excited.items()])
-    return f"So much could be there without showing in these recordings (twice the standard deviation): {named}."
+def _silent(gap: Gap) -> Table:
+    rows = tuple(
+        (name, EFFECTS[name].parameter.about if name in EFFECTS else "", size) for name, size in gap.not_excited.items()
+    )
+    head = ("could be there unseen", "meaning", "up to (twice its standard deviation)")
+    return Table(head, rows, "lLr")
 
 
 def _absorbed(gap: Gap) -> str:
@@ -191,7 +224,11 @@ def _errors(closure: Closure) -> Table:
             "–" if e is None else f"{number(e.before, 2)} → {number(e.after, 2)} ({number(e.floor, 2)})" for e in found
         )
         rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
-    return Table(("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)), tuple(rows))
+    return Table(
+        ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),
+        tuple(rows),
+        "l" + "R" * len(horizons),
+    )
 
 
 def _recordings(data: Sequence[DataRecord]) -> Table:
@@ -203,4 +240,4 @@ def _recordings(data: Sequence[DataRecord]) -> Table:
         )
         for d in data
     )  # fmt: skip
-    return Table(head, rows)
+    return Table(head, rows, "lLllrrr")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from ...fit import Fit
 from ...provenance import Stage
 from ...signals import unit_of
-from ..content import ROLE_WORDS, Content, Table, made_with, noise_words, recorded
+from ..content import ROLE_WORDS, Content, made_with, noise_words, recorded
 from ..convergence import stages
+from ..document import Table
 from ..noise import Noise
 from ..numbers import counted, number, percent, pretty_unit, raised, signal_words, with_sd
 from ..parameters import scalars
@@ -46,7 +46,6 @@ class MemoryContent(Content):
     strengths : of priors, a sentence per stage.
     """
 
-    template: ClassVar[str] = "memory.typ"
     error_notes: tuple[tuple[str, str], ...]
     arrays: Table
     strengths: tuple[str, ...]
@@ -99,7 +98,7 @@ def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
         held = [measures[role][name] for role in roles]
         words = [w for m in held for w in (number(m.held), percent(m.held_fvu))]
         rows.append(("", "last measured value held", *words))
-    return Table(tuple(head), tuple(rows))
+    return Table(tuple(head), tuple(rows), "ll" + "R" * (len(head) - 2))
 
 
 def _arrays(fit: Fit) -> Table:
@@ -118,7 +117,7 @@ def _arrays(fit: Fit) -> Table:
                 pretty_unit(parameter.unit), strength or "–",
             )
         )  # fmt: skip
-    return Table(head, tuple(rows))
+    return Table(head, tuple(rows), "lLlrrll")
 
 
 def _stage_name(stage: Stage) -> str:

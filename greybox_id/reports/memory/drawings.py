@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...fit import Fit
-from ..drawing import Drawing, spectrum_words, stretch_words
+from ..drawing import Drawing, spectrum_words
 from ..figures.errors import errors
 from ..figures.impulse_responses import MOST_PANELS, impulse_responses
 from ..figures.spectrum import spectrum
 from ..figures.steering import steering
-from ..figures.traces import traces
+from ..figures_of import residual_drawings, trace_drawings
 from ..noise import Noise
 from ..numbers import listed, signal_words
 from ..recordings import Seen, shown_first
@@ -20,15 +20,8 @@ def memory_drawings(fit: Fit, recordings: Sequence[Seen], heard: Noise | None) -
     """The figures that have a meaning for this model, in the order of the report."""
     one = shown_first(recordings)
     outputs = listed([signal_words(name) for name in fit.model.outputs])
-    where, seconds = stretch_words(one)
     found = [
-        Drawing(
-            "traces",
-            traces(one),
-            f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. "
-            f"Of all stretches of {seconds} this is the one whose error is nearest to the whole recording's.",
-            f"Time traces of measured and predicted {outputs} with residuals.",
-        ),
+        *trace_drawings(recordings),
         Drawing(
             "errors",
             errors(fit, recordings),
@@ -37,6 +30,7 @@ def memory_drawings(fit: Fit, recordings: Sequence[Seen], heard: Noise | None) -
             f"Box plots of the errors of {outputs} per recording, run and protocol.",
         ),
     ]
+    found += residual_drawings(recordings, fit.model.inputs)
     spectra = spectrum(one, heard)
     if spectra is not None:
         found.append(Drawing("spectrum", spectra, spectrum_words(one, heard), f"Power spectra of {outputs}."))

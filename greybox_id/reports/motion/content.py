@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,22 @@ from ...fit import Fit
 from ...provenance import Stage
 from ...signals import unit_of
 from ...uncertainty.left_open import absent, told_together
-from ..content import ROLE_WORDS, Content, Table, made_with, noise_words, recorded
+from ..content import ROLE_WORDS, Content, made_with, noise_words, recorded
 from ..convergence import stages
+from ..document import Table
 from ..noise import Noise
-from ..numbers import counted, interval, number, pretty_unit, quantity, raised, short_with_sd, signal_words, with_sd
+from ..numbers import (
+    counted,
+    interval,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    raised,
+    short_with_sd,
+    signal_words,
+    with_sd,
+)
 from ..parameters import scalars
 from .driven import Driven, Errors, held_errors, motion_model
 from .verdict import verdict
@@ -33,7 +45,6 @@ class MotionContent(Content):
     open : sentences on what the recordings leave open.
     """
 
-    template: ClassVar[str] = "motion.typ"
     held: tuple[str, ...]
     effects: Table
     combinations: Table
@@ -98,7 +109,7 @@ def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
             still = [held[role].get(p, {}).get(name) for p in protocols]
             rows.append((output, f"held, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still)))
             output = ""
-    return Table(head, tuple(rows))
+    return Table(head, tuple(rows), "ll" + "R" * len(protocols))
 
 
 def _rmse(error: Mapping[str, Any] | None) -> str:
@@ -145,8 +156,8 @@ def _combinations(fit: Fit) -> Table:
     rows = tuple(
         (
             one.name, one.about, with_sd(one.value, one.sd), interval(one.low, one.high, one.sd), pretty_unit(one.unit),
-            f"{100 * one.sd / abs(one.value):.2g} %" if one.value else "–",
+            percent(one.sd / abs(one.value)) if one.value else "–",
         )
         for one in told
     )  # fmt: skip
-    return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows)
+    return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows, "lLrrlr")

@@ -6,18 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
 from ...fit import Fit
-from ..drawing import Drawing, spectrum_words, stretch_words
+from ..drawing import Drawing, spectrum_words
 from ..figures.convergence import convergence
 from ..figures.correlation import correlation
 from ..figures.handling import handling
 from ..figures.horizons import horizons
 from ..figures.spectrum import spectrum
-from ..figures.traces import traces
 from ..figures.tyres import tyres
+from ..figures_of import residual_drawings, trace_drawings
 from ..noise import Noise
 from ..numbers import listed, signal_words
 from ..recordings import shown_first
-from .driven import Driven, held_errors
+from .driven import Driven, held_errors, motion_model
 
 
 def motion_drawings(fit: Fit, recordings: Sequence[Driven], heard: Noise | None) -> tuple[Drawing, ...]:
@@ -42,7 +42,6 @@ def _of_errors(fit: Fit, recordings: Sequence[Driven], heard: Noise | None) -> I
     one = shown_first(recordings)
     scored = [name for name in fit.model.outputs if any(name in e for of in fit.metrics.values() for e in of.values())]
     outputs = listed([signal_words(name) for name in one.outputs])
-    where, seconds = stretch_words(one)
     yield Drawing(
         "horizons",
         horizons(scored, fit.metrics, _plain(recordings), fit.stages[-1].noise),
@@ -51,14 +50,8 @@ def _of_errors(fit: Fit, recordings: Sequence[Driven], heard: Noise | None) -> I
         "run's first row.",
         f"Errors of {outputs} over the horizon of prediction, of the model and of holding the last reading.",
     )
-    yield Drawing(
-        "traces",
-        traces(one),
-        f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. Of all stretches "
-        f"of {seconds} this is the one whose error in free run is nearest to the whole recording's; the free run "
-        "began with the run, not with the stretch.",
-        f"Time traces of measured and predicted {outputs} with residuals.",
-    )
+    yield from trace_drawings(recordings, "; the free run began with the run, not with the stretch")
+    yield from residual_drawings(recordings, recorded_inputs(fit, one))
     spectra = spectrum(one, heard)
     if spectra is not None:
         yield Drawing("spectrum", spectra, spectrum_words(one, heard), f"Power spectra of {outputs}.")
@@ -95,6 +88,13 @@ def _of_the_model(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
             + ("; beside it, where each start ended." if several else "."),
             "The objective over the solver's steps.",
         )
+
+
+def recorded_inputs(fit: Fit, one: Driven) -> list[str]:
+    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
+    model = motion_model(fit)
+    names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
+    return [next((own for own in each if own in one.recording), each[0]) for each in names]
 
 
 def _plain(recordings: Sequence[Driven]) -> Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]:

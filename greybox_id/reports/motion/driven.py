@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...engine.motion.prediction import Predictions, Predictor
-from ...engine.motion.runs import recorded_outputs
+from ...engine.motion.runs import MotionRun, recorded_outputs
 from ...engine.motion.simulator import Simulator
 from ...fit import Fit
 from ...motion_model import MotionModel
@@ -49,8 +49,13 @@ def motion_model(fit: Fit) -> MotionModel:
     return fit.model
 
 
-def driven(fit: Fit, recordings: Sequence[Recording]) -> tuple[Driven, ...]:
+def driven(fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS) -> tuple[Driven, ...]:
     """The recordings of a fit, in its order, with predictions.
+
+    Parameters
+    ----------
+    fit, recordings : the fit and what it saw.
+    horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
 
     Raises
     ------
@@ -60,7 +65,7 @@ def driven(fit: Fit, recordings: Sequence[Recording]) -> tuple[Driven, ...]:
     shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
     simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
     return tuple(
-        _driven(record, recording, model, simulator)
+        _driven(record, recording, model, simulator, horizons)
         for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
     )
 
@@ -87,11 +92,15 @@ def typical_speed(recordings: Sequence[Driven]) -> float:
     return float(np.median(moving)) if len(moving) else 1.0
 
 
-def _driven(record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator) -> Driven:
+def _driven(
+    record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator, horizons: Sequence[float]
+) -> Driven:
     predictor = Predictor(simulator, recording, model.values)
-    found = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in HORIZONS}
+    found = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
     every: dict[str, tuple[Predictions, float | None]] = {n: p for n, p in found.items() if len(p[0].rows)}
     every[FREE_RUN] = (predictor.free_run(), None)
+    rows = {ahead(h): (_rows_of(*next(iter(found.values())), h, predictor.runs), h) for h in HORIZONS}
+    kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
     outputs = recorded_outputs(model, recording)
     columns = [model.outputs.index(name) for name in outputs]
     soon, _ = next(iter(every.values()))
@@ -100,13 +109,27 @@ def _driven(record: DataRecord, recording: Recording, model: MotionModel, simula
         recording=recording,
         outputs=outputs,
         predicted={name: _of(own, columns) for name, (own, _) in every.items()},
-        held={name: _of(hold(own, predictor.runs, horizon), columns) for name, (own, horizon) in every.items()},
+        held={name: _of(hold(own, predictor.runs, horizon), columns) for name, (own, horizon) in kept.items()},
         quantities={
             name: values[np.isfinite(values)]
             for name, values in zip(simulator.trace.model.outputs, soon.predicted.T, strict=True)
             if name in SHOWN
         },
     )
+
+
+def _rows_of(found: Predictions, near: float, horizon: float, runs: Sequence[MotionRun]) -> Predictions:
+    """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
+    rows, number, measured = [], [], []
+    for k, run in enumerate(runs):
+        first, later = (max(1, round(own / run.sample_time)) for own in (near, horizon))
+        own = found.rows[found.run == k] - run.rows.start - first + later
+        own = own[own < len(run)]
+        rows.append(run.rows.start + own)
+        number.append(np.full(len(own), k))
+        measured.append(run.measured[own])
+    read = np.vstack(measured)
+    return Predictions(np.concatenate(rows), np.concatenate(number), np.full(read.shape, np.nan), read)
 
 
 def _of(found: Predictions, columns: Sequence[int]) -> Prediction:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ...filters import Track
 from ...parameter import Array
 from ...recording import Recording
-from ..figures.style import BLUE, MEASURED, canvas, legend_above, look, words
+from ..figures.style import MEASURED, symbol
 from ..numbers import pretty_unit
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Band, Curve, Mark
+from ..plot.palette import BLUE, Line
+from ..plot.scale import Axis
 
 SHOWN = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr")
 """Drawn where a model has them, and what is tracked after them."""
 MOST = 7
-HEIGHT = 1.25
-POINTS = 4000
-"""Drawn at most; of more, every so many."""
+HEIGHT = 68.0
+POINTS = 1000
+"""Of a run's band, at most; of more, every so many."""
 SHARE = 0.995
 """The axis shows this share of the estimates; a band may open further."""
 
@@ -28,23 +31,9 @@ def over_time(found: Track, recording: Recording, names: Sequence[str] = ()) -> 
     """Estimates with bands of two standard deviations, one panel each."""
     shown = [n for n in names or dict.fromkeys((*SHOWN, *found.tracked)) if n in found.values and not _hidden(n, found)]
     shown = shown[:MOST]
-    rows = found.rows.astype(int)
-    every = max(1, len(rows) // POINTS)
-    with look():
-        figure = canvas(HEIGHT * len(shown) + 0.6)
-        panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, name in zip(panels, shown, strict=True):
-            _band(axes, found, name, every)
-            measured = _measured(recording, name)
-            if measured is not None:
-                line = MEASURED.shape() | {"linewidth": 0.7}
-                axes.plot(found.time[::every], measured[rows][::every], label=MEASURED.words, zorder=1.5, **line)
-            axes.set_ylabel(f"{words(name)} [{pretty_unit(found.units[name])}]")
-            axes.margins(x=0)
-        figure.align_ylabels()
-        panels[-1].set_xlabel("time [s]")
-        legend_above(figure, panels[0])
-    return figure
+    x = Axis("time [s]", float(np.min(found.time)), float(np.max(found.time)))
+    panels = [Panel(tuple(_marks(found, recording, name)), x, _axis(found, name)) for name in shown]
+    return Figure(tuple((panel,) for panel in panels), (HEIGHT,) * len(panels), joined=True)
 
 
 def _hidden(name: str, found: Track) -> bool:
@@ -53,20 +42,30 @@ def _hidden(name: str, found: Track) -> bool:
     return name.startswith("stiffness") and f"C_alpha{axle}" in found.values
 
 
-def _band(axes: Axes, found: Track, name: str, every: int) -> None:
-    time, values, sds = (a[::every] for a in (found.time, found.values[name], found.sds[name]))
+def _marks(found: Track, recording: Recording, name: str) -> list[Mark]:
+    marks: list[Mark] = []
     for run in np.unique(found.run):
-        own = found.run[::every] == run
+        own = found.run == run
         first = run == found.run[0]
-        low, high = values[own] - 2 * sds[own], values[own] + 2 * sds[own]
-        axes.fill_between(
-            time[own], low, high, color=BLUE, alpha=0.25, linewidth=0, label="± 2 sd" if first else None, zorder=1
-        )
-        axes.plot(time[own], values[own], color=BLUE, linewidth=0.9, label="estimate" if first else None, zorder=2)
+        time, values, sd = found.time[own], found.values[name][own], found.sds[name][own]
+        every = max(1, len(time) // POINTS)
+        low, high = (values + side * 2 * sd for side in (-1, 1))
+        words = "± 2 sd" if first else ""
+        marks.append(Band(time[::every], low[::every], high[::every], words=words))
+        marks.append(Curve(time, values, Line(BLUE, width=0.9, words="estimate" if first else "")))
+    measured = _measured(recording, name)
+    if measured is not None:
+        marks.append(Curve(found.time, measured[found.rows.astype(int)], replace(MEASURED, width=0.7)))
+    return marks
+
+
+def _axis(found: Track, name: str) -> Axis:
+    """An axis that shows most of the estimates; bands may open further."""
+    values, sds = found.values[name], found.sds[name]
     low, high = np.nanquantile(values, [1 - SHARE, SHARE])
     margin = 0.35 * (high - low) + 2 * float(np.nanmedian(sds))
-    if margin > 0:
-        axes.set_ylim(low - margin, high + margin)
+    words = f"{symbol(name)}\n[{pretty_unit(found.units[name])}]"
+    return Axis(words, float(low - margin), float(high + margin)) if margin > 0 else Axis(words)
 
 
 def _measured(recording: Recording, name: str) -> Array | None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ...filters import Track
 from ...filters.consistency import WINDOW, bounds, windowed
-from ..figures.style import BLUE, PALE, canvas, look, words
+from ..figures.style import symbol
+from ..plot.figure import Figure, Panel
+from ..plot.marks import Band, Curve
+from ..plot.palette import BLUE, PALE, Line
+from ..plot.scale import Axis
 
-HEIGHT = 1.2
+HEIGHT = 60.0
 
 
 def innovations(found: Track) -> Figure:
@@ -19,23 +21,14 @@ def innovations(found: Track) -> Figure:
     step = float(np.median(np.diff(found.time))) if len(found.time) > 1 else 1.0
     size = max(2, round(WINDOW / step))
     low, high = bounds(size)
-    with look():
-        figure = canvas(HEIGHT * len(names) + 0.6)
-        panels = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, name in zip(panels, names, strict=True):
-            there = np.isfinite(found.innovations[name])
-            squares = (found.innovations[name][there] / found.expected[name][there]) ** 2
-            means, time = windowed(squares, size), windowed(found.time[there], size)
-            axes.axhspan(low, high, color=PALE, alpha=0.4, linewidth=0, label="95 % of windows, if consistent")
-            axes.plot(time, means, color=BLUE, marker=".", markersize=2.5, linewidth=0.6, label="mean over 2 s")
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
-            axes.yaxis.set_minor_locator(NullLocator())
-            axes.set_ylabel(f"NIS {words(name)} [1]")
-            axes.margins(x=0)
-        figure.align_ylabels()
-        panels[-1].set_xlabel("time [s]")
-        handles, said = panels[0].get_legend_handles_labels()
-        figure.legend(handles, said, loc="outside upper center", ncols=2)
-    return figure
+    x = Axis("time [s]", float(np.min(found.time)), float(np.max(found.time)))
+    panels = []
+    for name in names:
+        there = np.isfinite(found.innovations[name])
+        squares = (found.innovations[name][there] / found.expected[name][there]) ** 2
+        means, time = windowed(squares, size), windowed(found.time[there], size)
+        ends = np.array([x.low, x.high], dtype=float)
+        within = Band(ends, np.full(2, low), np.full(2, high), PALE, "95 % of windows, if consistent", 0.4)
+        line = Curve(time, means, Line(BLUE, width=0.6, words="mean over 2 s"), dots=1.2)
+        panels.append(Panel((within, line), x, Axis(f"NIS {symbol(name)}\n[1]", log=True)))
+    return Figure(tuple((panel,) for panel in panels), (HEIGHT,) * len(panels), joined=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from ...filters import Track
 from ...recording import Recording
 from ..drawing import Drawing
+from ..figures.slips import forces_over_slip
 from .bands import over_time
 from .consistency import innovations
-from .slips import forces_over_slip
 
 
 def drawings(found: Track, recording: Recording) -> list[Drawing]:
@@ -28,7 +28,7 @@ def drawings(found: Track, recording: Recording) -> list[Drawing]:
             "Sideslip, stiffness and forces over time with bands.",
         )
     ]
-    slips = forces_over_slip(found)
+    slips = forces_over_slip(found.values)
     if slips is not None:
         made.append(
             Drawing(

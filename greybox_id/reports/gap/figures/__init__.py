@@ -1,1 +1,1 @@
-"""Panels of a picture of a gap: one function each, drawing on axes it is given."""
+"""Pictures of a gap: how far, which, along time and path, in frequency."""

@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.patches import Patch
 
 from ....gap import Strip
-from .looks import EXCESS, NEVER, Sheet, nothing
+from ...numbers import number
+from ...plot.areas import Cells
+from ...plot.figure import Panel, Shades, nothing
+from ...plot.marks import Mark
+from ...plot.palette import FAINT
+from ...plot.scale import Axis
+from .looks import EXCESS
+
+LIGHTEST, DARKEST = 0.04, 1.0
 
 
-def regimes(sheet: Sheet, strip: Strip) -> None:
-    """A map of the share of the gap over v_x and a_y; hatched where nothing was driven."""
-    axes = sheet.subplots()
+def regimes(strip: Strip) -> Panel:
+    """A map of the share of the gap over v_x and a_y; grey where nothing was driven."""
     if not {"v_x", "a_y", "gap"} <= strip.map.keys():
-        nothing(axes, "speed and lateral acceleration are not recorded")
-        return
-    share = 100.0 * np.asarray(strip.map["gap"], dtype=float)
-    if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
-        nothing(axes, "no gap to be placed in a map of\nspeed and lateral acceleration")
-        return
-    axes.set_facecolor(NEVER)
-    axes.patch.set_hatch("////")
-    axes.patch.set_edgecolor("#c8c8c8")
-    axes.grid(visible=False)
-    drawn = axes.pcolormesh(
-        strip.map["v_x"], strip.map["a_y"], np.ma.masked_invalid(share).T, cmap=EXCESS, vmin=0.0, linewidth=0,
-        edgecolor="face",
-    )  # fmt: skip
-    axes.set_xlabel("$v_x$ [m/s]")
-    axes.set_ylabel("$a_y$ [m/s²], left positive")
-    bar = sheet.colorbar(drawn, ax=axes, aspect=25, pad=0.02)
-    bar.set_label("share of the gap [%]")
-    bar.outline.set_linewidth(0.4)
+        return nothing("speed and lateral acceleration are not recorded")
+    share = np.asarray(strip.map["gap"], dtype=float)
+    most = float(np.nanmax(share, initial=0.0))
+    if not np.any(np.isfinite(share)) or not most > 0:
+        return nothing("no gap to be placed in a map")
+    edges = np.asarray(strip.map["v_x"]), np.asarray(strip.map["a_y"])
+    marks: list[Mark] = []
     if not np.all(np.isfinite(share)):
-        never = Patch(facecolor=NEVER, edgecolor="#c8c8c8", hatch="////", label="never driven")
-        axes.legend(handles=[never], loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.1)
+        never = np.where(np.isfinite(share), np.nan, 1.0)
+        marks.append(Cells(*edges, never, FAINT, lightest=0.9, darkest=0.9, words="never driven"))
+    marks.append(Cells(*edges, np.maximum(share, 0.0) / most, EXCESS, lightest=LIGHTEST, darkest=DARKEST, gap=0.15))
+    ticks = tuple((part, number(100.0 * most * part, 2)) for part in (0.0, 0.5, 1.0))
+    ends = [(float(own[0]), float(own[-1])) for own in edges]
+    return Panel(
+        tuple(marks), Axis("v_x [m/s]", *ends[0], grid=False), Axis("a_y [m/s²], left positive", *ends[1], grid=False),
+        shades=Shades(ticks, "share of the gap [%]", EXCESS, LIGHTEST, DARKEST),
+    )  # fmt: skip

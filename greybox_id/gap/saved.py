@@ -1,0 +1,126 @@
+"""A diagnosis as plain data and back: numbers and words, nothing that is executed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from .gap import Closure, Errors, Gap, Ranked, Strip, Where
+
+
+def as_plain_data(gap: Gap) -> dict[str, Any]:
+    """Everything of a diagnosis but the closed model, in kinds that JSON knows."""
+    body = gap.to_json() | {"strip": asdict(gap.strip) if gap.strip is not None else None}
+    return {name: plain(value) for name, value in body.items()}
+
+
+def from_plain_data(body: Mapping[str, Any]) -> Gap:
+    """The diagnosis again, without its closed model.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError : `body` was not made by `as_plain_data`.
+    """
+    where = body["where"]
+    return Gap(
+        model=str(body["model"]),
+        recordings=_words(body["recordings"]),
+        doubts=_words(body["doubts"]),
+        gap_detected=bool(body["gap_detected"]),
+        p_value=float(body["p_value"]),
+        unknown_probability=float(body["unknown_probability"]),
+        unknown=str(body["unknown"]),
+        where=Where(
+            channel=str(where["channel"]),
+            regime=str(where["regime"]),
+            equations=_numbers(where["equations"]),
+            time=_numbers(where["time"]),
+            channels=_numbers(where["channels"]),
+            regimes={str(name): _pair(value) for name, value in where["regimes"].items()},
+        ),
+        ranking=tuple(_ranked(own) for own in body["ranking"]),
+        applied=_words(body["applied"]),
+        gap=_closure(body["gap"]),
+        held_out=None if body["held_out"] is None else _closure(body["held_out"]),
+        not_excited={str(name): str(size) for name, size in body["not_excited"].items()},
+        absorbed=_words(body["absorbed"]),
+        advice=_words(body["advice"]),
+        strip=None if body["strip"] is None else _strip(body["strip"]),
+        noise_stated=bool(body["noise_stated"]),
+    )
+
+
+def plain(value: Any) -> Any:
+    """Plain data without numpy's own kinds of number."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
+    return value
+
+
+def _ranked(body: Mapping[str, Any]) -> Ranked:
+    return Ranked(
+        str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
+        _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
+    )  # fmt: skip
+
+
+def _closure(body: Mapping[str, Any]) -> Closure:
+    return Closure(
+        before=float(body["before"]),
+        after=float(body["after"]),
+        floor=float(body["floor"]),
+        closed=float(body["closed"]),
+        closed_interval=_pair(body["closed_interval"]),
+        recordings=_words(body["recordings"]),
+        errors=tuple(_errors(own) for own in body["errors"]),
+    )
+
+
+def _errors(body: Mapping[str, Any]) -> Errors:
+    horizon = body["horizon"]
+    return Errors(
+        str(body["channel"]), str(body["unit"]), None if horizon is None else float(horizon),
+        *(float(body[name]) for name in ("before", "after", "floor")),
+    )  # fmt: skip
+
+
+def _strip(body: Mapping[str, Any]) -> Strip:
+    time, before, after, x, y, frequency = (
+        np.array(body[name], dtype=float) for name in ("time", "before", "after", "x", "y", "frequency")
+    )
+    first, then, cells = (_arrays(body[name]) for name in ("spectrum_before", "spectrum_after", "map"))
+    found = Strip(time, before, after, x, y, frequency, first, then, cells)
+    spectra = [*found.spectrum_before.values(), *found.spectrum_after.values()]
+    if found.time.ndim != 1 or not found.time.shape == found.before.shape == found.after.shape:
+        raise ValueError("the lines of its picture do not belong together")
+    if any(own.shape != found.frequency.shape for own in spectra):
+        raise ValueError("the spectra of its picture do not belong to its frequencies")
+    return found
+
+
+def _arrays(body: Mapping[str, Any]) -> dict[str, Any]:
+    return {str(name): np.array(own, dtype=float) for name, own in body.items()}
+
+
+def _words(body: Any) -> tuple[str, ...]:
+    if not isinstance(body, list):
+        raise TypeError(f"{body!r} is no list of words")
+    return tuple(str(own) for own in body)
+
+
+def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in body.items()}
+
+
+def _pair(body: Any) -> tuple[float, float]:
+    low, high = body
+    return float(low), float(high)

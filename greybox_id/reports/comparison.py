@@ -1,0 +1,215 @@
+"""Several fits side by side: what each is, how far each errs on the same recordings, and whether that differs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..errors import BadInput
+from ..fit import Fit
+from ..hybrid_model import HybridModel
+from ..motion_model import MotionModel
+from ..recording import Recording
+from ..scores.metrics import FREE_RUN, Prediction
+from ..signals import unit_of
+from .document import Document, Pairs, Part, Table, Text, Verdict, titled
+from .drawing import Drawing
+from .figures.style import label
+from .memory.seen import seen
+from .motion.driven import driven
+from .numbers import counted, listed, number, percent, pretty_unit, signal_words
+from .numbers import interval as interval_of
+from .pairing import DRAWS, TIMES, Judged, Paired, pairs_of
+from .plot.figure import Panel, grid
+from .plot.marks import Curve
+from .plot.palette import BLUE, INK, ORANGE, PURPLE, RUST, Line
+from .plot.scale import Axis
+from .recordings import Seen
+
+COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
+
+OWN_PREDICTIONS = "closed_loop"
+
+
+@dataclass(frozen=True)
+class Named:
+    """A fit under the name it has in the comparison, with the recordings it saw."""
+
+    name: str
+    fit: Fit
+    recordings: tuple[Recording, ...]
+
+
+def comparison(fits: Sequence[Named]) -> Document:
+    """The report of several fits.
+
+    Raises
+    ------
+    BadInput : a hybrid is among them, or a recording of one is missing.
+    """
+    for own in fits:
+        if isinstance(own.fit.model, HybridModel):
+            raise BadInput(f"{own.name} is a fit of {own.fit.model.name}; hybrids are not compared yet.")
+    role = common_role(fits)
+    parts: tuple[Part, ...]
+    if role is None:
+        parts = (Verdict((("Not compared", _apart(fits)),)), *titled("The fits", _described(fits)))
+        return _document(fits, parts)
+    found = {own.name: _judged(own, role) for own in fits}
+    base = fits[0].name
+    pairs = {own.name: pairs_of(found[base], found[own.name]) for own in fits[1:]}
+    where = listed([record.name for record in fits[0].fit.data if record.role == role])
+    judged = f"{where}{', which they were fitted to' if role == 'train' else ', which they have not seen'}"
+    words = (
+        f"Differences are RMSE less that of {base}, over the rows that both predict, with 95 % intervals from "
+        f"{DRAWS} draws of blocks of time, the same blocks for both; a block lasts {TIMES:g} correlation times of the "
+        "difference of squared errors. An interval that leaves out zero (*) is a difference that these recordings tell."
+    )
+    parts = (
+        Verdict(tuple(_sentence(name, base, own, judged) for name, own in pairs.items())),
+        *titled("The fits", _described(fits)),
+        *titled(
+            "Errors on the same recordings", *_drawn(found), *(_table(base, *own) for own in pairs.items()), Text(words)
+        ),
+        *titled("Their commands", _commands(fits)),
+    )
+    return _document(fits, parts)
+
+
+def common_role(fits: Sequence[Named]) -> str | None:
+    """The role of files that all fits share: validate, or train where none of them was validated; None for none."""
+    validated = any(record.role == "validate" for own in fits for record in own.fit.data)
+    role = "validate" if validated else "train"
+    seen_by = [[d.sha256 or d.name for d in own.fit.data if d.role == role] for own in fits]
+    same = all(seen_by) and all(sorted(one) == sorted(other) for one, other in pairwise(seen_by))
+    return role if same else None
+
+
+def _judged(own: Named, role: str) -> Judged:
+    every: Sequence[Seen] = (driven if isinstance(own.fit.model, MotionModel) else seen)(own.fit, own.recordings)
+    found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
+    for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
+        for protocol, prediction in one.predicted.items():
+            name = FREE_RUN if protocol == OWN_PREDICTIONS else protocol
+            found.setdefault(name, []).append((one.recording, one.outputs, prediction))
+    return {name: tuple(parts) for name, parts in found.items()}
+
+
+def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], judged: str) -> tuple[str, str]:
+    """Where a fit differs from the first in free run, or at the first protocol both have."""
+    protocols = dict.fromkeys(protocol for _, protocol in pairs)
+    if not protocols:
+        return name, f"It makes no prediction of the same kind as {base}, so that their errors are not compared."
+    main = FREE_RUN if FREE_RUN in protocols else next(iter(protocols))
+    clauses = []
+    for (output, protocol), own in pairs.items():
+        if protocol == main:
+            ratio = own.second / own.first if own.first > 0 else float("nan")
+            size = percent(abs(ratio - 1.0))
+            word = "no different" if not own.told else f"{size} {'larger' if ratio > 1 else 'smaller'}"
+            clauses.append(f"{word} in {signal_words(output)}")
+    how = "in free run" if main == FREE_RUN else _protocol(main)
+    return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
+
+
+def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Table:
+    head = ("output", "prediction", base, name, "difference", "95 % interval", "blocks")
+    rows, before = [], ""
+    outputs = list(dict.fromkeys(output for output, _ in pairs))
+    for (output, protocol), own in sorted(pairs.items(), key=lambda pair: outputs.index(pair[0][0])):
+        words = f"{signal_words(output)} [{pretty_unit(unit_of(output))}]"
+        interval = (
+            interval_of(own.low, own.high, (own.high - own.low) / 4) if np.isfinite(own.low) else "too few blocks"
+        )
+        rows.append(
+            (
+                words if words != before else "", _protocol(protocol), number(own.first), number(own.second),
+                number(own.second - own.first, 2), interval + (" *" if own.told else ""),
+                f"{own.blocks} of {own.seconds:.1f} s",
+            )
+        )  # fmt: skip
+        before = words
+    return Table(head, tuple(rows), "lLrrrrr")
+
+
+def _protocol(name: str) -> str:
+    return {"honest": "one sample ahead"}.get(name, name)
+
+
+def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
+    """A panel for each output: RMSE of every fit over the protocols."""
+    protocols = list(dict.fromkeys(p for own in found.values() for p in own if p != "published"))
+    outputs = list(
+        dict.fromkeys(n for own in found.values() for parts in own.values() for _, ns, _ in parts for n in ns)
+    )
+    ticks = tuple(
+        (float(k), p.removesuffix(" s ahead").replace("free run", "free").replace("honest", "1 sample"))
+        for k, p in enumerate(protocols)
+    )
+    x = Axis("horizon [s]", -0.4, len(protocols) - 0.6, ticks=ticks)
+    panels = []
+    for output in outputs:
+        marks = []
+        for k, (name, own) in enumerate(found.items()):
+            at = [j for j, p in enumerate(protocols) if any(output in ns for _, ns, _ in own.get(p, ()))]
+            rmse = [_rmse(output, own[protocols[j]]) for j in at]
+            marks.append(
+                Curve(
+                    np.array(at, dtype=float),
+                    np.array(rmse),
+                    Line(COLOURS[k % len(COLOURS)], ("", "5 2", "1 2")[k % 3], 1.1, name),
+                    1.7,
+                )
+            )
+        panels.append(Panel(tuple(marks), x, Axis(label("RMSE", unit_of(output)), low=0.0), signal_words(output)))
+    caption = "RMSE of every fit on the same recordings by horizon of prediction, each over all rows it predicts."
+    return (Drawing("comparison", grid(panels, min(len(panels), 4), 100.0), caption, "Errors of all fits by horizon."),)
+
+
+def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Prediction]]) -> float:
+    errors = [
+        found.predicted[:, names.index(output)] - found.measured[:, names.index(output)]
+        for _, names, found in parts
+        if output in names
+    ]
+    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+
+
+def _described(fits: Sequence[Named]) -> Table:
+    rows = []
+    for own in fits:
+        model = own.fit.model
+        free = sum(p.size for p in model.parameters if not p.fixed)
+        trained = [d.name for d in own.fit.data if d.role == "train"]
+        judged = [d.name for d in own.fit.data if d.role == "validate"]
+        rows.append(
+            (
+                own.name, model.name, ", ".join(model.effects) or "none", counted(free, "free parameter"),
+                listed(trained), listed(judged) or "none", "yes" if own.fit.stages[-1].converged else "no",
+            )
+        )  # fmt: skip
+    return Table(("fit", "model", "effects", "size", "trained on", "judged on", "converged"), tuple(rows), "llLllll")
+
+
+def _commands(fits: Sequence[Named]) -> Pairs:
+    commands = tuple((own.name, own.fit.command or "not recorded (fitted from Python)") for own in fits)
+    return Pairs(commands, code=tuple(own.name for own in fits))
+
+
+def _apart(fits: Sequence[Named]) -> str:
+    judged = [
+        f"{own.name} on {listed([d.name for d in own.fit.data if d.role == 'validate']) or 'nothing'}" for own in fits
+    ]
+    return (
+        f"The fits were not judged on the same files ({listed(judged)}), so that their errors cannot be compared. Fit "
+        "them with the same --validate, or let greybox validate score them on one recording."
+    )
+
+
+def _document(fits: Sequence[Named], parts: tuple[Part, ...]) -> Document:
+    about = listed([own.name for own in fits])
+    versions = listed(sorted({own.fit.version for own in fits}))
+    return Document("Comparison of fits", about, "several fits", f"greybox-id {versions}", parts)

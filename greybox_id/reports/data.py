@@ -1,0 +1,134 @@
+"""What a report says of the data: what was made of the files, what is noteworthy in them, where they lie."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..checks import Finding, check
+from ..datasets.column_map import Column, column_map
+from ..errors import BadInput
+from ..parameter import Array
+from ..recording import Recording
+from ..signals import unit_of
+from .document import Part, Points, Table, Text, titled
+from .drawing import Drawing
+from .figures.excitation import excitation
+from .numbers import counted, number, percent, pretty_unit, raised, signal_words
+from .recordings import Seen, of_role
+
+MOST_FINDINGS = 6
+"""Findings told of each recording; the rest is counted."""
+MOST_ROWS = 12_000
+"""Rows of a recording that are looked at; of longer ones, those up to the end of the run that holds this row."""
+WITHIN = (0.005, 0.995)
+"""Quantiles between which a model counts as having been driven."""
+
+
+def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
+    """The section on the data.
+
+    Parameters
+    ----------
+    recordings : what a fit saw.
+    signals : what its model reads and predicts.
+    """
+    own = [one.recording for one in recordings]
+    return titled("Data", applied(own, signals), *_findings(own), *_map(recordings))
+
+
+def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
+    """Where the model is valid: between which values it was trained, and how much of validation lies beyond."""
+    rows = []
+    for name in signals:
+        trained, judged = (_values(of_role(recordings, role), name) for role in ("train", "validate"))
+        if not len(trained):
+            continue
+        low, high = np.quantile(trained, WITHIN)
+        beyond = float(np.mean((judged < low) | (judged > high))) if len(judged) else float("nan")
+        cells = [
+            f"{number(float(np.min(own)))} to {number(float(np.max(own)))}" if len(own) else "–"
+            for own in (trained, judged)
+        ]
+        unit = pretty_unit(unit_of(name))
+        rows.append(
+            (signal_words(name), unit, f"{number(float(low))} to {number(float(high))}", *cells, percent(beyond))
+        )
+    head = ("signal", "unit", "99 % of training", "all of training", "all of validation", "beyond")
+    words = (
+        "Inside the range that holds 99 % of each training signal the data speak; outside, the model extrapolates on "
+        "its equations alone, and its intervals say nothing. Signals inside their ranges may still be beyond what was "
+        "driven together: see the map of the data. Beyond: share of the validation samples outside the range."
+    )
+    return titled("Limits of validity", Table(head, tuple(rows), "Llrrrr"), Text(words if rows else ""))
+
+
+def applied(recordings: Sequence[Recording], signals: Sequence[str]) -> Table:
+    """Which column became which signal, by which unit, factor and sign."""
+    rows: dict[tuple[str, ...], None] = {}
+    for recording in recordings:
+        for column in _columns(recording):
+            if column.signal in recording and column.signal in signals:
+                rows[_row(column)] = None
+    head = ("signal", "column", "unit in the file", "scale", "sign", "offset", "unit here")
+    return Table(head, tuple(rows), "lLlrrrl")
+
+
+def _row(column: Column) -> tuple[str, ...]:
+    offset = f"{number(column.offset)} {pretty_unit(column.si_unit)}" if column.offset else "0"
+    return (
+        signal_words(column.signal), column.column, pretty_unit(column.unit), number(column.scale, 4),
+        "−" if column.sign < 0 else "+", offset, pretty_unit(column.si_unit),
+    )  # fmt: skip
+
+
+def _columns(recording: Recording) -> tuple[Column, ...]:
+    """The column map a recording was read through; none where it is no longer there."""
+    try:
+        return column_map(recording.source.columns).channels if recording.source.columns else ()
+    except BadInput:
+        return ()
+
+
+def _findings(recordings: Sequence[Recording]) -> list[Part]:
+    """What checks say, a list for each recording."""
+    parts: list[Part] = []
+    for recording in recordings:
+        stop = next((end for _, end in recording.runs if end >= MOST_ROWS), len(recording))
+        whole = stop == len(recording)
+        found = check(recording if whole else recording.rows(0, stop))
+        part = "" if whole else f", looked at up to row {stop}"
+        if not found:
+            parts.append(Text("nothing noteworthy was found.", lead=f"{recording.name}{part}:"))
+            continue
+        more = len(found) - MOST_FINDINGS
+        items = [_said(own) for own in found[:MOST_FINDINGS]]
+        if more > 0:
+            items.append(f"and {counted(more, 'finding')} more; greybox data check tells all.")
+        parts += [Text("", lead=f"Findings in {recording.name}{part}"), Points(tuple(items))]
+    return parts
+
+
+def _said(finding: Finding) -> str:
+    words = {"distrust": "Not to be trusted: ", "warning": "", "note": ""}[finding.severity.value]
+    return words + re.sub(r"(?<![\w.])-(?=\d)", "−", raised(finding.sentence))
+
+
+def _map(recordings: Sequence[Seen]) -> list[Part]:
+    figure = excitation(recordings)
+    if figure is None:
+        return []
+    caption = (
+        "Where the data lie: samples over speed and lateral acceleration. Where no sample lies the recordings do not "
+        "excite the model, and it extrapolates."
+    )
+    alt = "Maps of the samples over speed and lateral acceleration, training and validation."
+    return [Drawing("excitation", figure, caption, alt)]
+
+
+def _values(recordings: Sequence[Seen], name: str) -> Array:
+    parts = [one.recording[name] for one in recordings if name in one.recording]
+    values = np.concatenate([np.empty(0), *parts])
+    return np.asarray(values[np.isfinite(values)])

@@ -1,0 +1,159 @@
+"""A report as a tree of parts: what it says and shows, not how it looks. Paper and screen are made of one tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .drawing import Drawing
+from .equations.expression import Equation
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of words.
+
+    Attributes
+    ----------
+    head : titles of the columns.
+    rows : as many words per row.
+    columns : a letter for each: l or r as it is aligned, capital where it takes the room that is left; all l unless
+        given.
+    """
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    columns: str = ""
+
+    @property
+    def letters(self) -> str:
+        """A letter for each column."""
+        return self.columns or "l" * len(self.head)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading; `level` 2 for one inside another."""
+
+    title: str
+    level: int = 1
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph, perhaps led by bold words; `small` for explanations."""
+
+    words: str
+    lead: str = ""
+    small: bool = True
+
+
+@dataclass(frozen=True)
+class Points:
+    """A list of sentences."""
+
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of a report: (lead, sentence) pairs."""
+
+    pairs: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """(what, value) pairs; values of those in `code` are commands or code."""
+
+    pairs: tuple[tuple[str, str], ...]
+    code: tuple[str, ...] = ("command",)
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """Typeset equations."""
+
+    equations: tuple[Equation, ...]
+
+
+@dataclass(frozen=True)
+class Together:
+    """Parts that no page break divides."""
+
+    parts: tuple[Part, ...]
+
+
+Part = Section | Text | Points | Verdict | Pairs | Table | Formulas | Drawing | Together
+
+
+@dataclass(frozen=True)
+class Document:
+    """A report.
+
+    Attributes
+    ----------
+    title, about : its head.
+    of : what it is a report of, as in "a fit".
+    written_by : software and version.
+    parts : in order.
+    endless : one page as long as it takes, for a picture.
+    """
+
+    title: str
+    about: str
+    of: str
+    written_by: str
+    parts: tuple[Part, ...]
+    endless: bool = False
+
+    @property
+    def verdict(self) -> tuple[tuple[str, str], ...]:
+        """Its answer: (lead, sentence) pairs."""
+        return next((part.pairs for part in self.parts if isinstance(part, Verdict)), ())
+
+    @property
+    def drawings(self) -> tuple[Drawing, ...]:
+        """Its figures."""
+        return _drawings(self.parts)
+
+
+def _drawings(parts: tuple[Part, ...]) -> tuple[Drawing, ...]:
+    found: list[Drawing] = []
+    for part in parts:
+        if isinstance(part, Drawing):
+            found.append(part)
+        elif isinstance(part, Together):
+            found += _drawings(part.parts)
+    return tuple(found)
+
+
+def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:
+    """Parts below a heading, which stays with the first of them; nothing where there are none."""
+    kept = tuple(part for part in parts if not _empty(part))
+    if not kept:
+        return ()
+    first, *rest = kept
+    if isinstance(first, Drawing | Text | Pairs) or (isinstance(first, Table) and len(first.rows) <= SHORT):
+        return (Together((Section(title, level), first)), *rest)
+    return (Section(title, level), *kept)
+
+
+SHORT = 14
+"""A table of so many rows is kept on one page."""
+
+
+def _empty(part: Part) -> bool:
+    match part:
+        case Table():
+            return not part.rows
+        case Points():
+            return not part.items
+        case Text():
+            return not (part.words or part.lead)
+        case Pairs() | Verdict():
+            return not part.pairs
+        case Formulas():
+            return not part.equations
+        case Together():
+            return all(_empty(own) for own in part.parts)
+    return False

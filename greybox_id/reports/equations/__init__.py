@@ -1,0 +1,1 @@
+"""A model's equations as typeset mathematics, made from the model itself."""

@@ -1,0 +1,46 @@
+"""The equations of a hybrid: its physics, with what the network says as z, and the network's layers in words."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as cs
+
+from ...hybrid_model import HybridModel
+from .expression import Equation, Expression, Symbol
+from .symbolic import Reader
+
+SAID = "z"
+"""What the network says."""
+
+
+def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
+    """Outputs and estimates, then the derivatives of the states."""
+    known: dict[str, Expression] = {}
+
+    def named(symbol: Symbol) -> cs.SX:
+        key = f"{symbol.name}{symbol.entry}"
+        known[key] = symbol
+        return cs.SX.sym(key)
+
+    x = SimpleNamespace(**{state.name: named(Symbol(state.name)) for state in model.states})
+    u = SimpleNamespace(**{name: named(Symbol(name)) for name in model.inputs})
+    p = SimpleNamespace(**{own.name: named(Symbol(own.name)) for own in model.parameters if own.shape == ()})
+    z = [named(Symbol(SAID, (k + 1,))) for k in range(model.network.outputs)]
+    rates, quantities = model.physics(x, u, p, z)
+    read = Reader(known)
+    wanted = [*model.estimates, *(name for name in model.outputs if name not in model.estimates)]
+    found = [Equation(Symbol(name), read(quantities[name])) for name in wanted if name in quantities]
+    found += [Equation(Symbol(name, dots=1), read(rate)) for name, rate in rates.items()]
+    return tuple(own for own in found if own.right != Symbol(own.left.name))
+
+
+def network_words(model: HybridModel) -> str:
+    """What the network reads and how large it is, in a sentence."""
+    network = model.network
+    layers = ", ".join(map(str, network.hidden))
+    skip = " and straight from what it reads" if network.skip else ""
+    return (
+        f"z is what a recurrent network of {layers} rectified linear units says at every row from {network.features} "
+        f"features of states and inputs and from what its layers said a row before; its last layer is linear{skip}."
+    )

@@ -1,0 +1,110 @@
+"""CasADi expressions over named symbols, turned into expressions that can be typeset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import casadi as cs
+
+from ...model import Symbol as Casadi
+from .expression import (
+    Call,
+    Cases,
+    Comparison,
+    Expression,
+    Number,
+    Power,
+    Quotient,
+    Sum,
+    Symbol,
+    added,
+    divided,
+    multiplied,
+)
+
+ONE_ARGUMENT = {
+    cs.OP_EXP: "exp", cs.OP_LOG: "ln", cs.OP_SQRT: "sqrt", cs.OP_SIN: "sin", cs.OP_COS: "cos", cs.OP_TAN: "tan",
+    cs.OP_ASIN: "arcsin", cs.OP_ACOS: "arccos", cs.OP_ATAN: "arctan", cs.OP_FABS: "abs", cs.OP_SIGN: "sgn",
+    cs.OP_SINH: "sinh", cs.OP_COSH: "cosh", cs.OP_TANH: "tanh", cs.OP_ERF: "erf", cs.OP_FLOOR: "floor",
+    cs.OP_CEIL: "ceil", cs.OP_NOT: "not", cs.OP_LOG1P: "log1p", cs.OP_EXPM1: "expm1", cs.OP_ASINH: "arsinh",
+}  # fmt: skip
+TWO_ARGUMENTS = {cs.OP_FMIN: "min", cs.OP_FMAX: "max", cs.OP_ATAN2: "arctan2", cs.OP_HYPOT: "hypot", cs.OP_FMOD: "mod"}
+SIGNS = {cs.OP_LT: "<", cs.OP_LE: "≤", cs.OP_EQ: "=", cs.OP_NE: "≠", cs.OP_AND: "and", cs.OP_OR: "or"}
+OPPOSITE = {"<": "≥", "≤": ">", "=": "≠", "≠": "="}
+
+TWO = Number(2.0)
+
+
+class Reader:
+    """Reads CasADi expressions whose symbols are known.
+
+    Parameters
+    ----------
+    known : name of a CasADi symbol -> what it stands for.
+    """
+
+    def __init__(self, known: Mapping[str, Expression]) -> None:
+        self._known = known
+        self._read: dict[int, Expression] = {}
+        self._kept: list[Casadi] = []  # hashes are only unique among nodes that live
+
+    def __call__(self, of: Casadi) -> Expression:
+        """One scalar expression."""
+        node = cs.SX(of)
+        key = node.element_hash()
+        if key not in self._read:
+            self._kept.append(node)
+            self._read[key] = self._made(node)
+        return self._read[key]
+
+    def _made(self, node: Casadi) -> Expression:
+        if node.is_constant():
+            return Number(float(node))
+        if node.is_symbolic():
+            return self._known[node.name()]
+        op = node.op()
+        parts = [node.dep(k) for k in range(node.n_dep())]
+        if op in (cs.OP_ADD, cs.OP_SUB):
+            cases = self._cases(parts) if op == cs.OP_ADD else None
+            return cases or added(self(parts[0]), self(parts[1]), minus=op == cs.OP_SUB)
+        if op in ONE_ARGUMENT:
+            return Call(ONE_ARGUMENT[op], (self(parts[0]),))
+        if op in TWO_ARGUMENTS:
+            first, second = self(parts[0]), self(parts[1])
+            if op == cs.OP_FMAX and isinstance(first, Call) and first.name == "abs" and second == Number(0.0):
+                return first
+            return Call(TWO_ARGUMENTS[op], (first, second))
+        if op in SIGNS:
+            return Comparison(SIGNS[op], self(parts[0]), self(parts[1]))
+        return _ELSE[op](*(self(part) for part in parts))
+
+    def _cases(self, parts: list[Casadi]) -> Expression | None:
+        """The sum of a value where something holds and one where it does not."""
+        if not all(part.op() == cs.OP_IF_ELSE_ZERO for part in parts if not part.is_leaf()):
+            return None
+        if any(part.is_leaf() for part in parts):
+            return None
+        first, second = (part.dep(0) for part in parts)
+        if second.op() == cs.OP_NOT and second.dep(0).element_hash() == first.element_hash():
+            return Cases(self(first), self(parts[0].dep(1)), self(parts[1].dep(1)))
+        if first.op() == cs.OP_NOT and first.dep(0).element_hash() == second.element_hash():
+            return Cases(self(second), self(parts[1].dep(1)), self(parts[0].dep(1)))
+        return None
+
+
+_ELSE: dict[int, Callable[..., Expression]] = {
+    cs.OP_MUL: multiplied,
+    cs.OP_DIV: divided,
+    cs.OP_NEG: lambda own: multiplied(Number(-1.0), own),
+    cs.OP_SQ: lambda own: Power(own, TWO),
+    cs.OP_TWICE: lambda own: multiplied(TWO, own),
+    cs.OP_POW: Power,
+    cs.OP_CONSTPOW: Power,
+    cs.OP_INV: lambda own: Quotient(Number(1.0), own),
+    cs.OP_IF_ELSE_ZERO: lambda where, value: Cases(where, value, Number(0.0)),
+}
+
+
+def is_plain(of: Expression) -> bool:
+    """Whether an expression is a mere number or another quantity's name."""
+    return isinstance(of, Number | Symbol) or (isinstance(of, Sum) and not of.terms)

@@ -1,0 +1,101 @@
+"""A report as one page for a browser: everything is in it, nothing is fetched, light and dark as the reader has it."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from ..files import write_atomically
+from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, Verdict
+from .drawing import Drawing
+from .equations.mathml import in_mathml
+from .plot.palette import DARK, LIGHT, style
+from .words import Span, is_symbol_index, named, spans
+
+STYLE = "page.css"
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""What a browser may load for the page: nothing but what is in it."""
+
+
+def write_html(document: Document, out: str | Path) -> Path:
+    """Write a report as an HTML page, atomically. Raises `BadInput` where the file cannot be written."""
+    return write_atomically(Path(out), page(document))
+
+
+def page(document: Document) -> str:
+    """The page."""
+    look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
+    colours = f"{style(LIGHT)}@media(prefers-color-scheme:dark){{{style(DARK)}}}"
+    body = "\n".join(_part(part) for part in document.parts)
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(document.title)}: report of {escape(document.of)}</title>\n"
+        f"<style>\n{look}{colours}\n</style>\n</head>\n<body>\n<main>\n"
+        f'<h1>{escape(document.title)}</h1>\n<p class="about">{_words(document.about)}</p>\n'
+        f"{body}\n<footer>{escape(document.written_by)}, report of {escape(document.of)}</footer>\n"
+        "</main>\n</body>\n</html>\n"
+    )
+
+
+def _part(part: Part) -> str:
+    match part:
+        case Section(title, level):
+            return f"<h{level + 1}>{_words(title)}</h{level + 1}>"
+        case Text(words, lead, small):
+            first = f"<strong>{_words(lead)}</strong> " if lead else ""
+            return f"<p{' class=small' if small else ''}>{first}{_words(words)}</p>"
+        case Points(items):
+            return f"<ul class=small>{''.join(f'<li>{_words(item)}</li>' for item in items)}</ul>"
+        case Verdict(pairs):
+            inside = "".join(f"<dt>{_words(lead)}</dt><dd>{_words(words)}</dd>" for lead, words in pairs)
+            return f"<dl class=verdict>{inside}</dl>"
+        case Pairs(pairs, code):
+            inside = "".join(
+                f"<dt>{_words(what)}</dt><dd>{f'<code>{escape(value)}</code>' if what in code else _words(value)}</dd>"
+                for what, value in pairs
+            )
+            return f"<dl class=small>{inside}</dl>"
+        case Table():
+            return _table(part)
+        case Formulas(equations):
+            return f"<div class=formulas>{''.join(f'<div>{in_mathml(own)}</div>' for own in equations)}</div>"
+        case Drawing():
+            caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
+            return f"<figure>{part.figure.svg(part.alt, palette=None)}{caption}</figure>"
+        case Together(parts):
+            return "\n".join(_part(own) for own in parts)
+
+
+def _table(table: Table) -> str:
+    classes = [
+        " ".join(name for name, is_so in (("r", letter in "rR"), ("n", letter.islower())) if is_so)
+        for letter in table.letters
+    ]
+    kinds = [f' class="{name}"' if name else "" for name in classes]
+    head = "".join(f"<th{kind}>{_words(cell)}</th>" for kind, cell in zip(kinds, table.head, strict=True))
+    rows = "".join(
+        "<tr>"
+        + "".join(
+            f"<td{kind}>{_set(named(cell) if k == 0 else spans(cell))}</td>"
+            for k, (kind, cell) in enumerate(zip(kinds, row, strict=True))
+        )
+        + "</tr>\n"
+        for row in table.rows
+    )
+    return f"<div class=wide><table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>"
+
+
+def _words(text: str) -> str:
+    return _set(spans(text))
+
+
+def _set(found: tuple[Span, ...]) -> str:
+    parts = []
+    for span in found:
+        words = escape(span.words)
+        index = ",".join(f"<i>{escape(own)}</i>" if is_symbol_index(own) else escape(own) for own in span.index)
+        parts.append((f"<i>{words}</i>" if span.symbol else words) + (f"<sub>{index}</sub>" if index else ""))
+    return "".join(parts)

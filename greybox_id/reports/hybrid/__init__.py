@@ -1,0 +1,1 @@
+"""Reports of physics with a network inside."""

@@ -1,0 +1,66 @@
+"""Words in which names of quantities are symbols: v_x is a letter with an index, yaw_rate stays a word."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "theta": "θ", "kappa": "κ",
+    "lambda": "λ", "mu": "μ", "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ", "psi": "ψ", "omega": "ω",
+}  # fmt: skip
+_HEAD = "|".join(("[A-Za-z]", *GREEK))
+_ALONE = re.compile(r"([A-Za-z])(?= \[)")
+_SYMBOL = re.compile(rf"(?<![\w.])({_HEAD})((?:_[0-9A-Za-z]+)+)(?![\w.]*\w)")
+
+
+@dataclass(frozen=True)
+class Span:
+    """Words alike.
+
+    Attributes
+    ----------
+    words : plain words, or the letter of a symbol.
+    index : of a symbol, each letter or word of it; empty for plain words.
+    symbol : whether `words` is the letter of a symbol.
+    """
+
+    words: str
+    index: tuple[str, ...] = ()
+    symbol: bool = False
+
+
+def spans(text: str) -> tuple[Span, ...]:
+    """A text in plain words and symbols."""
+    return tuple(_parts(text.replace(" %", "\u00a0%")))
+
+
+def named(name: str) -> tuple[Span, ...]:
+    """A name alone, as in the first column of a table: a bare letter is a symbol too."""
+    return (Span(name, symbol=True),) if re.fullmatch("[A-Za-z]", name) else spans(name)
+
+
+def is_symbol_index(index: str) -> bool:
+    """Whether a part of an index is set as a symbol."""
+    return index in GREEK.values() or bool(re.fullmatch("[a-z]", index))
+
+
+def plain(text: str) -> str:
+    """A text of spans without their marks, for measuring."""
+    return "".join(span.words + ",".join(span.index) for span in spans(text))
+
+
+def _parts(text: str) -> Iterator[Span]:
+    at = 0
+    if alone := _ALONE.match(text):  # a label: a letter and its unit
+        yield Span(alone[1], symbol=True)
+        at = 1
+    for found in _SYMBOL.finditer(text):
+        if found.start() > at:
+            yield Span(text[at : found.start()])
+        head, indices = found[1], found[2].split("_")[1:]
+        yield Span(GREEK.get(head, head), tuple(GREEK.get(index, index) for index in indices), symbol=True)
+        at = found.end()
+    if at < len(text):
+        yield Span(text[at:])
