@@ -22,7 +22,7 @@ COST, SECOND_PARAMETER = 7.0, 3.0
 NEXT_TO_NOTHING, NEVER = 0.02, 1e6
 """Share of its typical magnitude below which an abrupt effect is none, but has a reading taken before its row's
 command; and what it then costs."""
-ROUGH, MISFIT = 2.5e-3, 0.02
+ROUGH, MISFIT = 2e-3, 0.02
 """Log-likelihood per reading that misfits of a rough model's form gain, though they do not show; and, where they show,
 as a share of what they cost."""
 EXACT = 10.0

@@ -16,7 +16,7 @@ ROWS, SD = 20_000, np.array([0.1, 0.02])
 NAMES = ("v_y", "yaw_rate")
 RNG = np.random.default_rng(5)
 NOISE = SD * RNG.standard_normal((ROWS, 2))
-Y = np.array([0.5, 0.4]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
+Y = np.array([1.0, 1.2]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
 EVERY = np.ones((ROWS, 2), dtype=bool)
 
 
