@@ -31,7 +31,7 @@ RANKED = 8
 """Effects that are listed at most."""
 ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
-WIDER, FORM = 1.6, 0.05
+WIDER, FORM = 2.0, 0.05
 """How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
 null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95

@@ -15,7 +15,7 @@ from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
 from .closing import closed_by, misfit
 from .colour import sound, white_noise
-from .evidence import COST, Evidence, evidence, tempering
+from .evidence import COST, Evidence, evidence, heaviest, tempering
 from .gap import Closure
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
@@ -106,9 +106,7 @@ def examine(
     freed = _at_their_best(search, (selection.base, least))
     left = float(np.mean((freed[id(least)].e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, rough, left)
-    best = selection.base
-    if selection.tried and weighed.weights[-1] < PRESENT:
-        best = selection.tried[int(np.argmax(weighed.scores))]
+    best = heaviest(selection, weighed)
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2

@@ -167,7 +167,7 @@ def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
     told : whether noise was stated: else what is left passes for noise, and cannot speak.
     """
     if rough:
-        x = -4.0 + 1.5 * min(own.left, 1.0) + 9.0 * own.structure + 12.0 * min(own.spread, 0.4)
+        x = -4.0 + 2.5 * min(own.left, 1.0) + 15.0 * own.structure + 12.0 * min(own.spread, 0.4)
         x += 1.5 if own.effects > MOST else 0.0
         x += BEYOND * np.log(max(own.beyond, 1.0)) + (0.0 if told else UNTOLD)
     else:
