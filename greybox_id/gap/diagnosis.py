@@ -25,14 +25,15 @@ from .hypothesis import Hypothesis
 from .kinds import Diagnosed
 from .regimes import where
 from .strip import strip
-from .unknown import SURELY, unknown_probability
+from .unknown import SURELY, unknown_probability, without_a_name
 
 RANKED = 8
 """Effects that are listed at most."""
 ALIKE = 3.0
 """Effects whose likelihoods, tempered, differ by less than this are not told apart."""
-WIDER = 1.6
-"""How much wider intervals are where the equations are rough."""
+WIDER, FORM = 2.0, 0.05
+"""How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
+null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
 JITTER_LEAVES = 0.3
 """Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
@@ -83,7 +84,8 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     """What a diagnosis says of what it found."""
     selection = found.selection
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
-    unexplained = found.told and found.signs.beyond > 1.0
+    stated = found.rough and not found.bench.learnt  # what training left follows driving anyway
+    unexplained = without_a_name(found.signs, found.evidence.temper, stated, found.told)
     detected = bool(found.best.candidates) or bool(scattered) or unexplained
     unknown = unknown_probability(found.signs, found.rough, found.told) if detected else NOTHING_UNKNOWN
     if detected and not found.best.candidates and not scattered:  # a gap, and no name for it
@@ -180,7 +182,7 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     tried = found.selection.tried
     counts = temper / found.selection.search.trust
     p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
-    p += [p_value(temper * own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
+    p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
     if unexplained:
         p.append(float(len(found.sd) * norm.sf(SURELY)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
@@ -199,7 +201,9 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
         at += len(own.axes)
     search = found.selection.search
     sd = float(np.sqrt(max(search.covariance(hypothesis)[at, at], 0.0)) * search.widening(hypothesis)[at])
-    half = 1.96 * sd * (WIDER if found.rough else 1.0)
+    if found.rough:
+        sd = float(np.hypot(WIDER * sd, FORM * (hypothesis.m[at] - axis.null)))
+    half = 1.96 * sd
     ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
 

@@ -22,7 +22,7 @@ COST, SECOND_PARAMETER = 7.0, 3.0
 NEXT_TO_NOTHING, NEVER = 0.02, 1e6
 """Share of its typical magnitude below which an abrupt effect is none, but has a reading taken before its row's
 command; and what it then costs."""
-ROUGH, MISFIT = 2.5e-3, 0.02
+ROUGH, MISFIT = 1.2e-3, 0.02
 """Log-likelihood per reading that misfits of a rough model's form gain, though they do not show; and, where they show,
 as a share of what they cost."""
 EXACT = 10.0
@@ -60,6 +60,13 @@ def evidence(selection: Selection, rough: bool, left: float = 0.0) -> Evidence:
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
+
+
+def heaviest(selection: Selection, found: Evidence) -> Hypothesis:
+    """The hypothesis that weighs most, where those with effects outweigh the base together: aliases share a weight."""
+    if not selection.tried or found.weights[-1] >= 0.5:
+        return selection.base
+    return selection.tried[int(np.argmax(found.scores))]
 
 
 def tempering(readings: int, rough: bool, left: float = 0.0) -> float:

@@ -15,7 +15,7 @@ from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
 from .closing import closed_by, misfit
 from .colour import sound, white_noise
-from .evidence import COST, Evidence, evidence, tempering
+from .evidence import COST, Evidence, evidence, heaviest, tempering
 from .gap import Closure
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
@@ -35,10 +35,6 @@ PRESENT = 0.5
 FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
 TINY = 1e-12
-STEEP, HALF = 15.0, 0.4
-"""Jitter is believed where it explains more than so much of what is left."""
-LASTS = 0.35
-"""And where it does not seem to last from row to row."""
 
 
 @dataclass(frozen=True)
@@ -110,14 +106,12 @@ def examine(
     freed = _at_their_best(search, (selection.base, least))
     left = float(np.mean((freed[id(least)].e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, rough, left)
-    best = selection.base
-    if selection.tried and max(weighed.scores) > 0:
-        best = selection.tried[int(np.argmax(weighed.scores))]
+    best = heaviest(selection, weighed)
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    if best.candidates and _jitters(bench, selection.base, best, sd, good, weighed):
+    if best.candidates and _jitters(bench, selection.base, best, sd, good):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
@@ -126,10 +120,10 @@ def examine(
         freed |= _at_their_best(search, (best,))
     before, then = (misfit(search, freed[id(own)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
-    scatter = {} if stale is None else {"dropped_samples": (stale, _sure(stale, weighed.temper))}
+    scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
     jittered, after, leaves = jitter(bench, best.e, y, sd, good), closed.after, 1.0
     if jittered is not None:
-        present = _believed(jittered, after, weighed.temper)
+        present = _sure(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > PRESENT else after
         leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)) if present > PRESENT else 1.0
@@ -165,9 +159,7 @@ def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Fi
     return Firmly(index, FIRM)
 
 
-def _jitters(
-    bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], weighed: Evidence
-) -> bool:
+def _jitters(bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_]) -> bool:
     """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
 
     Where one does, a reading that comes early is not what rates tell, and delays and lags explain it a little.
@@ -176,20 +168,12 @@ def _jitters(
     own = jitter(bench, base.e, y, sd, good)
     _, calm = steady(bench, y, sd, good)
     gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
-    if own is None or own.gain < gain:
-        return False
-    return _believed(own, float(np.mean((base.e / sd)[good] ** 2)), weighed.temper) > PRESENT
+    return own is not None and own.gain >= gain and _sure(own.gain) > PRESENT
 
 
-def _believed(own: Scatter, after: float, temper: float) -> float:
-    """The probability of jitter: it must explain most of what is left, `after`, and must not last."""
-    explained = (after - own.left) / max(after - 1.0, 1e-3)
-    return _sure(own, temper) * _sigmoid(STEEP * (explained - HALF)) * _sigmoid(2 * STEEP * (LASTS - own.lasting))
-
-
-def _sure(own: Scatter, temper: float) -> float:
-    """The probability of an effect of variance, by its likelihood."""
-    return _sigmoid(temper * own.gain - COST)
+def _sure(gain: float) -> float:
+    """The probability of an effect of variance, by its log-likelihood."""
+    return _sigmoid(gain - COST)
 
 
 def _sigmoid(x: float) -> float:

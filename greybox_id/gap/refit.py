@@ -95,15 +95,14 @@ def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
 
 
 def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
-    """A hypothesis with a delay of it at the whole rows beside it."""
+    """A hypothesis with a delay of it at the whole rows that are nearest."""
     starts, step = [], search.bench.sample_time
     for k, axis in enumerate(found.axes):
-        rows = found.m[k] / step
-        for whole in {np.floor(rows), np.ceil(rows)} if axis.shift else ():
-            if whole > 0 and axis.low <= whole * step <= axis.high and whole * step != found.m[k]:
-                m = found.m.copy()
-                m[k] = whole * step
-                starts.append(Start(found.candidates, m, found.theta, found.linear))
+        whole = step * float(np.round(found.m[k] / step))
+        if axis.shift and whole > 0 and axis.low <= whole <= axis.high and whole != found.m[k]:
+            m = found.m.copy()
+            m[k] = whole
+            starts.append(Start(found.candidates, m, found.theta, found.linear))
     return starts
 
 

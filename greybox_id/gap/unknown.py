@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..parameter import Array
 from .constancy import Spread, spreads
+from .evidence import COST
 from .hypothesis import Hypothesis
 from .leftover import left_gain
 from .search import Search
@@ -21,13 +22,13 @@ MOST = 2
 """Where more effects than these are needed to explain what one cause might, that cause is none of them."""
 SURELY = 4.0
 """What noise alone may leave, in standard deviations of that, does not count."""
-EXACTLY, ROUGHLY, LEARNT = 0.03, 0.15, 1.7
+EXACTLY, ROUGHLY, LEARNT = 0.03, 0.1, 1.7
 """Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
 BEYOND = 3.0
 """Log-odds of something unknown beside a name per logarithm of that."""
 UNTOLD = 1.5
 """Log-odds for it where nobody can tell what is left from noise."""
-OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.025, 0.08
+OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.015, 0.05
 """Error of rough equations that is none either, over the standard deviation of what they predict; of v_y, which is the
 small difference of what is large."""
 
@@ -46,7 +47,7 @@ class Signs:
     along : what those are parts of.
     gain : log-likelihood that the named effects gain.
     effects : how many they are.
-    over : log-likelihood per reading that driving still explains.
+    over : log-likelihood that driving still explains beyond what noise alone would gain.
     """
 
     left: float
@@ -110,7 +111,7 @@ def signs(
         along,
         gain,
         len(best.candidates),
-        over / max(search.colour.readings, 1),
+        float(over),
     )
 
 
@@ -140,6 +141,22 @@ def beyond_what_may_be(
     return most
 
 
+def without_a_name(own: Signs, temper: float, rough: bool, told: bool = True) -> bool:
+    """Whether what is left is a gap that no named effect explains.
+
+    It is where errors exceed what they may. Rough equations are off in proportion to what they predict, but what they
+    leave hardly follows how the vehicle is driven: a regression on that is a hypothesis like any other, without a
+    name, and a gap where it gains what an effect must.
+
+    Parameters
+    ----------
+    own : what speaks for it.
+    temper : what log-likelihoods are multiplied with.
+    rough, told : as in `unknown_probability`.
+    """
+    return told and (own.beyond > 1.0 or (rough and temper * own.over > COST))
+
+
 def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
     """The probability that something unknown is at work.
 
@@ -150,7 +167,7 @@ def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
     told : whether noise was stated: else what is left passes for noise, and cannot speak.
     """
     if rough:
-        x = -4.0 + 1.5 * min(own.left, 1.0) + 9.0 * own.structure + 12.0 * min(own.spread, 0.4)
+        x = -4.0 + 2.5 * min(own.left, 1.0) + 15.0 * own.structure + 12.0 * min(own.spread, 0.4)
         x += 1.5 if own.effects > MOST else 0.0
         x += BEYOND * np.log(max(own.beyond, 1.0)) + (0.0 if told else UNTOLD)
     else:

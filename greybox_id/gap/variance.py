@@ -6,10 +6,12 @@ between its samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from ..parameter import Array
@@ -21,6 +23,8 @@ SOME = 3
 """So many repeats are no accident, where readings have noise."""
 STEP = 0.5
 """A reading that changes by so many noise sds from row to row is no line between them: its rate is not known."""
+BESIDE = 2
+"""Rows before and after one whose mean is taken from its residual: misfits last from row to row, jitter does not."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +37,12 @@ class Scatter:
     sd : of it.
     gain : in log-likelihood.
     left : mean square of residuals over that of noise, once it is taken into account.
-    lasting : correlation from row to row of what it is told by: none in jitter, some in any other misfit.
     """
 
     magnitude: float
     sd: float
     gain: float
     left: float = 1.0
-    lasting: float = 0.0
 
 
 def repeats(bench: AnyBench) -> NDArray[np.bool_]:
@@ -92,6 +94,8 @@ def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tup
 def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
     """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
 
+    Looked for in what is left of residuals without the mean of those around, for what lasts is none.
+
     Parameters
     ----------
     bench : whose rows.
@@ -102,21 +106,24 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     if bench.learnt:
         return None
     rates, use = steady(bench, y, sd, good)
-    a = np.where(use, rates / sd, 0.0)
-    z = np.where(use, e / sd, 0.0)
-    h, g = np.sum(a**2, axis=1), np.sum(a * z, axis=1)
-    count = np.sum(use, axis=1)
+    a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
+    brief, z = (np.where(use, own, 0.0) for own in (_brief(z, good, bench.rows), z))
+    h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
+
+    def left(v: float, of: Array) -> float:
+        """Mean square of residuals without what jitter of v times their variance makes likely."""
+        squares = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
+        return max(float(np.sum(squares)) / max(int(np.sum(count)), 1), 1e-300)
 
     def scale(v: float) -> float:
         """Noise is as large as it must be beside it."""
-        squares = np.sum(z**2, axis=1) - v * g**2 / (1 + v * h)
-        return max(float(np.sum(squares)) / max(int(np.sum(count)), 1), 1e-300)
+        return left(v, brief)
 
     def loss(log_variance: float) -> float:
         v = float(np.exp(log_variance))
         return float(0.5 * np.sum(np.log1p(v * h)) + 0.5 * np.sum(count) * np.log(scale(v)))
 
-    without = 0.5 * np.sum(count) * np.log(max(float(np.sum(z**2)) / max(int(np.sum(count)), 1), 1e-300))
+    without = 0.5 * np.sum(count) * np.log(left(0.0, brief))
     if not np.any(h > 0):
         return None
     low, high = np.log(1e-5**2), np.log(0.05**2)
@@ -127,10 +134,17 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
     variance = float(np.exp(at))
-    tau = float(np.sqrt(variance * scale(variance)))
-    off = g / np.sqrt(1 / variance + h)  # instants by which rows seem to be off, in their standard deviations
-    lasting = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
+    tau = float(np.sqrt(variance * scale(variance) / (1 - 1 / (2 * BESIDE + 1))))  # a mean takes its share of it away
     ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
     spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
-    return Scatter(tau, spread, gain, scale(variance), lasting)
+    return Scatter(tau, spread, gain, left(variance, z))
+
+
+def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
+    """(N, channels) residuals that count, without the mean of those beside them."""
+    found = z.copy()
+    for rows in runs:
+        around = [uniform_filter1d(own[rows].astype(float), 2 * BESIDE + 1, axis=0) for own in (z, good)]
+        found[rows] -= around[0] / np.maximum(around[1], 1e-9)
+    return found

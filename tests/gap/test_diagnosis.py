@@ -11,6 +11,7 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, diagnose
+from greybox_id.gap.diagnosis import FORM
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle
@@ -213,6 +214,8 @@ def test_parameters_within_their_tolerances_are_no_gap():
 def test_an_effect_is_found_beside_tolerances():
     gap = diagnosed(lap({"steering_delay": 0.05}, vehicle=WITHIN), TOLERANT)
     told(gap, "steering_delay", 0.05, within=0.1)
+    low, high = gap.ranking[0].interval
+    assert (high - low) / 2 >= 1.96 * FORM * gap.ranking[0].magnitude  # the delay's own equation is rough as well
 
 
 @pytest.mark.slow

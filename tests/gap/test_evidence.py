@@ -9,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from greybox_id.gap.axes import Candidate
-from greybox_id.gap.evidence import COST, SECOND_PARAMETER, evidence, p_value, price, probability, tempering
+from greybox_id.gap.evidence import (
+    COST,
+    SECOND_PARAMETER,
+    evidence,
+    heaviest,
+    p_value,
+    price,
+    probability,
+    tempering,
+)
 from greybox_id.gap.hypothesis import Hypothesis
 from greybox_id.gap.selection import Selection
 
@@ -22,9 +31,13 @@ def hypothesis(cost, *names, axes=1):
     return Hypothesis(own, m, NOTHING, NOTHING, cost, np.zeros((0, 1)), np.zeros((0, 1, len(m))))
 
 
-def weighed(base, tried, readings=5000, rough=False, trust=1.0):
+def selected(base, tried, readings=5000, trust=1.0):
     search = SimpleNamespace(colour=SimpleNamespace(readings=readings), trust=trust)
-    return evidence(Selection(search, hypothesis(base), tuple(tried), ()), rough)
+    return Selection(search, hypothesis(base), tuple(tried), ())
+
+
+def weighed(base, tried, readings=5000, rough=False, trust=1.0):
+    return evidence(selected(base, tried, readings, trust), rough)
 
 
 costs = st.floats(0.0, 1e7, allow_nan=False)
@@ -63,6 +76,15 @@ def test_without_a_gain_nothing_is_present():
     assert max(found.scores) < 0
     assert found.weights[-1] > 0.98
     assert weighed(1000.0, []).weights == (1.0,)
+
+
+@pytest.mark.parametrize(("gain", "there"), [(COST - 1.0, False), (COST - 0.4, True)])
+def test_aliases_outweigh_nothing_together(gain, there):
+    own = [hypothesis(1000.0 - gain, "accel_bias_y"), hypothesis(1000.0 - gain, "imu_mount_roll")]
+    found = weighed(1000.0, own)
+    assert max(found.scores) < 0
+    assert bool(heaviest(selected(1000.0, own), found).candidates) == there
+    assert heaviest(selected(1000.0, []), weighed(1000.0, [])).candidates == ()
 
 
 def test_every_further_effect_and_second_parameter_costs():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from greybox_id.gap.evidence import COST
 from greybox_id.gap.unknown import (
     OF_A_SMALL_ONE,
     OF_THE_SIGNAL,
@@ -10,13 +11,14 @@ from greybox_id.gap.unknown import (
     Signs,
     beyond_what_may_be,
     unknown_probability,
+    without_a_name,
 )
 
 ROWS, SD = 20_000, np.array([0.1, 0.02])
 NAMES = ("v_y", "yaw_rate")
 RNG = np.random.default_rng(5)
 NOISE = SD * RNG.standard_normal((ROWS, 2))
-Y = np.array([0.5, 0.4]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
+Y = np.array([1.0, 1.2]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
 EVERY = np.ones((ROWS, 2), dtype=bool)
 
 
@@ -69,3 +71,18 @@ def test_what_a_name_leaves_beyond_roughness_speaks_for_something_unknown():
 def test_where_noise_is_not_stated_more_may_be_unknown():
     own = Signs(0.0, 0.0, 0.0, 0.0, 0.0, "", 100.0, 3)
     assert unknown_probability(own, True, told=False) > 2 * unknown_probability(own, True)
+
+
+def test_what_driving_still_explains_is_a_gap_of_rough_equations_where_it_gains_what_an_effect_must():
+    own = Signs(0.3, 0.1, 0.5, 1.0, 0.0, "", 0.0, 0, over=100.0)
+    assert without_a_name(own, 1.1 * COST / 100.0, rough=True)
+    assert not without_a_name(own, 0.9 * COST / 100.0, rough=True)
+    assert not without_a_name(own, 1.0, rough=False)
+
+
+@pytest.mark.parametrize("rough", [True, False])
+def test_errors_beyond_what_may_be_are_a_gap_where_noise_is_stated(rough):
+    for beyond, gap in ((0.9, False), (1.1, True)):
+        own = Signs(0.3, 0.1, beyond, 1.0, 0.0, "", 0.0, 0)
+        assert without_a_name(own, 0.1, rough) == gap
+        assert not without_a_name(own, 0.1, rough, told=False)

@@ -63,6 +63,15 @@ def test_none_is_found_in_white_noise():
     assert max(gains) < 10
 
 
+def test_a_misfit_that_lasts_from_row_to_row_is_no_jitter():
+    for tau, least, most in ((0.0, -1.0, 4.0), (0.004, 20.0, 1e9)):
+        bench, e, y = scattered(tau)
+        late = 0.01 * np.sin(np.linspace(0, 400, len(y)))[:, None]  # s, by which all channels are late, and early
+        own = jitter(bench, e + late * np.gradient(y, DT, axis=0), y, SD, bench.counted)
+        assert least < (own.gain if own else 0.0) < most
+        assert tau == 0 or own.magnitude == pytest.approx(tau, rel=0.15)
+
+
 def test_where_nothing_changes_there_is_nothing_to_tell():
     measured = np.random.default_rng(0).standard_normal((500, 2))
     bench = GivenBench(lambda _: 0 * measured, measured, 0, DT)
