@@ -15,10 +15,16 @@ SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover
 DELAYED = {"steering_delay": 0.037, "steering_lag": 0.02}
 
 
-def close(found, true, tolerance=1e-12):
-    """Entries relative to themselves and to a thousandth of the largest of their column."""
+def close(found, true, tolerance=1e-12, spared=0.0, rarely=1e-3):
+    """Entries relative to themselves and to a thousandth of the largest of their column.
+
+    Where a change of the arguments' last digits changes the truth by `spared`, as in long steps of a car that hardly
+    moves, whose equations are too stiff for them, a hundred such digits are allowed; in one of a thousand points at most.
+    """
     scale = np.abs(true) + 1e-3 * np.max(np.abs(true), axis=0) + 1e-300
-    assert np.max(np.abs(found - true) / scale) <= tolerance
+    off = np.abs(found - true) / scale
+    assert np.all((off <= tolerance) | (np.abs(found - true) <= 100 * spared))
+    assert np.mean(np.any(off > tolerance, axis=1)) <= rarely
 
 
 def self_tested(folder, target, *flags, compiler="gcc", name="car"):
@@ -51,21 +57,13 @@ def test_effects_pass_their_self_test(tmp_path, effect):
     self_tested(folder, "test")
 
 
-def longest_stable(e, x, u, p):
-    """Steps, s, beyond which the Runge-Kutta method blows up whatever there is, rounding errors too."""
-    symbols = e.ode.sx_in()
-    A = cs.Function("A", symbols, [cs.vec(cs.densify(cs.jacobian(e.ode(*symbols), symbols[0])))])
-    matrices = values(A, x, u, p).reshape(len(x), len(e.states), len(e.states))
-    return 2.5 / np.maximum(np.max(np.abs(np.linalg.eigvals(matrices)), axis=1), 1e-9)
-
-
 def equal_at_random_points(model, folder, count, seed):
     """Values and derivatives of step, ode and output, at any parameters."""
     library, e = Library(folder), Equations(model)
     x, u = points(e, count, seed)
     rng = np.random.default_rng(seed)
     p = e.values * np.exp(0.1 * rng.standard_normal((count, len(e.values))))
-    dt = np.minimum(rng.uniform(1e-3, 0.05, count), longest_stable(e, x, u, p))
+    dt = rng.uniform(1e-3, 0.05, count)
     n, m, r = len(e.states), len(e.inputs), len(e.outputs)
     for name, of, rows in (("step", e.step, n), ("ode", e.ode, n), ("output", e.output, r)):
         symbols = of.sx_in()
@@ -76,8 +74,8 @@ def equal_at_random_points(model, folder, count, seed):
             own[:, None] if own.ndim == 1 else own for own in given
         ))  # fmt: skip
         found = library(f"{name}_jacobian", given, (rows, rows * n, rows * m))
-        close(np.hstack(found), true)
-        close(library(name, given, (rows,))[0], true[:, :rows])
+        close(np.hstack(found), true, spared=magnified)
+        close(library(name, given, (rows,))[0], true[:, :rows], spared=magnified[:, :rows])
 
 
 def test_values_and_derivatives_are_pythons_at_random_points(tmp_path):

@@ -6,9 +6,9 @@ from ...parameter import Array
 from .naming import numbers
 
 POINTS = 100
-TOLERANCE, RELAXED_TOLERANCE = 1e-12, 1e-11
+TOLERANCE, RELAXED_TOLERANCE = 1e-12, 1e-10
 """How far numbers may differ, relative to their own size and to a thousandth of the largest of their kind; where
-quantities are relaxed, whose exponential formulas cancel digits, ten times as far."""
+quantities are relaxed, whose exponential formulas cancel digits, a hundred times as far."""
 
 COMPARE = """\
 static double worst = 0.0;
