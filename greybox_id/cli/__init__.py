@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
+from keyword import iskeyword
 
 import click
 
@@ -17,6 +18,7 @@ COMMANDS = {
     "validate": ("validate", "Score a fit on recordings."),
     "export": ("export", "Write a model down for a controller: C, CasADi, acados, ONNX, f1tenth."),
     "track": ("track", "Track sideslip, tyres and forces along a recording."),
+    "import": ("import_", "Make a fit of a network that nnodely saved."),
     "profile": ("profile", "Follow the likelihood along parameters of a fit."),
     "models": ("models", "List the models there are, or say what one is made of."),
     "effects": ("models", "List the effects that models may lack, or say what one is."),
@@ -35,7 +37,8 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command = getattr(import_module(f".{COMMANDS[cmd_name][0]}", __name__), cmd_name)
+        name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
+        command = getattr(import_module(f".{COMMANDS[cmd_name][0]}", __name__), name)
         assert isinstance(command, click.Command)
         return command
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ..choices.parameters import Choices, Magnitudes, magnitudes, with_choices
+from ..choices.wanted import Wanted
 from ..errors import BadInput
 from ..export.subject import Subject
-from ..export.verb import TARGETS
+from ..export.verb import TARGETS, cautions
 from ..export.verb import export as export_model
 from ..fit import load
 from ..model import Model
@@ -30,6 +32,13 @@ from .output import console, plain, print_json
 @click.option("--target", required=True, metavar="TARGET", help=f"One of {', '.join(TARGETS)}.")
 @click.option("--out", required=True, metavar="FOLDER", help="Folder to write; an earlier export there is replaced.")
 @click.option(
+    "--parameters",
+    default="free",
+    show_default=True,
+    metavar="free|all|NAME,...",
+    help="What can be changed afterwards; everything else becomes a constant, which makes the code faster.",
+)
+@click.option(
     "--name", "called", metavar="NAME", help="What files and functions are called; after FOLDER unless given."
 )
 @json_option
@@ -37,6 +46,7 @@ def export(
     fit_file: str | None,
     target: str,
     out: str,
+    parameters: str,
     called: str | None,
     as_json: bool,
     effects: tuple[str, ...],
@@ -57,13 +67,15 @@ def export(
             raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
         fit = load(fit_file, build)
         model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(fix=fix))
-        subject = Subject(model, name, fit, fit_file, command)
+        subject = Subject(model, name, _moving(model, parameters), fit, fit_file, command)
     else:
         if not any(asked.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        model = wanted(**asked, effects=effects, fix=fix).model()
-        subject = Subject(model, name, None, asked["vehicle"] or model.name, command)
-    for sentence in _assumed(model, magnitudes(effects)):
+        meant = _or_single_track(wanted(**asked, effects=effects, fix=fix))
+        model = meant.model()
+        source = asked["vehicle"] or model.name
+        subject = Subject(model, name, _moving(model, parameters), None, source, command, meant.vehicle)
+    for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
         click.echo(f"warning: {sentence}", err=True)
     written = export_model(subject, target, out)
     if as_json:
@@ -72,6 +84,20 @@ def export(
     console().print(f"{model.name} for {target}: {TARGETS[target]}")
     for file in written:
         console().print(f"written  {file}")
+
+
+def _or_single_track(asked: Wanted) -> Wanted:
+    """What is wanted; of a vehicle that names no model, a single track."""
+    open_to_us = asked.name is None and asked.vehicle is not None and asked.vehicle.model is None
+    return replace(asked, name="single_track") if open_to_us else asked
+
+
+def _moving(model: Model, asked: str) -> tuple[str, ...] | None:
+    if asked == "all":
+        return None
+    if asked == "free":
+        return tuple(p.name for p in model.parameters if not p.fixed)
+    return tuple(name.strip() for name in asked.split(",") if name.strip())
 
 
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:

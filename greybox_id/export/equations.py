@@ -7,6 +7,7 @@ command that acts, and reads the state that is seen (`delays`, `latencies`).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,9 +15,9 @@ import casadi as cs
 import numpy as np
 
 from ..engine.motion.trace import MotionTrace
-from ..model import Symbol
+from ..model import Model, Symbol
 from ..motion_model import MotionModel
-from ..parameter import Parameter
+from ..parameter import Parameter, pack
 from ..signals import SIGNALS, unit_of, unit_of_quantity
 
 
@@ -41,24 +42,29 @@ class Equations:
     Parameters
     ----------
     model : at the values that are to be the default parameters.
+    moving : names of the parameters that p holds; others are constants of the equations. None: p holds them all.
 
     Attributes
     ----------
+    values : the default p.
     states, inputs, parameters, outputs : what the entries of x, u, p and y are.
     delayed, late : inputs that arrive late, outputs that are read late, in the order of `delays` and `latencies`.
     """
 
-    def __init__(self, model: MotionModel) -> None:
+    def __init__(self, model: MotionModel, moving: Collection[str] | None = None) -> None:
         self.model = model
+        chosen = [p for p in model.parameters if moving is None or p.name in moving]
+        self.values = pack(chosen)
         self._trace = trace = MotionTrace(model)
         self.states = tuple(_states(model))
         self.inputs = tuple(_input(model, name) for name in model.inputs)
-        self.parameters = tuple(entry for parameter in model.parameters for entry in entries(parameter))
+        self.parameters = tuple(entry for parameter in chosen for entry in entries(parameter))
         self.outputs = tuple(Named(name, unit_of(name, unit_of_quantity(name))) for name in model.outputs)
         self.delayed, self.late = trace.delayed, trace.late
         self.x = cs.SX.sym("x", len(self.states))
         self.u = cs.SX.sym("u", len(self.inputs))
-        self.p = cs.SX.sym("p", model.size)
+        self.p = cs.SX.sym("p", len(self.parameters))
+        self._all_of_p = joined(model, {p.name for p in chosen}, self.p)
         self.dt = cs.SX.sym("dt")
 
     @cached_property
@@ -86,18 +92,37 @@ class Equations:
         """(p) -> by how many seconds the outputs named in `late` are read late."""
         return self._shifts("latencies", slice(len(self.delayed), None))
 
+    def shifts(self) -> dict[str, float]:
+        """Delays of inputs and latencies of outputs at the default parameters, s; those of no time are left out."""
+        names = [f"delay of {name}" for name in self.delayed] + [f"latency of {name}" for name in self.late]
+        values = np.array(self._trace.timing(self.model.values)).ravel()
+        late = dict(zip(names, values.tolist(), strict=True))
+        return {name: seconds for name, seconds in late.items() if seconds}
+
     def _function(self, name: str, of: cs.Function, dt: Symbol | None = None) -> cs.Function:
         rest = cs.SX.zeros(self._trace.segment_size - 1 - len(self.inputs))
         segment = cs.vertcat(0 if dt is None else dt, self.u, rest)
-        value = cs.cse(cs.densify(of(self.x, segment, self.p)))
+        value = cs.cse(cs.densify(of(self.x, segment, self._all_of_p)))
         arguments = {"x": self.x, "u": self.u, "p": self.p} | ({} if dt is None else {"dt": dt})
         return cs.Function(name, list(arguments.values()), [value], list(arguments), [_RESULTS[name]])
 
     def _shifts(self, name: str, which: slice) -> cs.Function:
-        return cs.Function(name, [self.p], [cs.densify(self._trace.timing(self.p))[which]], ["p"], ["s"])
+        return cs.Function(name, [self.p], [cs.densify(self._trace.timing(self._all_of_p))[which]], ["p"], ["s"])
 
 
 _RESULTS = {"step": "x_next", "ode": "x_dot", "output": "y"}
+
+
+def joined(model: Model, moving: Collection[str], p: Symbol) -> Symbol:
+    """The model's whole parameter vector: those that move from p, the others as the numbers they are."""
+    parts, start = [], 0
+    for parameter in model.parameters:
+        if parameter.name in moving:
+            parts.append(p[start : start + parameter.size])
+            start += parameter.size
+        else:
+            parts.append(cs.SX(parameter.array.ravel()))
+    return cs.vertcat(*parts)
 
 
 def entries(parameter: Parameter) -> list[Named]:

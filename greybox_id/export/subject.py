@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..errors import BadInput
+from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..model import Model
 from ..motion_model import MotionModel
+from ..vehicle import Vehicle
 from .equations import Equations
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
@@ -33,16 +34,20 @@ class Subject:
     ----------
     model : at the values that become the default parameters.
     name : what files and functions are called after: lower-case letters, digits and underscores.
+    moving : names of the parameters that can be changed afterwards; others become constants. None: all of them.
     fit : where the values come from; None where they are stated.
     source : the fit's or vehicle's name, for people.
     command : what reproduces the export.
+    vehicle : whose numbers the model has, where they are a vehicle's.
     """
 
     model: Model
     name: str
+    moving: tuple[str, ...] | None = None
     fit: Fit | None = None
     source: str = ""
     command: str = ""
+    vehicle: Vehicle | None = None
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name) or self.name in RESERVED or keyword.iskeyword(self.name):
@@ -50,13 +55,17 @@ class Subject:
                 f"{self.name!r} cannot name C functions: lower-case letters, digits and underscores, a letter "
                 "first, 40 at most, and no word of C or Python. Name another with --name."
             )
+        known = [parameter.name for parameter in self.model.parameters]
+        for name in self.moving or ():
+            if name not in known:
+                raise BadInput(f"{self.model.name} has no parameter {name!r}.{near_or_all(name, known)}")
 
     @cached_property
     def equations(self) -> Equations:
         """The functions of a model of motion. Raises `BadInput` for other models."""
         if not isinstance(self.model, MotionModel):
             raise BadInput(f"{self.model.name} is no model of motion; this target takes {_MOTION} only.")
-        return Equations(self.model)
+        return Equations(self.model, self.moving)
 
     def described(self) -> dict[str, Any]:
         """Model, parameters with units and intervals, and data, as plain data for a manifest."""
@@ -79,6 +88,7 @@ class Subject:
                     "unit": p.unit,
                     "value": p.array.tolist(),
                     "interval": None if fit is None or p.fixed or p.name not in fit.sd else _interval(fit, p.name),
+                    "constant": self.moving is not None and p.name not in self.moving,
                     "about": p.about,
                 }
                 for p in model.parameters

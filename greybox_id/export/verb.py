@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from ..errors import BadInput, near_or_all
 from .folder import write_folder
@@ -17,7 +18,10 @@ TARGETS = {
     "onnx": "an ONNX graph of the step",
     "f1tenth": "parameter files of f1tenth_gym and of the ForzaETH race stack",
 }
-"""Target -> what is written for it, by the module of this folder `target_<name>`: a function `files`."""
+"""Target -> what is written for it, by the module of this folder `target_<name>`: a function `files`.
+
+There may be a mapping `ABOUT`, which goes to the manifest, and a function `cautions`, sentences on what the files lack.
+"""
 
 
 def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
@@ -37,7 +41,19 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
     ------
     BadInput : there is no such target, the model cannot be written for it, or the folder holds other files.
     """
+    module = _module(target)
+    write: Callable[[Subject], Mapping[str, bytes]] = module.files
+    about = {"target": target, **getattr(module, "ABOUT", {}), "lacking": cautions(subject, target)}
+    return write_folder(Path(folder), write(subject), about | subject.described())
+
+
+def cautions(subject: Subject, target: str) -> list[str]:
+    """Sentences on what the model knows and the target's files do not hold. Raises `BadInput` as `export` does."""
+    told: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
+    return told(subject)
+
+
+def _module(target: str) -> ModuleType:
     if target not in TARGETS:
         raise BadInput(f"There is no target {target!r}.{near_or_all(target, TARGETS)}")
-    write: Callable[[Subject], Mapping[str, bytes]] = import_module(f".target_{target}", __package__).files
-    return write_folder(Path(folder), write(subject), {"target": target, **subject.described()})
+    return import_module(f".target_{target}", __package__)

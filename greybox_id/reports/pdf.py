@@ -57,6 +57,11 @@ def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
 
 def prepared(fit: Fit, recordings: Sequence[Recording]) -> Report:
     """What the report of a fit says and shows, before it is laid out. Raises `BadInput` as `report` does."""
+    if not fit.data:
+        raise BadInput(
+            f"This fit of {fit.model.name} was imported and has seen no recording that a report could tell of. See how "
+            "far it is from one with greybox validate."
+        )
     if isinstance(fit.model, MotionModel):
         drives = driven(fit, recordings)
         heard = noise([one.recording for one in drives])

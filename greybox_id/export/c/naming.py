@@ -1,0 +1,80 @@
+"""What things are called in C, and the constants that say so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from ..equations import Named
+
+FILE_HEAD = "/* Written by greybox-id {version} from {source}. {about} */\n"
+
+
+def constant(*words: str) -> str:
+    """The name of a constant made of words: CAR_X_V_X."""
+    return "_".join(re.sub(r"\W+", "_", word).strip("_").upper() for word in words)
+
+
+def vector(prefix: str, letter: str, about: str, entries: Sequence[Named]) -> str:
+    """Definitions of a vector's size, of where its entries stand and of their units.
+
+    Entries of an array follow one another: only where it begins has a name.
+    """
+    lines = [f"/* {about} */", f"#define {constant(prefix, 'N' + letter)} {len(entries)}"]
+    width = max((len(constant(prefix, letter, own.name)) for own in entries), default=0) + len("#define _UNIT ")
+    known: set[str] = set()
+    for place, own in enumerate(entries):
+        array = own.name.partition("[")[0]
+        if array in known:
+            continue
+        known.add(array)
+        name, size = constant(prefix, letter, array), _entries_of(array, entries)
+        told = ", ".join(filter(None, [own.unit, own.about, f"{size} entries, row by row" if size > 1 else ""]))
+        lines.append(f"{f'#define {name}':<{width}} {place} /* {comment(told)} */")
+        lines.append(f'{f"#define {name}_UNIT":<{width}} "{own.unit}"')
+    return "\n".join(lines) + "\n"
+
+
+def names(identifier: str, entries: Sequence[Named]) -> str:
+    """The definition of an array of the entries' names."""
+    return f"const char *const {identifier}[] = {{\n{_rows([quoted(own.name) for own in entries] or ['0'])}\n}};\n"
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers as C has them, exactly, in rows."""
+    return _rows([number(float(value)) for value in values])
+
+
+def number(value: float) -> str:
+    """A number as C has it, exactly."""
+    if value != value:
+        return "NAN"
+    if value in (float("inf"), float("-inf")):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return repr(value)
+
+
+def comment(text: str) -> str:
+    """A text that ends no comment and begins none."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")
+
+
+def quoted(text: str) -> str:
+    """A text as a string of C."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ").replace("?", "\\?")
+    return f'"{escaped}"'
+
+
+def _entries_of(array: str, entries: Sequence[Named]) -> int:
+    return sum(own.name.partition("[")[0] == array for own in entries)
+
+
+def _rows(words: Sequence[str], width: int = 96) -> str:
+    lines, line = [], "   "
+    for k, word in enumerate(words):
+        piece = f" {word}" + ("," if k + 1 < len(words) else "")
+        if len(line) + len(piece) > width:
+            lines.append(line)
+            line = "   "
+        line += piece
+    return "\n".join([*lines, line])

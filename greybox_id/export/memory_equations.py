@@ -1,0 +1,196 @@
+"""A map with memory as plain functions of state, input and parameters, running on its own predictions.
+
+The state x holds, in this order, what the map has predicted and its sensors may still show, what its actuators are at,
+and its window: past inputs as the equations saw them, as far back as they look. Inputs that follow from the model's own
+outputs are fed back and are no part of u. A step is one sample long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from functools import cached_property
+
+import casadi as cs
+
+from ..engine.trace import Trace, namespace
+from ..errors import BadInput
+from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
+from ..model import Symbol
+from ..motion_model import MotionModel
+from ..parameter import pack
+from ..signals import SIGNALS, unit_of
+from .equations import Equations, Named, entries, joined
+from .subject import Subject
+
+
+class MemoryEquations:
+    """A map with memory's functions, all of column vectors, dense.
+
+    Parameters
+    ----------
+    model : at the values that are to be the default parameters.
+    moving : names of the parameters that p holds; others are constants of the equations. None: p holds them all.
+
+    Attributes
+    ----------
+    values : the default p.
+    chosen : the parameters that p holds.
+    states, inputs, parameters, outputs : what the entries of x, u, p and y are.
+    sample_time : s, of a step.
+    all_of_p : all parameters of the model, those that p holds as its symbols.
+    trace : the equations in stages: what windows look at, the windows, what becomes of them.
+    held : output -> how many of its predictions x holds, newest first.
+    looked_back : input -> how many of its past samples x holds, oldest first.
+    """
+
+    def __init__(self, model: MemoryModel, moving: Collection[str] | None = None) -> None:
+        self.model = model
+        self.chosen = tuple(p for p in model.parameters if moving is None or p.name in moving)
+        self.values = pack(self.chosen)
+        self.parameters = tuple(entry for parameter in self.chosen for entry in entries(parameter))
+        self.p = cs.SX.sym("p", len(self.parameters))
+        self.all_of_p = joined(model, {p.name for p in self.chosen}, self.p)
+        self.sample_time = model.sample_time
+        self.trace = trace = Trace(model)
+        self._window, self._predicted = trace.step
+        self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
+        self._p = namespace(model, self.all_of_p)
+        self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
+        self.held = {name: len(self.sensor_weights(name)) for name in model.outputs}
+        self.looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
+        self.states = tuple(self._described())
+        self.inputs = tuple(Named(name, unit_of(name), _about(name)) for name in self._names)
+        self.outputs = tuple(Named(name, unit_of(name), _about(name)) for name in model.outputs)
+        self.x = cs.SX.sym("x", len(self.states))
+        self.u = cs.SX.sym("u", len(self.inputs))
+
+    @cached_property
+    def step(self) -> cs.Function:
+        """(x, u, p) -> x a sample later, fed by its own predictions."""
+        now, actuators, past = self._split()
+        following = self._followed(now, actuators, past, None)
+        return cs.Function("step", [self.x, self.u, self.p], [following], ["x", "u", "p"], ["x_next"])
+
+    @cached_property
+    def push(self) -> cs.Function:
+        """(x, u, y, p) -> x a sample later, when y was read instead: what fills the window before the loop runs."""
+        y = cs.SX.sym("y", len(self.outputs))
+        following = self._followed(*self._split(), y)
+        return cs.Function("push", [self.x, self.u, y, self.p], [following], ["x", "u", "y", "p"], ["x_next"])
+
+    @cached_property
+    def output(self) -> cs.Function:
+        """(x, u, p) -> y, what sensors read now."""
+        now, _, _ = self._split()
+        read = [
+            sum(weight * then for weight, then in zip(self.sensor_weights(name), now[name], strict=True))
+            for name in self.model.outputs
+        ]
+        value = cs.densify(cs.vertcat(*read))
+        return cs.Function("output", [self.x, self.u, self.p], [value], ["x", "u", "p"], ["y"])
+
+    @cached_property
+    def seen(self) -> cs.Function:
+        """(newest predictions, actuators, u, p) -> inputs as the equations see them now, actuators a sample later."""
+        y, actuators = cs.SX.sym("y", len(self.outputs)), cs.SX.sym("actuators", len(self.model.actuators))
+        seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
+        moved = []
+        for k, own in enumerate(self.model.actuators):
+            after, seen[own.signal] = own.step(actuators[k], seen[own.signal], self._p, self.sample_time)
+            moved.append(after)
+        if self.trace.fed_back:
+            fed = self.trace.feedback.function(y, cs.vertcat(*seen.values()))
+            seen |= dict(zip(self.trace.fed_back, cs.vertsplit(fed), strict=True))
+        results = [cs.densify(cs.vertcat(*seen.values())), cs.densify(cs.vertcat(*moved))]
+        return cs.Function("seen", [y, actuators, self.u, self.p], results, ["y", "a", "u", "p"], ["seen", "a_next"])
+
+    def sensor_weights(self, name: str) -> Sequence[Symbol]:
+        """Weights of an output's last predictions, newest first, in what is read of it now."""
+        return self._weights.get(name, (cs.SX(1),))
+
+    def _depth(self, number: int) -> int:
+        """How many samples before the newest one the equations see of an input."""
+        rows = [k for k in range(self.trace.memory) if cs.depends_on(self._predicted, self._window[number, k])]
+        return self.trace.memory - 1 - min(rows, default=self.trace.memory - 1)
+
+    def _described(self) -> list[Named]:
+        predicted = [
+            Named(_ago(f"predicted_{name}", k), unit_of(name), f"{_about(name)}, predicted for {_when(k)}")
+            for name, count in self.held.items()
+            for k in range(count)
+        ]
+        actuators = [
+            Named(f"{own.signal}_actuator_{k}", unit_of(own.signal), f"state of what stands before {own.signal}")
+            for k, own in enumerate(self.model.actuators)
+        ]
+        past = [
+            Named(_ago(name, k), unit_of(name), f"{_about(name)}, {_when(k)}")
+            for name, count in self.looked_back.items()
+            for k in range(count, 0, -1)
+        ]
+        return predicted + actuators + past
+
+    def _split(self) -> tuple[dict[str, list[Symbol]], list[Symbol], dict[str, list[Symbol]]]:
+        """Predictions newest first, actuators' states, past inputs oldest first."""
+        parts = iter(cs.vertsplit(self.x))
+        now = {name: [next(parts) for _ in range(count)] for name, count in self.held.items()}
+        actuators = [next(parts) for _ in self.model.actuators]
+        return now, actuators, {name: [next(parts) for _ in range(count)] for name, count in self.looked_back.items()}
+
+    def _followed(
+        self, now: dict[str, list[Symbol]], actuators: list[Symbol], past: dict[str, list[Symbol]], y: Symbol | None
+    ) -> Symbol:
+        """x a sample later; y takes the place of what would be predicted."""
+        newest = cs.vertcat(*[now[name][0] for name in self.model.outputs])
+        seen, moved = self.seen(newest, cs.vertcat(*actuators), self.u, self.p)
+        windows = {name: [*past[name], seen[k]] for k, name in enumerate(self.model.inputs)}
+        if y is None:
+            y = self._prediction(windows)
+        predicted = [then for k, name in enumerate(self.model.outputs) for then in (y[k], *now[name][:-1])]
+        kept = [then for name in self.model.inputs for then in windows[name][1:]]
+        return cs.cse(cs.densify(cs.vertcat(*predicted, moved, *kept)))
+
+    def _prediction(self, windows: dict[str, list[Symbol]]) -> Symbol:
+        memory = self.trace.memory
+        rows = [cs.horzcat(cs.SX.zeros(1, memory - len(windows[name])), *windows[name]) for name in self.model.inputs]
+        predict = cs.Function("predict", [self._window, self.trace.p], [self._predicted])
+        return predict(cs.vertcat(*rows), self.all_of_p)
+
+
+def equations_of(subject: Subject) -> Equations | MemoryEquations:
+    """The functions of a model of motion or of a map with memory.
+
+    Raises
+    ------
+    BadInput : the model is a hybrid.
+    """
+    if isinstance(subject.model, MemoryModel):
+        return MemoryEquations(subject.model, subject.moving)
+    if isinstance(subject.model, HybridModel):
+        raise BadInput(
+            f"{subject.model.name} is a hybrid, and hybrids are not exported. Give a single track the stiffnesses it "
+            "estimates, and export that."
+        )
+    return subject.equations
+
+
+def shifts_left_out(subject: Subject) -> list[str]:
+    """Sentences on delays and latencies, which are no part of a model of motion's functions."""
+    if not isinstance(subject.model, MotionModel):
+        return []
+    shifts = subject.equations.shifts()
+    found = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in shifts.items())
+    return [f"No part of the functions: {found}. Hand in the command that acts then."] if shifts else []
+
+
+def _about(name: str) -> str:
+    return SIGNALS[name].about if name in SIGNALS else name
+
+
+def _ago(name: str, samples: int) -> str:
+    return f"{name}_{samples}_ago" if samples else name
+
+
+def _when(samples: int) -> str:
+    return "now" if samples == 0 else f"{samples} sample{'s' * (samples > 1)} ago"

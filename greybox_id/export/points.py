@@ -1,0 +1,56 @@
+"""Points at which an export is compared with the equations it was written from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..parameter import Array
+from .equations import Equations, Named
+
+FAST, AT_REST = 25.0, 0.1
+"""Highest speed, m/s, and the share of points at standstill."""
+SHORTEST, LONGEST = 1e-3, 0.05
+"""Steps, s."""
+SPREAD = 0.1
+"""Standard deviation of the logarithm of parameters about their values."""
+USUAL = {
+    "v_y": 0.5, "yaw_rate": 0.5, "steer": 0.15, "ax_cmd": 3.0, "motor_current": 10.0, "road_slope": 0.05, "roll": 0.05,
+}  # fmt: skip
+"""Standard deviations of states and inputs by name, SI."""
+BY_UNIT = {"N": 2000.0, "m/s": 0.5, "rad": 0.1, "rad/s": 0.5, "m/s^2": 3.0}
+ACCELERATION = 3.0
+"""Standard deviation of what the drive gives, m/s^2."""
+
+
+def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Array]:
+    """Random states, inputs, parameters and steps.
+
+    Returns
+    -------
+    x (count, states), u (count, inputs), p (count, parameters), dt (count,).
+    """
+    rng = np.random.default_rng(seed)
+    x, u = _random(equations.states, count, rng), _random(equations.inputs, count, rng)
+    for k, own in enumerate(equations.inputs):
+        if own.name == "drive" and "force_per_unit" in equations.model and "m" in equations.model:
+            per_unit = float(equations.model["force_per_unit"].array / equations.model["m"].array)
+            u[:, k] = ACCELERATION / max(per_unit, 1e-9) * rng.standard_normal(count)
+    rest = rng.random(count) < AT_REST
+    for values, entries in ((x, equations.states), (u, equations.inputs)):
+        for k, own in enumerate(entries):
+            if own.name in ("v_x", "v_y", "yaw_rate"):
+                values[rest, k] = 0.0
+    p = equations.values * np.exp(SPREAD * rng.standard_normal((count, len(equations.parameters))))
+    return {"x": x, "u": u, "p": p, "dt": rng.uniform(SHORTEST, LONGEST, count)}
+
+
+def _random(entries: Sequence[Named], count: int, rng: np.random.Generator) -> Array:
+    columns = [
+        rng.uniform(0.0, FAST, count)
+        if own.name == "v_x"
+        else USUAL.get(own.name, BY_UNIT.get(own.unit, 1.0)) * rng.standard_normal(count)
+        for own in entries
+    ]
+    return np.column_stack(columns) if columns else np.empty((count, 0))

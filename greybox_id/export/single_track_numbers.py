@@ -1,0 +1,129 @@
+"""The numbers of a single track that parameter files hold, with what effects make of them: at rest on a level road."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import casadi as cs
+import numpy as np
+
+from ..engine.motion.trace import MotionTrace
+from ..errors import BadInput
+from ..model import Namespace, Symbol
+from ..motion_model import MotionModel, Quantities
+from .subject import Subject
+
+G = 9.81
+"""Gravity, m/s^2, as f1tenth_gym and the ForzaETH race stack have it."""
+HELD = (
+    "mass_change",
+    "yaw_inertia",
+    "cog_shift",
+    "front_stiffness",
+    "rear_stiffness",
+    "grip_scale",
+    "load_sensitivity",
+)
+"""Effects that mass, inertia, lengths and tyres hold, as they are at rest."""
+_ALTERED = ("I_z", "l_f", "l_r")
+_TOLD = ("inertial_mass", "peak_f", "peak_r", "stiffness_f", "stiffness_r", *(f"altered_{name}" for name in _ALTERED))
+_SLOPED = ("F_yf", "F_yr", "alpha_f", "alpha_r")
+
+
+@dataclass(frozen=True)
+class Axle:
+    """An axle's tyre.
+
+    Attributes
+    ----------
+    load : m g times the other axle's share of the wheelbase, N.
+    C_alpha : cornering stiffness, N/rad.
+    peak : largest lateral force, N; infinite on linear tyres.
+    B, C, E : Pacejka's stiffness factor [1/rad], shape and curvature; None on another tyre.
+    """
+
+    load: float
+    C_alpha: float
+    peak: float
+    B: float | None
+    C: float | None
+    E: float | None
+
+    @property
+    def pacejka(self) -> list[float] | None:
+        """B [1/rad], C, D and E of F_y = D load sin(C atan(B a - E (B a - atan(B a)))); None on another tyre."""
+        if self.B is None or self.C is None or self.E is None:
+            return None
+        return [self.B, self.C, self.peak / self.load, self.E]
+
+
+@dataclass(frozen=True)
+class SingleTrack:
+    """A vehicle's numbers.
+
+    Attributes
+    ----------
+    m, I_z : kg, kg m^2, as they resist acceleration.
+    l_f, l_r : axles to centre of gravity, m.
+    h_cg : its height, m; None where the model has none.
+    front, rear : the axles.
+    """
+
+    m: float
+    I_z: float
+    l_f: float
+    l_r: float
+    h_cg: float | None
+    front: Axle
+    rear: Axle
+
+    @property
+    def mu(self) -> float | None:
+        """Largest lateral force of both axles over the weight; None on linear tyres."""
+        both = self.front.peak + self.rear.peak
+        return both / (self.m * G) if isfinite(both) else None
+
+
+def single_track_of(subject: Subject) -> SingleTrack:
+    """The numbers of a model with two axles and tyres. Raises `BadInput` for another model."""
+    model = subject.model
+    if not isinstance(model, MotionModel) or "peak_f" not in model.quantities:
+        raise BadInput(f"{model.name} has no tyres; this target takes single_track and lateral only.")
+    (m, peak_f, peak_r, stiffer_f, stiffer_r, I_z, l_f, l_r), (C_f, C_r) = _at_rest(model)
+    load, height = m * G / (l_f + l_r), value_of(model, "h_cg")
+    if height is not None and "longitudinal_load_transfer" in model.effects:
+        height *= float(model["longitudinal_load_transfer"].array)
+    front = _axle(model, "f", load * l_r, C_f, peak_f, stiffer_f)
+    rear = _axle(model, "r", load * l_f, C_r, peak_r, stiffer_r)
+    return SingleTrack(m, I_z, l_f, l_r, height, front, rear)
+
+
+def _axle(model: MotionModel, suffix: str, load: float, C_alpha: float, peak: float, stiffer: float) -> Axle:
+    B, C, E = (value_of(model, f"{letter}_{suffix}") for letter in "BCE")
+    return Axle(load, C_alpha, peak, None if B is None else B * stiffer, C, E)
+
+
+def value_of(model: MotionModel, name: str) -> float | None:
+    """A parameter's value; None where the model has none of that name."""
+    return float(model[name].array) if name in model else None
+
+
+def _at_rest(model: MotionModel) -> tuple[list[float], list[float]]:
+    """The numbers of `_TOLD`, and the slopes of the axles' forces over their slip angles, N/rad."""
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        for name in _ALTERED:
+            setattr(q, f"altered_{name}", getattr(p, name))
+        return model.dynamics(x, u, p, q)
+
+    altered = tuple(f"altered_{name}" for name in _ALTERED)
+    telling = replace(model, dynamics=dynamics, quantities=(*model.quantities, *altered), relaxations=())
+    trace = MotionTrace(telling)
+    z, rest, p = cs.SX.sym("z", trace.size), np.zeros(trace.segment_size), model.values
+    aside = [state.name for state in model.states].index("v_y")
+    by_v_y = cs.jacobian(trace.told(_SLOPED)(z, rest, p), z[aside])
+    at = np.zeros(trace.size)
+    F_f, F_r, a_f, a_r = np.array(cs.Function("by_v_y", [z], [by_v_y])(at)).ravel()
+    return np.array(trace.told(_TOLD)(at, rest, p)).ravel().tolist(), [float(F_f / a_f), float(F_r / a_r)]

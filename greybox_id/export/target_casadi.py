@@ -1,0 +1,203 @@
+"""Target `casadi`: serialised functions, and a Python module that loads them and needs nothing but CasADi."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+import casadi as cs
+
+from .. import __version__
+from .equations import Equations, Named
+from .memory_equations import MemoryEquations, equations_of
+from .memory_equations import shifts_left_out as cautions
+from .subject import Subject
+
+__all__ = ["cautions", "files"]
+
+
+def files(subject: Subject) -> Mapping[str, bytes]:
+    """Name of file -> content. Raises `BadInput` for a hybrid."""
+    equations = equations_of(subject)
+    functions = functions_of(equations)
+    found = {file_of(subject, name): function.serialize() for name, function in functions.items()}
+    found[f"{subject.name}.py"] = _module(subject, equations, functions)
+    return {name: text.encode() for name, text in found.items()}
+
+
+def functions_of(equations: Equations | MemoryEquations) -> dict[str, cs.Function]:
+    """Name -> function, Jacobians included."""
+    step, output = equations.step, equations.output
+    found = {"step": step, "output": output}
+    if isinstance(equations, MemoryEquations):
+        found["push"] = equations.push
+    else:
+        found |= {"ode": equations.ode, "delays": equations.delays, "latencies": equations.latencies}
+        found["ode_jacobians"] = _jacobians(equations.ode)
+    return found | {"step_jacobians": _jacobians(step), "output_jacobians": _jacobians(output)}
+
+
+def file_of(subject: Subject, function: str) -> str:
+    """Name of the file that holds a serialised function."""
+    return f"{subject.name}_{function}.casadi"
+
+
+def literals(equations: Equations | MemoryEquations) -> str:
+    """What the entries of x, u, p and y are, and the default parameters, as Python."""
+    lists = {"STATES": equations.states, "INPUTS": equations.inputs, "OUTPUTS": equations.outputs}
+    lists["PARAMETERS"] = equations.parameters
+    text = "".join(f"{name} = (\n{_entries(named)})\n" for name, named in lists.items())
+    numbers = ", ".join(_number(float(value)) for value in equations.values)
+    values = textwrap.fill(numbers, 118, initial_indent="    ", subsequent_indent="    ")
+    return f"{text}P = cs.DM([\n{values}\n])\n"
+
+
+def _number(value: float) -> str:
+    return repr(value) if isfinite(value) else f"{'-' * (value < 0)}cs.inf"
+
+
+def _jacobians(function: cs.Function) -> cs.Function:
+    """By x and by u, of the same arguments."""
+    arguments = dict(zip(function.name_in(), function.sx_in(), strict=True))
+    value = function(*arguments.values())
+    by = [cs.jacobian(value, arguments[name]) for name in ("x", "u")]
+    result = function.name_out()[0]
+    names = [f"d{result}_dx", f"d{result}_du"]
+    return cs.Function(
+        f"{function.name()}_jacobians", list(arguments.values()), by, list(arguments), names, {"cse": True}
+    )
+
+
+def _entries(named: Sequence[Named]) -> str:
+    return "".join(f"    Named({own.name!r}, {own.unit!r}, {own.about!r}),\n" for own in named)
+
+
+def _module(subject: Subject, equations: Equations | MemoryEquations, functions: Mapping[str, cs.Function]) -> str:
+    signatures = "\n".join(f"    {_signature(name, function)}" for name, function in functions.items())
+    text = _HEAD.format(
+        about=subject.model.about, source=subject.source, version=__version__, casadi=cs.CasadiMeta.version(),
+        signatures=signatures, time=_time(equations),
+    )  # fmt: skip
+    loaded = "".join(f"{name} = _load({name!r})\n" for name in functions)
+    return text + _NAMED + literals(equations) + _timing(equations) + _BODY + loaded
+
+
+def _signature(name: str, function: cs.Function) -> str:
+    return f"{name}({', '.join(function.name_in())}) -> {', '.join(function.name_out())}"
+
+
+def _time(equations: Equations | MemoryEquations) -> str:
+    if isinstance(equations, MemoryEquations):
+        return (
+            "A step is SAMPLE_TIME seconds long. x is a window of the past: start with x = 0 and fill it with\n"
+            "push(x, u, y, p), once for each sample read, oldest first; y is what was read a sample after u. From\n"
+            "then on step(x, u, p) predicts, and feeds itself."
+        )
+    shifted = (*equations.delayed, *equations.late)
+    said = f" Those of this model: {', '.join(shifted)}." if shifted else ""
+    return (
+        "Inputs are held over a step. Delays of inputs (DELAYED) and latencies of readings (LATE), s by delays(p) and\n"
+        f"latencies(p), are no part of these functions: hand in the command that acts.{said}"
+    )
+
+
+def _timing(equations: Equations | MemoryEquations) -> str:
+    if isinstance(equations, MemoryEquations):
+        return f"SAMPLE_TIME = {equations.sample_time!r}\n"
+    return f"DELAYED = {tuple(equations.delayed)!r}\nLATE = {tuple(equations.late)!r}\n"
+
+
+_HEAD = '''"""{about}.
+
+From {source}, by greybox-id {version} with CasADi {casadi}; load it with that CasADi or a newer one.
+x, u, p and y are columns; STATES, INPUTS, PARAMETERS and OUTPUTS say what their entries are, in SI units. P holds the
+default parameters. Functions:
+
+{signatures}
+
+{time}
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import casadi as cs
+
+'''
+
+_NAMED = '''
+class Named(NamedTuple):
+    """An entry of a column."""
+
+    name: str
+    unit: str
+    about: str
+
+
+'''
+
+_BODY = '''
+x_index, u_index, p_index, y_index = (
+    {own.name: k for k, own in enumerate(entries)} for entries in (STATES, INPUTS, PARAMETERS, OUTPUTS)
+)
+
+
+class Symbols:
+    """A column of symbols by name: x.v_x or x["v_x"] is an entry, x.column all of it."""
+
+    def __init__(self, entries, kind=cs.SX):
+        if kind is cs.SX:
+            self.column = cs.vertcat(*[cs.SX.sym(own.name) for own in entries])
+        else:
+            self.column = kind.sym("column", len(entries))
+        self._index = {own.name: k for k, own in enumerate(entries)}
+
+    def __getitem__(self, name):
+        if name not in self._index:
+            raise KeyError(f"There is no {name}; there are {', '.join(self._index)}.")
+        return self.column[self._index[name]]
+
+    def __getattr__(self, name):
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(error.args[0]) from None
+
+
+def symbols(kind=cs.SX):
+    """Symbols x, u, p; kind is cs.SX or cs.MX."""
+    return tuple(Symbols(entries, kind) for entries in (STATES, INPUTS, PARAMETERS))
+
+
+def state(**values):
+    """A column x with these entries, others 0."""
+    return _with(cs.DM.zeros(len(STATES)), x_index, values)
+
+
+def inputs(**values):
+    """A column u with these entries, others 0."""
+    return _with(cs.DM.zeros(len(INPUTS)), u_index, values)
+
+
+def parameters(**values):
+    """The default parameters with these entries in their place."""
+    return _with(cs.DM(P), p_index, values)
+
+
+def _with(column, index, values):
+    for name, value in values.items():
+        if name not in index:
+            raise KeyError(f"There is no {name}; there are {', '.join(index)}.")
+        column[index[name]] = value
+    return column
+
+
+def _load(function):
+    here = Path(__file__)
+    return cs.Function.deserialize(here.with_name(f"{here.stem}_{function}.casadi").read_text(encoding="utf-8"))
+
+
+'''
