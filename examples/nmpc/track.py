@@ -94,7 +94,7 @@ def track(narrowest: float, half_width: float, grip: float, drive: float, brake:
     line = CubicSpline(along, ring, bc_type="periodic")(np.linspace(0.0, along[-1], POINTS, endpoint=False))
 
     ahead, bend = np.roll(line, -1) - np.roll(line, 1), np.roll(line, -1) - 2 * line + np.roll(line, 1)
-    curvature = 8 * (ahead.conj() * bend).imag / np.abs(ahead) ** 3
+    curvature = 4 * (ahead.conj() * bend).imag / np.abs(ahead) ** 3
     scale = narrowest * float(np.max(np.abs(curvature)))
     line, curvature = scale * (line - line[0]) * np.abs(ahead[0]) / ahead[0], curvature / scale
     s = np.arange(POINTS) * float(np.mean(np.abs(np.diff(line))))
