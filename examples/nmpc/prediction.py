@@ -52,12 +52,11 @@ class Prediction:
     """
 
     def __init__(self, model: MotionModel, period: float, units: Row) -> None:
-        equations = Equations(model)
+        equations = Equations(model, moving=())
         self.period, self.inputs = period, len(equations.inputs)
         self.motion = [entry.name for entry in equations.states]
-        self._values = np.concatenate([np.ravel(parameter.array) for parameter in model.parameters])
-        late = dict(zip(equations.delayed, equations.delays(self._values).full().ravel(), strict=True))
-        self.arrivals = [_arrival(late.get(entry.name, 0.0), period) for entry in equations.inputs]
+        late = equations.shifts()
+        self.arrivals = [_arrival(late.get(f"delay of {entry.name}", 0.0), period) for entry in equations.inputs]
         n = len(self.motion)
         self.path = np.arange(n, n + 3)
         lengths = [arrival.periods + 1 for arrival in self.arrivals]
@@ -83,7 +82,7 @@ class Prediction:
             early, later = given[arrival.periods + 1], given[arrival.periods]
             acting.append(arrival.share * early + (1.0 - arrival.share) * later)
             moved.append(given[:-1])
-        after = equations.step(x, cs.vertcat(*acting) * units, self._values, T)
+        after = equations.step(x, cs.vertcat(*acting) * units, equations.values, T)
         named = [self.motion.index(name) for name in ("v_x", "v_y", "yaw_rate")]
         along = _along(path, [x[k] for k in named], [after[k] for k in named], bend, T)
         return cs.Function("stage", [z, rates, bend], [cs.vertcat(after, along, *moved)])

@@ -12,7 +12,7 @@ import numpy as np
 from track import Track, track
 from wishes import Wishes
 
-from greybox_id.cli import main as greybox
+from greybox_id.cli.gap import gap
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import (
     EFFECTS,
@@ -115,10 +115,10 @@ class Scene:
         Path(files["car.toml"]).write_text(vehicle_file_text(self.stated, tolerated), encoding="utf-8")
         recording, _ = drive(self.car, "mixed", RECORDED, RATE, self.effects, self.forms, SEED)
         write_recording(recording, Path(files["drive.csv"]))
-        command = ["gap", files["drive.csv"], "--vehicle", files["car.toml"], "--apply", files["car_closed.toml"]]
+        command = [files["drive.csv"], "--vehicle", files["car.toml"], "--apply", files["car_closed.toml"]]
         with (folder / "gap.txt").open("w", encoding="utf-8") as said, redirect_stdout(said):
-            greybox.main(command, standalone_mode=False)
+            gap.main(command, standalone_mode=False)
         nominal, closed = (model_of(vehicle(files[name])) for name in ("car.toml", "car_closed.toml"))
         true = with_effects(nominal, self.effects)
-        assert isinstance(nominal, MotionModel) and isinstance(closed, MotionModel) and isinstance(true, MotionModel)
+        assert all(isinstance(own, MotionModel) for own in (nominal, closed, true))
         return {"nominal": nominal, "closed": closed, "true": true}
