@@ -14,12 +14,14 @@ import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
+from c_driver import CDriver
 from controller import Controller
 from figure import draw
-from lap import Lap, lap
+from lap import Driver, Lap, lap
 from prediction import Prediction
 from rich.console import Console
 from rich.table import Table
@@ -50,19 +52,28 @@ class Race:
         return float((nominal - closed) / (nominal - true))
 
 
-def race(scene: Scene, folder: Path) -> Race:
-    """Diagnose a scene, and drive it."""
+def race(scene: Scene, folder: Path, language: str) -> Race:
+    """Diagnose a scene, and drive it with a controller in "python" or "c"."""
     models = scene.models(folder)
     closed = models["closed"]
     found = {name: float(closed[name].array) for name in closed.effects}
-    return Race(scene, found, {name: driven(scene, model) for name, model in models.items()})
+    laps = {}
+    for name, model in models.items():
+        built = folder / "c" / name if language == "c" else None
+        laps[name] = driven(scene, model, built)
+    return Race(scene, found, laps)
 
 
-def driven(scene: Scene, model: MotionModel, until: float = float("inf")) -> Lap:
-    """A lap of a controller that believes a model."""
+def driven(scene: Scene, model: MotionModel, built: Path | None = None, until: float = float("inf")) -> Lap:
+    """A lap, or a part of it, of a controller that believes a model; in C where there is a folder to build it in."""
     wishes, track = scene.wishes, scene.track
-    controller = Controller(Prediction(model, PERIOD, wishes.units), track, wishes, float(track.speed[0]))
-    return lap(scene.car, scene.effects, scene.forms, SEED, track, controller, PERIOD, until)
+    v_x = float(track.speed[0])
+    driver: Driver
+    if built is None:
+        driver = Controller(Prediction(model, PERIOD, wishes.units), track, wishes, v_x)
+    else:
+        driver = CDriver(model, PERIOD, track, wishes, v_x, built)
+    return lap(scene.car, scene.effects, scene.forms, SEED, track, driver, PERIOD, until)
 
 
 def main() -> None:
@@ -71,18 +82,19 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("nmpc"), help="folder for race.json, figures and recordings")
     parser.add_argument("--forms", choices=("nominal", "other"), default="nominal", help="mathematical forms it has")
     parser.add_argument("--pairs", type=int, nargs="*", default=range(len(PAIRS)), help="numbers of pairs, from 0")
+    parser.add_argument("--controller", choices=("python", "c"), default="python", help="which of the two")
     parser.add_argument("--jobs", type=int, default=1, help="pairs at a time")
     asked = parser.parse_args()
     folders = [asked.out / "_and_".join(PAIRS[k]) for k in asked.pairs]
     scenes = [Scene(PAIRS[k], asked.forms) for k in asked.pairs]
     races = []
     with ProcessPoolExecutor(asked.jobs) as pool:
-        for one, folder in zip(pool.map(race, scenes, folders), folders, strict=True):
+        for one, folder in zip(pool.map(race, scenes, folders, repeat(asked.controller)), folders, strict=True):
             races.append(one)
             show(Console(), one)
             draw(one.scene.track, one.laps, folder / "race.png")
     text = json.dumps([as_data(one) for one in races], indent=1)
-    print(f"written  {write_atomically(asked.out / 'race.json', text)}")
+    print(f"\nwritten  {write_atomically(asked.out / 'race.json', text)}")
 
 
 def show(console: Console, one: Race) -> None:
