@@ -12,9 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,9 @@ from scene import PAIRS, PERIOD, SEED, Scene
 
 from greybox_id.files import write_atomically
 from greybox_id.motion_model import MotionModel
+
+WIDTH = 170
+"""Of the table, characters."""
 
 
 @dataclass(frozen=True)
@@ -83,22 +84,20 @@ def main() -> None:
     parser.add_argument("--forms", choices=("nominal", "other"), default="nominal", help="mathematical forms it has")
     parser.add_argument("--pairs", type=int, nargs="*", default=range(len(PAIRS)), help="numbers of pairs, from 0")
     parser.add_argument("--controller", choices=("python", "c"), default="python", help="which of the two")
-    parser.add_argument("--jobs", type=int, default=1, help="pairs at a time")
     asked = parser.parse_args()
-    folders = [asked.out / "_and_".join(PAIRS[k]) for k in asked.pairs]
-    scenes = [Scene(PAIRS[k], asked.forms) for k in asked.pairs]
     races = []
-    with ProcessPoolExecutor(asked.jobs) as pool:
-        for one, folder in zip(pool.map(race, scenes, folders, repeat(asked.controller)), folders, strict=True):
-            races.append(one)
-            show(Console(), one)
-            draw(one.scene.track, one.laps, folder / "race.png")
+    for k in asked.pairs:
+        folder = asked.out / "_and_".join(PAIRS[k])
+        races.append(race(Scene(PAIRS[k], asked.forms), folder, asked.controller))
+        show(races[-1])
+        draw(races[-1].scene.track, races[-1].laps, folder / "race.png")
     text = json.dumps([as_data(one) for one in races], indent=1)
     print(f"\nwritten  {write_atomically(asked.out / 'race.json', text)}")
 
 
-def show(console: Console, one: Race) -> None:
+def show(one: Race) -> None:
     """Print a race."""
+    console = Console(width=WIDTH)
     said = ", ".join(f"{name} {value:.4g}" for name, value in one.scene.effects.items())
     found = ", ".join(f"{name} {value:.4g}" for name, value in one.found.items())
     console.print(f"\n[bold]{said}[/bold]\nclosed by greybox gap with {found or 'nothing'}")

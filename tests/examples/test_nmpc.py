@@ -50,7 +50,7 @@ def test_speeds_stay_within_the_friction_ellipse():
     one = track(1.3, 0.3, 8.0, 3.0, 5.0, 7.0)
     a_x = (np.roll(one.speed, -1) ** 2 - one.speed**2) / (2 * one.spacing)
     a_y = one.speed**2 * one.curvature
-    assert np.all((a_x / np.where(a_x > 0, 3.0, 5.0)) ** 2 + (a_y / 8.0) ** 2 < 1.01)
+    assert np.all((a_x / np.where(a_x > 0, 3.0, 5.0)) ** 2 + (a_y / 8.0) ** 2 < 1.02)
 
 
 def test_a_pose_is_found_again_on_the_track():
@@ -62,8 +62,8 @@ def test_a_pose_is_found_again_on_the_track():
 
 
 def test_a_stage_foretells_the_vehicle_with_commands_that_are_late(scene, models):
-    """A delay of 40 ms and another one of 33 ms, which is no whole number of periods."""
-    for late, tolerance in ((0.04, 1e-4), (0.033, 3e-3)):
+    """A delay of 40 ms exactly, one of 33 ms as the mean of what acts in a period."""
+    for late, tolerance in ((0.04, 1e-3), (0.033, 1e-2)):
         effects = {**scene.effects, "steering_delay": late}
         believed = with_effects(models["nominal"], effects)
         prediction = Prediction(believed, PERIOD, np.ones(2))

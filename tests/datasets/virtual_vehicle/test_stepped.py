@@ -15,9 +15,7 @@ def test_steps_add_up_to_a_replay(forms):
     car, effects = random_vehicle(3, "racer"), {"steering_delay": 0.033, "tyre_relaxation": 0.1}
     k = np.arange(ROWS)
     steer, drive = 0.1 * np.sin(0.2 * k), 3.0 * np.cos(0.1 * k)
-    steer[0] = drive[0] = (
-        0.0  # a stepped vehicle has had commands of zero before; so has a replay that begins with them
-    )
+    steer[0] = drive[0] = 0.0  # the first commands were in force for ever before
     commands = Recording("told", k / RATE, {"steer": steer, car.drive_channel: drive})
     _, truth = replay(car, commands, {"v_x": 4.0}, effects, forms, seed=5)
     ride = SteppedCar(car, 4.0, ROWS / RATE, RATE, effects, forms, seed=5)
