@@ -1,4 +1,4 @@
-"""The controller in C: a model exported by greybox, compiled with c/nmpc.c, and called from here."""
+"""The controller in C: a model exported by greybox, compiled together with c/, and called from here."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def library(model: MotionModel, folder: Path) -> ctypes.CDLL:
         raise BadInput("There is no C compiler (cc) here; the controller in C needs one.")
     export(Subject(model, "car"), "c", folder / "car")
     target = folder / "nmpc.so"
-    sources = [str(folder / "car" / "car.c"), str(SOURCES / "nmpc.c")]
+    sources = [str(folder / "car" / "car.c"), *map(str, sorted(SOURCES.glob("*.c")))]
     flags = ["-std=c99", "-O2", "-shared", "-fPIC", f"-I{folder / 'car'}", f"-I{SOURCES}"]
     subprocess.run([compiler, *flags, *sources, "-o", str(target), "-lm"], check=True)
     loaded = ctypes.CDLL(str(target.resolve()))
