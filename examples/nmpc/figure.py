@@ -12,7 +12,7 @@ from track import Track
 
 from greybox_id.files import replacing
 
-COLOURS = {"nominal": "tab:red", "closed": "tab:blue", "true": "0.3"}
+COLOURS = {"nominal": "tab:red", "closed": "tab:blue", "true": "0.6"}
 
 
 def draw(track: Track, laps: Mapping[str, Lap], file: Path) -> None:
@@ -24,8 +24,8 @@ def draw(track: Track, laps: Mapping[str, Lap], file: Path) -> None:
         panels["map"].plot(track.x - edge * np.sin(track.yaw), track.y + edge * np.cos(track.yaw), "0.8", lw=0.8)
         panels["path"].axhline(1e3 * edge, color="0.8", lw=0.8)
     panels["speed"].plot(track.s, track.speed, "0.8", lw=2, label="wanted")
-    for name, own in laps.items():
-        style = {"color": COLOURS[name], "lw": 1, "label": name}
+    for name, own in reversed(laps.items()):
+        style = {"color": COLOURS[name], "lw": 3 if name == "true" else 1, "label": name}
         panels["map"].plot(own.x, own.y, **style)
         panels["path"].plot(own.s, 1e3 * own.e_y, **style)
         panels["speed"].plot(own.s, track.line("speed", own.s)[0] + own.speed_error, **style)
