@@ -19,7 +19,7 @@ def close(found, true, tolerance=1e-12, spared=0.0, rarely=1e-3):
     """Entries relative to themselves and to a thousandth of the largest of their column.
 
     Where a change of the arguments' last digits changes the truth by `spared`, as in long steps of a car that hardly
-    moves, whose equations are too stiff for them, a hundred such digits are allowed; in one of a thousand points at most.
+    moves, whose equations are too stiff for them, a hundred such digits are allowed, in one of a thousand points.
     """
     scale = np.abs(true) + 1e-3 * np.max(np.abs(true), axis=0) + 1e-300
     off = np.abs(found - true) / scale
@@ -70,9 +70,11 @@ def equal_at_random_points(model, folder, count, seed):
         given = (x, u, p, dt) if len(symbols) == 4 else (x, u, p)
         at = of(*symbols)
         slopes = [cs.vec(cs.densify(cs.jacobian(at, symbol))) for symbol in symbols[:2]]
-        true = values(cs.Function("all", symbols, [cs.vertcat(at, *slopes)]), *(
-            own[:, None] if own.ndim == 1 else own for own in given
-        ))  # fmt: skip
+        whole = cs.Function("all", symbols, [cs.vertcat(at, *slopes)])
+        columns = [own[:, None] if own.ndim == 1 else own for own in given]
+        true = values(whole, *columns)
+        last_digits = [1 + np.finfo(float).eps * rng.choice([-1, 0, 1], own.shape) for own in columns]
+        magnified = np.abs(values(whole, *map(np.multiply, columns, last_digits)) - true)
         found = library(f"{name}_jacobian", given, (rows, rows * n, rows * m))
         close(np.hstack(found), true, spared=magnified)
         close(library(name, given, (rows,))[0], true[:, :rows], spared=magnified[:, :rows])

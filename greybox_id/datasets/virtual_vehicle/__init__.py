@@ -10,11 +10,13 @@ a true vehicle about what `vehicle_file_text` states. It shares no code with the
 
 from .car import VirtualCar
 from .classes import random_vehicle
-from .drive import Truth, drive, replay, steered
+from .drive import drive, replay, steered
 from .effects import EFFECTS, OUTSIDE
 from .entries import Entry
 from .forms import Forms
+from .made import Truth
 from .manoeuvres import MANOEUVRES
+from .stepped import SteppedCar
 from .tolerances import Tolerances, toleranced, tolerances, vehicle_file_text
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "OUTSIDE",
     "Entry",
     "Forms",
+    "SteppedCar",
     "Tolerances",
     "Truth",
     "VirtualCar",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -93,52 +93,77 @@ def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: f
         spin[i] = max(spin[i] + h * R * (asked - force) / (I_w + h * back), 0.0)
 
 
+class Moment(NamedTuple):
+    """What the simulation carries from step to step.
+
+    Attributes
+    ----------
+    s, rate, change, trial : (STATES,) state and what a step of it needs.
+    seen, given, wheels, spin : as `chassis.motion` takes them.
+    chain, mind : of the actuators and of the driver.
+    """
+
+    s: Row
+    rate: Row
+    change: Row
+    trial: Row
+    seen: Row
+    given: Row
+    wheels: Grid
+    spin: Row
+    chain: Row
+    mind: Row
+
+
+def first_moment(car: Car, start: Row) -> Moment:
+    """Of a vehicle at (v_x, v_y, yaw_rate) that has been driven like this for long."""
+    state, rest = np.zeros(STATES), (np.zeros(STATES), np.zeros(STATES), np.zeros(STATES))
+    state[V_X], state[V_Y], state[YAW_RATE] = start
+    spin = np.full(4, state[V_X] / float(car["wheel_radius"]))
+    return Moment(
+        state, *rest, np.zeros(SEEN), np.zeros(GIVEN), np.zeros((4, WHEEL)), spin, np.zeros(CHAIN), np.zeros(MIND)
+    )
+
+
 @cache
-def simulator() -> Callable[..., tuple[Grid, Any, Grid]]:
-    """The compiled simulation, `run` below; compiling takes some seconds the first time after a change."""
+def simulator() -> Callable[..., None]:
+    """The compiled simulation, `advance` below; compiling takes some seconds the first time after a change."""
     return _simulator(source())
 
 
-def _simulator(stamp: str) -> Callable[..., tuple[Grid, Any, Grid]]:
-    def run(
-        car: Car, knows: Driver, road: Grid, spacing: float, plan: Grid, first: int, hold: int, steps: int,
-        start: Row, gusts: Row,
-    ) -> tuple[Grid, Any, Grid]:  # fmt: skip
-        """Drive a plan.
+def _simulator(stamp: str) -> Callable[..., None]:
+    def advance(
+        car: Car, knows: Driver, road: Grid, spacing: float, plan: Grid, first: int, hold: int, gusts: Row,
+        now: Moment, begin: int, end: int, commands: Grid, readable: Any, truth: Grid,
+    ) -> None:  # fmt: skip
+        """Carry out steps of a plan.
 
         Parameters
         ----------
         car, knows : records of the vehicle and of its driver.
         road, spacing : (n, ROAD) points and the distance between them, m.
-        plan : (rows, PLAN) what is asked of the driver.
+        plan : (rows, PLAN) what is asked of the driver; rows to come are not read.
         first : row at which the world is laid out anew: x, y and yaw are zero there.
         hold : steps from row to row.
-        steps : how many to simulate, those after the last row holding its commands.
-        start : (3,) v_x, v_y, yaw_rate at the first row.
         gusts : (steps,) across, m/s, or (1,) if there are none.
-
-        Returns
-        -------
-        commands : (rows, 2) steering and drive as commanded.
-        readable : (steps, 2, k) `READABLE` at the beginning and at the end of every step.
-        truth : (rows, k) `ROW_TRUTH` just after every row's time.
+        now : where everything stands; it is moved on.
+        begin, end : the first step that is taken, and the one after the last; steps after the last row hold its
+            commands.
+        commands : (rows, 2) steering and drive as commanded; written.
+        readable : (steps, 2, k) `READABLE` at the beginning and at the end of every step; written.
+        truth : (rows, k) `ROW_TRUTH` just after every row's time; written.
         """
         assert stamp
         rows = len(plan)
-        commands, truth = np.zeros((rows, 2)), np.zeros((rows, _TRUE))
-        readable = np.zeros((steps, 2, _READ))
-        s, trial, change, rate = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
-        seen, given, wheels, spin = np.zeros(SEEN), np.zeros(GIVEN), np.zeros((4, WHEEL)), np.zeros(4)
-        chain, mind = np.zeros(CHAIN), np.zeros(MIND)
-        s[V_X], s[V_Y], s[YAW_RATE] = start[0], start[1], start[2]
-        spin[:] = s[V_X] / car.wheel_radius
-        awaken(mind, s[V_X])
+        s, rate, change, trial, seen, given, wheels, spin, chain, mind = now
+        if begin == 0:
+            awaken(mind, s[V_X])
         late = int(car.steering_delay / STEP + 1e-9)
         cut = max(car.steering_delay / STEP - late, 0.0)
         if cut < 1e-6:
             cut = 0.0
 
-        for k in range(steps):
+        for k in range(begin, end):
             row = min(k // hold, rows - 1)
             fresh = k % hold == 0 and k // hold < rows
             if k == first * hold:
@@ -191,9 +216,8 @@ def _simulator(stamp: str) -> Callable[..., tuple[Grid, Any, Grid]]:
                 if car.form_wheels == 1:
                     turn_wheels(car, s, given, wheels, spin, rate[V_X], h)
             read(s, seen, readable[k, 1])
-        return commands, readable, truth
 
-    return kept(run)
+    return kept(advance)
 
 
 @compiled
