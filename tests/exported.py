@@ -46,7 +46,7 @@ def subject(model, name="car", moving=None):
 
 
 def points(equations, count, seed=0):
-    """(count, entries) states and inputs, about standstill and far from it."""
+    """(count, entries) states and inputs, about standstill and far from it; a tenth of all numbers is zero."""
     rng = np.random.default_rng(seed)
     speed = rng.choice([0.0, 1e-9, 0.3, 3.0, 30.0], (count, 1)) * rng.standard_normal((count, 1))
     sizes = {"v_x": 1.0, "v_y": 0.3, "yaw_rate": 0.3, "steer": 0.2}
@@ -58,7 +58,7 @@ def points(equations, count, seed=0):
 def _column(name, sizes, speed, rng):
     if name == "v_x":
         return speed
-    return sizes.get(name, 0.3) * rng.standard_normal(speed.shape)
+    return sizes.get(name, 0.3) * rng.standard_normal(speed.shape) * (rng.random(speed.shape) > 0.1)
 
 
 def values(function, *arguments):

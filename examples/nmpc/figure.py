@@ -1,40 +1,51 @@
-"""A figure of a race: where the vehicle went, and how far off its path, with each model."""
+"""Figures of a race: where the vehicle went, and how far off its path, with each model."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from lap import Lap
 from track import Track
 
-from greybox_id.files import replacing
+from greybox_id.files import write_atomically
+from greybox_id.reports.plot.figure import Figure, Panel
+from greybox_id.reports.plot.marks import Curve
+from greybox_id.reports.plot.palette import BLUE, DASHED, INK, ORANGE, PALE, Line
+from greybox_id.reports.plot.scale import Axis
 
-COLOURS = {"nominal": "tab:red", "closed": "tab:blue", "true": "0.6"}
+LINES = {
+    "true": Line(INK, width=2.2, words="true effects"),
+    "closed": Line(BLUE, DASHED, 1.4, "closed"),
+    "nominal": Line(ORANGE, width=1.1, words="nominal"),
+}
+WANTED, EDGE = Line(PALE, width=1.6, words="wanted"), Line(PALE, width=0.7)
 
 
-def draw(track: Track, laps: Mapping[str, Lap], file: Path) -> None:
-    """Write a figure of laps on a track."""
-    figure = plt.figure(figsize=(12, 7), layout="constrained")
-    panels = figure.subplot_mosaic([["map", "path"], ["map", "speed"], ["map", "use"]], width_ratios=[1, 1.2])
-    for side in (-1, 1):
-        edge = side * track.half_width
-        panels["map"].plot(track.x - edge * np.sin(track.yaw), track.y + edge * np.cos(track.yaw), "0.8", lw=0.8)
-        panels["path"].axhline(1e3 * edge, color="0.8", lw=0.8)
-    panels["speed"].plot(track.s, track.speed, "0.8", lw=2, label="wanted")
-    for name, own in reversed(laps.items()):
-        style = {"color": COLOURS[name], "lw": 3 if name == "true" else 1, "label": name}
-        panels["map"].plot(own.x, own.y, **style)
-        panels["path"].plot(own.s, 1e3 * own.e_y, **style)
-        panels["speed"].plot(own.s, track.line("speed", own.s)[0] + own.speed_error, **style)
-        panels["use"].plot(own.s, own.use, **style)
-    panels["map"].set(aspect="equal", xlabel="x, m", ylabel="y, m")
-    panels["path"].set(ylabel="lateral error, mm")
-    panels["speed"].set(ylabel="speed, m/s")
-    panels["use"].set(ylabel="grip used, 1", xlabel="along the track, m")
-    panels["speed"].legend(fontsize="small")
-    with replacing(file) as beside:
-        figure.savefig(beside, dpi=150)
-    plt.close(figure)
+def draw(track: Track, laps: Mapping[str, Lap], folder: Path) -> None:
+    """Write `map.svg` and `race.svg`: laps on a track, and along it."""
+    sides = [side * track.half_width for side in (-1, 1)]
+    edges = [Curve(track.x - e * np.sin(track.yaw), track.y + e * np.cos(track.yaw), EDGE) for e in sides]
+    paths = [Curve(laps[name].x, laps[name].y, line) for name, line in LINES.items()]
+    seen = Panel((*edges, *paths), Axis("x [m]"), Axis("y [m]"), equal=True)
+    write_atomically(folder / "map.svg", Figure(((seen,),), (260.0,)).svg("laps on the track"))
+
+    off = [Curve(own.s, 1e3 * own.e_y, LINES[name]) for name, own in _in_order(laps)]
+    off += [Curve(track.s, np.full(len(track.s), 1e3 * e), EDGE) for e in sides]
+    speed = [
+        Curve(own.s, track.line("speed", own.s)[0] + own.speed_error, LINES[name]) for name, own in _in_order(laps)
+    ]
+    use = [Curve(own.s, own.use, LINES[name]) for name, own in _in_order(laps)]
+    along = Axis("along the track [m]")
+    rows = (
+        (Panel(tuple(off), along, Axis("lateral error [mm]")),),
+        (Panel((Curve(track.s, track.speed, WANTED), *speed), along, Axis("speed [m/s]")),),
+        (Panel(tuple(use), along, Axis("grip used [1]")),),
+    )
+    figure = Figure(rows, (90.0, 90.0, 90.0), joined=True)
+    write_atomically(folder / "race.svg", figure.svg("lateral error, speed and use of grip along the track"))
+
+
+def _in_order(laps: Mapping[str, Lap]) -> list[tuple[str, Lap]]:
+    return [(name, laps[name]) for name in LINES]

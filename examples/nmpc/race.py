@@ -90,7 +90,7 @@ def main() -> None:
         folder = asked.out / "_and_".join(PAIRS[k])
         races.append(race(Scene(PAIRS[k], asked.forms), folder, asked.controller))
         show(races[-1])
-        draw(races[-1].scene.track, races[-1].laps, folder / "race.png")
+        draw(races[-1].scene.track, races[-1].laps, folder)
     text = json.dumps([as_data(one) for one in races], indent=1)
     print(f"\nwritten  {write_atomically(asked.out / 'race.json', text)}")
 

@@ -38,10 +38,7 @@ def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Arra
             per_unit = float(equations.model["force_per_unit"].array / equations.model["m"].array)
             u[:, k] = ACCELERATION / max(per_unit, 1e-9) * rng.standard_normal(count)
     rest = rng.random(count) < AT_REST
-    for values, entries in ((x, equations.states), (u, equations.inputs)):
-        for k, own in enumerate(entries):
-            if own.name in ("v_x", "v_y", "yaw_rate"):
-                values[rest, k] = 0.0
+    x[rest], u[rest] = 0.0, 0.0  # where limits and signs meet, too
     p = equations.values * np.exp(SPREAD * rng.standard_normal((count, len(equations.parameters))))
     return {"x": x, "u": u, "p": p, "dt": rng.uniform(SHORTEST, LONGEST, count)}
 

@@ -120,4 +120,4 @@ def test_closing_the_gap_removes_most_of_the_excess_path_error(tmp_path):
     for race in races:
         assert race["laps"]["true"]["finished"]
         assert race["removed"]["rms"] >= 0.7
-    assert len(list(tmp_path.glob("*/race.png"))) == 2
+    assert len(list(tmp_path.glob("*/race.svg"))) == 2

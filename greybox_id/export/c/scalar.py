@@ -125,7 +125,7 @@ class _Writer:
         return array if array in self.scalars else value.text
 
     def _expression(self, k: int, value: Operation) -> str:
-        names = [self.name(source) for source in value.sources]
+        names = [self._operand(source, value.op) for source in value.sources]
         if k in self._choices:
             test, yes, no = (self.name(source) for source in self._choices[k])
             return f"{test} ? {yes} : {no}"
@@ -143,6 +143,12 @@ class _Writer:
         if own != called:
             self.functions.add(own)
         return f"{own}({', '.join(names)})"
+
+    def _operand(self, k: int, op: int) -> str:
+        """A value where an operation takes it: tests are whole numbers in C, and their quotients would be cut."""
+        own = self._operations.get(k)
+        tested = own is not None and (own.op in TESTS or own.op in LOGIC)
+        return f"(double){self.name(k)}" if tested and (op in OPERATORS or op in FUNCTIONS) else self.name(k)
 
     def _found_choices(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
         """Sums that say "a where a test holds, b where it does not", which is one choice."""

@@ -45,6 +45,13 @@ def test_what_is_handed_through_is_read_before_anything_is_written():
     assert found.index("const double y_1 = x[0];") < found.index("y[0] = y_0;")
 
 
+def test_derivatives_where_limits_meet_are_shared():
+    """CasADi gives half of the slope to each of two equal numbers, as a quotient of tests."""
+    slope = cs.jacobian(cs.fmax(x[0], x[1]), x[0])
+    (quotient,) = [line for line in lines(slope).lines if "/" in line]
+    assert "(double)" in quotient.partition("/")[0]
+
+
 def test_numbers_are_written_exactly():
     number = 0.1 + 0.2
     line, _ = lines(x[0] * number).lines
