@@ -7,7 +7,8 @@
     [data.check]
     columns = "my_car.toml"
 
-A table is a command, a key is an option without its dashes. What stands on the command line counts.
+A table is a command, a key is an option without its dashes. What stands on the command line counts; a switch
+that is true stays on.
 """
 
 from __future__ import annotations

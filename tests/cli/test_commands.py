@@ -1,8 +1,10 @@
 """The command line as a whole: its help, what was meant by a slip, and what a shell completes."""
 
+import os
 import re
 import shutil
 import subprocess
+import sys
 
 import click
 import pytest
@@ -132,3 +134,10 @@ def test_the_script_of_a_shell_is_one_it_can_read(shell, tmp_path):
 
 def test_a_shell_that_is_not_known_is_refused():
     assert "'bash', 'zsh', 'fish'" in refused("completion", "tcsh")
+
+
+def test_completing_a_command_loads_none():
+    code = "import sys; from greybox_id.cli import main\ntry: main()\nfinally: print('numpy' in sys.modules)"
+    asked = {**os.environ, "_GREYBOX_COMPLETE": "bash_complete", "COMP_WORDS": "greybox da", "COMP_CWORD": "1"}
+    called = subprocess.run([sys.executable, "-c", code], env=asked, capture_output=True, text=True, check=True)
+    assert called.stdout.split() == ["plain,data", "plain,datasets", "False"]
