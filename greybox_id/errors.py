@@ -22,9 +22,15 @@ class BadModel(GreyboxError):
 
 def near(name: str, known: Iterable[str]) -> str:
     """A question that names what was meant, with a leading space; empty if nothing is near."""
+    found = nearest(name, known)
+    return f" Did you mean {found}?" if found is not None else ""
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that is most like another; None if nothing is."""
     lowered = {own.lower(): own for own in known}
     found = get_close_matches(name.lower(), list(lowered), 1)
-    return f" Did you mean {lowered[found[0]]}?" if found else ""
+    return lowered[found[0]] if found else None
 
 
 def near_or_all(name: str, known: Iterable[str]) -> str:

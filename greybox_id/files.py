@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import BadInput
+from .errors import BadInput, nearest
 
 
 def cache_folder() -> Path:
@@ -25,6 +25,22 @@ def write_atomically(path: Path, text: str) -> Path:
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8")
     return path
+
+
+def near_file(path: Path) -> str:
+    """A question that names the file which was meant, of those where it was looked for; empty if nothing is near.
+
+    Where the folder itself is not there, that is said; with a leading space.
+    """
+    try:
+        if path.exists():
+            return ""
+        if not path.parent.is_dir():
+            return f" There is no folder {path.parent}."
+        found = nearest(path.name, (own.name for own in path.parent.iterdir()))
+    except (OSError, ValueError):  # ValueError: a null byte in the path
+        return ""
+    return f" Did you mean {path.parent / found}?" if found is not None else ""
 
 
 def ensure_writable(folder: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .errors import BadInput
+from .files import near_file
 
 NOT_FINITE = "not_finite"
 """JSON has no word for numbers that are not finite; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
@@ -38,7 +39,7 @@ def read_json(file: Path) -> Any:
     try:
         return json.loads(file.read_text(encoding="utf-8"), object_hook=_with_nan)
     except OSError as error:
-        raise BadInput(f"{file} cannot be read: {error.strerror}.") from error
+        raise BadInput(f"{file} cannot be read: {error.strerror}.{near_file(file)}") from error
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
 

@@ -3,68 +3,38 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
-from keyword import iskeyword
 
 import click
 
 from .. import __version__
 from ..errors import GreyboxError
-
-COMMANDS = {
-    "fit": ("fit", "Fit a model to recordings."),
-    "simulate": ("predict", "Simulate a fit or a model freely on a recording's inputs."),
-    "predict": ("predict", "Predict a recording with a fit."),
-    "validate": ("validate", "Score a fit on recordings."),
-    "export": ("export", "Write a model down for a controller: C, CasADi, acados, ONNX, f1tenth."),
-    "track": ("track", "Track sideslip, tyres and forces along a recording."),
-    "import": ("import_", "Make a fit of a network that nnodely saved."),
-    "profile": ("profile", "Follow the likelihood along parameters of a fit."),
-    "models": ("models", "List the models there are, or say what one is made of."),
-    "effects": ("models", "List the effects that models may lack, or say what one is."),
-    "gap": ("gap", "Say where a simulation departs from the vehicle, why, and how much of that closes."),
-    "exam": ("exam", "Examine the diagnosis of gaps blindly, on vehicles whose truth is sealed."),
-    "report": ("report", "Write figures and a PDF report of a fit."),
-    "data": ("data", "Look at recordings before anything is fitted to them."),
-    "datasets": ("datasets", "Fetch public recordings, or make synthetic ones."),
-}
-"""Command -> module of this folder that holds it, and its line of help; loaded only when it is called."""
+from .commands import LazyGroup
+from .defaults import defaults_of
 
 
-class _Commands(click.Group):
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
-        command = getattr(import_module(f".{COMMANDS[cmd_name][0]}", __name__), name)
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="greybox")
-def greybox() -> None:
+@click.pass_context
+def greybox(ctx: click.Context) -> None:
     """Identify vehicle models from recordings, with honest uncertainty.
 
     \b
-    greybox data check lap.csv
-    greybox fit --model single_track --vehicle car.toml lap.csv --validate other_lap.csv --out run
-    greybox validate run/fit.json third_lap.csv
-    greybox models single_track
-    """
+    greybox data map lap.csv --out my_car.toml
+    greybox data check lap.csv --columns my_car.toml
+    greybox fit --model single_track --vehicle car.toml lap.csv --columns my_car.toml --out run
+    greybox gap lap.csv --vehicle car.toml --columns my_car.toml --report gap.pdf
+    greybox export run/fit.json --target c --out car
+
+    Each command has examples in its --help. What is always the same goes into greybox.toml in the working folder, or
+    into the file that $GREYBOX_CONFIG names: a table for a command, a key for an option, as in [fit] model = "lateral".
+    """  # fmt: skip
+    ctx.default_map = defaults_of(ctx)
 
 
 def main() -> None:
     """Entry point: bad input ends with a sentence and exit code 2, Ctrl-C with 130."""
     try:
-        greybox(standalone_mode=False)
+        greybox(prog_name="greybox", standalone_mode=False)
     except GreyboxError as error:
         _end(str(error), 2)
     except click.ClickException as error:

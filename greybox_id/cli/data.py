@@ -19,6 +19,7 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..files import write_atomically
 from ..recording import Recording
+from .commands import Group
 from .map_output import map_target, proposal_as_dict, show_proposal
 from .options import columns_option, json_option
 from .output import console, print_json
@@ -31,18 +32,28 @@ MOST_ROWS = 20
 """Row numbers given for one finding in the JSON output; their count is there in full."""
 
 
-@click.group()
+@click.group(cls=Group)
 def data() -> None:
-    """Look at recordings before anything is fitted to them."""
+    """Check, map and convert recordings before anything is fitted to them.
+
+    \b
+    greybox data map lap.csv --out my_car.toml
+    greybox data check lap.csv --columns my_car.toml
+    greybox data convert lap.mcap --columns my_car.toml --out lap.csv
+    """
 
 
 @data.command("check")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @columns_option
 @wheelbase_option
 @json_option
 def check_command(files: Sequence[str], columns: str, wheelbase: float | None, as_json: bool) -> None:
-    """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted."""
+    """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
+
+    \b
+    greybox data check lap7.csv lap8.csv --columns my_car.toml
+    """  # fmt: skip
     results = [(recording, check(recording, wheelbase)) for recording in (read(file, columns) for file in files)]
     if as_json:
         click.echo(json.dumps({"files": [as_dict(*result) for result in results]}, indent=2, ensure_ascii=False))

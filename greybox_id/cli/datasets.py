@@ -11,11 +11,13 @@ from rich.table import Table
 from ..datasets.fetch import fetch, folder_of
 from ..datasets.made import MADE, make
 from ..datasets.public import PUBLIC, PublicDataset, public
+from .commands import Group
+from .completion import names
 from .options import json_option
 from .output import console, print_json, progress
 
 
-@click.group()
+@click.group(cls=Group)
 def datasets() -> None:
     """Fetch public recordings from their authors, or make synthetic ones.
 
@@ -29,7 +31,11 @@ def datasets() -> None:
 @datasets.command("list")
 @json_option
 def list_command(as_json: bool) -> None:
-    """List what can be fetched and made, with source and licence."""
+    """List what can be fetched and made, with source and licence.
+
+    \b
+    greybox datasets list
+    """  # fmt: skip
     if as_json:
         made = [{"name": name, "about": about} for name, (about, _) in MADE.items()]
         print_json({"public": [_as_dict(own) for own in PUBLIC.values()], "made": made})
@@ -49,10 +55,10 @@ def list_command(as_json: bool) -> None:
 
 
 @datasets.command("fetch")
-@click.argument("name", metavar="NAME")
-@click.option("--to", metavar="FOLDER", help="Where to; the cache ($GREYBOX_CACHE) unless given.")
+@click.argument("name", metavar="NAME", shell_complete=names(PUBLIC))
+@click.option("--out", metavar="FOLDER", help="Where to; the cache ($GREYBOX_CACHE) unless given.")
 @json_option
-def fetch_command(name: str, to: str | None, as_json: bool) -> None:
+def fetch_command(name: str, out: str | None, as_json: bool) -> None:
     """Fetch NAME from its authors: resumed where it broke off, checked by SHA-256.
 
     \b
@@ -60,19 +66,19 @@ def fetch_command(name: str, to: str | None, as_json: bool) -> None:
     """  # fmt: skip
     dataset = public(name)
     with progress() as say:
-        paths = fetch(dataset, Path(to) if to else None, say)
+        paths = fetch(dataset, Path(out) if out else None, say)
     if as_json:
         print_json({"name": name, "columns": dataset.columns, "files": [str(path) for path in paths]})
         return
-    out = console()
+    screen = console()
     for path in paths:
-        out.print(path)
-    out.print(f"they are their authors' ({dataset.licence}); cite: {dataset.reference}")
-    out.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
+        screen.print(path)
+    screen.print(f"they are their authors' ({dataset.licence}); cite: {dataset.reference}")
+    screen.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
 
 
 @datasets.command("make")
-@click.argument("name", metavar="NAME")
+@click.argument("name", metavar="NAME", shell_complete=names(MADE))
 @click.option("--out", default=".", show_default=True, metavar="FOLDER", help="Where to.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of all that is random.")
 @json_option

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from .commands import Group
 from .options import json_option
 from .output import console, print_json, progress
 
@@ -15,7 +16,7 @@ DIAGNOSER = f"{__name__}:diagnose_case"
 """What sits the examination, unless another function is named."""
 
 
-@click.group(name="exam")
+@click.group(name="exam", cls=Group)
 def exam() -> None:
     """Examine the diagnosis of gaps blindly: make cases, diagnose them, open the answers once.
 
@@ -27,7 +28,7 @@ def exam() -> None:
 
 
 @exam.command("make")
-@click.option("--out", required=True, metavar="DIR", type=click.Path(path_type=Path), help="A new folder.")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="A new folder.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
 @click.option(
     "--tier",
@@ -38,7 +39,7 @@ def exam() -> None:
 )
 @click.option("--cases", type=click.IntRange(min=0), default=60, show_default=True, help="With something the matter.")
 @click.option("--nulls", type=click.IntRange(min=0), help="With nothing; default: a sixth of the others.")
-@click.option("--real", metavar="DIR", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
+@click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def make_command(
@@ -47,6 +48,9 @@ def make_command(
     """Make cases, and seal their answers apart from them.
 
     Note the sum that is printed: with it, greybox exam score --seal tells whether the answers were replaced.
+
+    \b
+    greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
     """  # fmt: skip
     with progress() as say:
         if real is not None:
@@ -84,6 +88,9 @@ def run_command(cases: Path, jobs: int, timeout: float, diagnoser: str, as_json:
     """Diagnose each of CASES as greybox gap does, where the answers cannot be seen; carries on where it was stopped.
 
     Each case is left diagnosis.json and closed.toml.
+
+    \b
+    greybox exam run exam_clean/cases --jobs 2
     """
     from ..exam.run import run
 
@@ -99,13 +106,17 @@ def run_command(cases: Path, jobs: int, timeout: float, diagnoser: str, as_json:
 
 
 @exam.command("score")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
 @click.option("--detail", is_flag=True, help="Also what was taken for what, and every case that was wrong.")
 @click.option("--seal", "noted", default="", metavar="SUM", help="The seal's sum as noted when the cases were made.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bool) -> None:
-    """Open the answers in DIR and say what was right; that is done once, and kept in DIR/score.json."""
+    """Open the answers in FOLDER and say what was right; that is done once, and kept in FOLDER/score.json.
+
+    \b
+    greybox exam score exam_clean --detail
+    """  # fmt: skip
     from ..exam.score import score
     from ..exam.table import tables
 

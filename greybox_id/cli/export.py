@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,8 @@ from ..fit import load
 from ..model import Model
 from ..models.registry import build, with_effects
 from ..reports.numbers import pretty_unit
+from .completion import names
+from .defaults import command_line
 from .model_options import simulated_model_options, wanted
 from .options import json_option
 from .output import console, plain, print_json
@@ -29,7 +29,9 @@ from .output import console, plain, print_json
 @click.command(name="export")
 @click.argument("fit_file", required=False, metavar="[FIT]", type=click.Path())
 @simulated_model_options
-@click.option("--target", required=True, metavar="TARGET", help=f"One of {', '.join(TARGETS)}.")
+@click.option(
+    "--target", required=True, metavar="TARGET", shell_complete=names(TARGETS), help=f"One of {', '.join(TARGETS)}."
+)
 @click.option("--out", required=True, metavar="FOLDER", help="Folder to write; an earlier export there is replaced.")
 @click.option(
     "--parameters",
@@ -60,7 +62,7 @@ def export(
     greybox export --vehicle car_closed.toml --target casadi --out car
     greybox export --vehicle roboracer --with steering_delay=30ms --target c --out racer
     """  # fmt: skip
-    command = shlex.join(["greybox", *sys.argv[1:]])
+    command = command_line()
     name = called or _identifier(out)
     if fit_file is not None:
         if any(asked.values()):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from ..fitting import fit as fit_model
 from ..motion_model import MotionModel
 from ..recording import join
 from ..scores.prediction import must_suit
+from .defaults import command_line
 from .fit_output import show, summary
 from .model_options import model_options, wanted
 from .options import columns_option, json_option
@@ -27,16 +26,17 @@ from .output import console, print_json, progress
 
 
 @click.command(name="fit")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
+@click.argument("files", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
 @model_options
 @columns_option
 @click.option(
     "--validate",
     "validation",
-    metavar="FILE",
+    metavar="RECORDING",
+    type=click.Path(),
     help="A recording to score on; it chooses nothing, but for --early-stopping.",
 )
-@click.option("--out", default=None, metavar="DIR", help="Folder for fit.json; default: the model's name.")
+@click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name.")
 @click.option(
     "--horizon",
     type=click.FloatRange(min=0, min_open=True),
@@ -92,7 +92,7 @@ def fit(
     as_json: bool,
     **asked: Any,
 ) -> None:
-    """Fit a model to one or more recordings FILE...
+    """Fit a model to one or more RECORDINGs.
 
     \b
     greybox fit --model single_track lap1.csv lap2.csv --vehicle roboracer --columns roboracer
@@ -109,7 +109,7 @@ def fit(
     if early_stopping and solver == "ipopt":
         raise click.UsageError("--early-stopping watches Gauss-Newton's steps; leave --solver ipopt away.")
     if early_stopping and validation is None:
-        raise click.UsageError("--early-stopping needs --validate FILE.")
+        raise click.UsageError("--early-stopping needs --validate RECORDING.")
     chosen = wanted(**asked)
     given = {
         "--horizon": horizon, "--start-from": start_from != "free", "--robust": robust, "--noise": noise,
@@ -135,7 +135,7 @@ def fit(
         robust=robust,
         noise=sensors,
     )
-    command = shlex.join(["greybox", *sys.argv[1:]])
+    command = command_line()
     target = Path(out or models[0].name) / "fit.json"
     ensure_writable(target.parent)
     warnings = doubts(models[0], chosen.vehicle, recordings)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,32 +25,45 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.effects import EFFECTS
-from ..models.registry import build, model_of
+from ..models.registry import MODELS, build, model_of
 from ..motion_model import MotionModel
 from ..provenance import data_record
 from ..recording import Recording
 from ..reports.gap.content import Made
 from ..vehicle import Vehicle
+from .completion import names
+from .defaults import command_line
 from .gap_files import targets_of, warnings_of, without_vehicle, write
 from .gap_output import as_json_text, show
-from .options import columns_option, json_option
+from .options import VEHICLES, columns_option, json_option
 from .output import console, progress
 
 
 @click.command(name="gap")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
-@click.option("--vehicle", metavar="VEHICLE", help="What is stated of the vehicle: a shipped one or a file.")
-@click.option("--fit", "fit_file", metavar="FIT", help="In place of a vehicle, a fit.")
-@click.option("--model", metavar="NAME", help="With --vehicle; default: the vehicle's own, else single_track.")
+@click.option(
+    "--vehicle",
+    metavar="VEHICLE",
+    shell_complete=VEHICLES,
+    help="What is stated of the vehicle: a shipped one or a file.",
+)
+@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="In place of a vehicle, a fit.")
+@click.option(
+    "--model",
+    metavar="NAME",
+    shell_complete=names(MODELS),
+    help="With --vehicle; default: the vehicle's own, else single_track.",
+)
 @columns_option
 @click.option(
     "--held-out",
     multiple=True,
     metavar="RECORDING",
+    type=click.Path(),
     help="A recording that chooses nothing, to say on how far the gap closes; repeatable.",
 )
-@click.option("--out", metavar="DIR", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
-@click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, DIR/gap.pdf unless given.")
+@click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
+@click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
 @click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
@@ -89,7 +101,7 @@ def gap(
         found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
     made = Made(
         vehicle=asked.vehicle.name,
-        command=shlex.join(["greybox", *sys.argv[1:]]),
+        command=command_line(),
         seed=seed,
         version=__version__,
         data=(

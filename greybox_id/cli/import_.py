@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 
 import click
@@ -14,6 +12,7 @@ from ..files import ensure_writable
 from ..fit import Fit
 from ..reports.numbers import counted, number, pretty_unit
 from ..signals import unit_of
+from .defaults import command_line
 from .options import json_option
 from .output import console, print_json
 
@@ -45,7 +44,7 @@ def import_(network: str, inputs: str, sample_time: float | None, out: str | Non
     """
     if out is not None and Path(out).suffix != ".json":
         raise BadInput(f"{out}: a fit is a .json file; name one with --out.")
-    command = shlex.join(["greybox", *sys.argv[1:]])
+    command = command_line()
     pairs = [pair.strip() for pair in inputs.split(",") if pair.strip()]
     found = import_network(network, pairs, sample_time, command)
     target = Path(out) if out is not None else Path(found.fit.model.name) / "fit.json"

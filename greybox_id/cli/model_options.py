@@ -9,21 +9,29 @@ import click
 
 from ..choices.parameters import Choices, magnitudes, wanted_vehicle
 from ..choices.wanted import Wanted
+from ..models.effects import EFFECTS
 from ..models.registry import MODELS
-from .options import settings_of
+from .completion import names
+from .options import VEHICLES, settings_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 _MODEL = (
-    click.option("--model", "name", metavar="NAME", help=f"One of {', '.join(MODELS)}; default: the vehicle's own."),
-    click.option("--vehicle", metavar="VEHICLE", help="Numbers to start from: a shipped vehicle or a file."),
+    click.option(
+        "--model", "name", metavar="NAME", shell_complete=names(MODELS),
+        help=f"One of {', '.join(MODELS)}; default: the vehicle's own.",
+    ),
+    click.option(
+        "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,
+        help="Numbers to start from: a shipped vehicle or a file.",
+    ),
     click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE",
         help="A hyperparameter, such as tyre=brush or lat.q=14.",
     ),
 )  # fmt: skip
 _EFFECTS = click.option(
-    "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]",
+    "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(EFFECTS),
     help="Add an effect: free, held at a VALUE[unit], or free with a belief MEAN±SD[unit].",
 )  # fmt: skip
 _FIX = click.option(

@@ -18,13 +18,14 @@ from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..reports.numbers import pretty_unit
 from ..signals import unit_of
-from .options import json_option, settings_of
+from .completion import names
+from .options import VEHICLES, json_option, settings_of
 from .output import console, plain, print_json
 
 
 @click.command(name="models")
-@click.argument("name", required=False, metavar="[NAME]")
-@click.option("--vehicle", metavar="VEHICLE", help="Show a model with a vehicle's numbers.")
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS))
+@click.option("--vehicle", metavar="VEHICLE", shell_complete=VEHICLES, help="Show a model with a vehicle's numbers.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
 @json_option
 def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_json: bool) -> None:
@@ -57,10 +58,14 @@ def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_js
 
 
 @click.command(name="effects")
-@click.argument("name", required=False, metavar="[NAME]")
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(EFFECTS))
 @json_option
 def effects(name: str | None, as_json: bool) -> None:
-    """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to."""
+    """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to.
+
+    \b
+    greybox effects steering_delay
+    """  # fmt: skip
     if name is not None and name not in EFFECTS:
         raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)}")
     if name is not None:

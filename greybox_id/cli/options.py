@@ -9,8 +9,15 @@ from typing import Any
 
 import click
 
+from ..datasets.column_map import shipped_maps
+from ..datasets.vehicle_file import shipped_vehicles
+from .completion import names
+
+VEHICLES = names(shipped_vehicles(), files=".toml")
+"""What completes the name of a vehicle."""
 columns_option = click.option(
     "--columns", default="canonical", show_default=True, metavar="MAP",
+    shell_complete=names(shipped_maps(), files=".toml"),
     help="Column map: name of a shipped one, or a .toml file.",
 )  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")

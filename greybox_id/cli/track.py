@@ -41,7 +41,7 @@ FROM_STDIN = "-"
 @click.command(name="track")
 @click.argument("file", metavar="RECORDING", required=False, type=click.Path())
 @model_options
-@click.option("--fit", "fit_file", metavar="FIT", help="In place of a vehicle or model, a fit.")
+@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="In place of a vehicle or model, a fit.")
 @columns_option
 @click.option("--parameters", multiple=True, metavar="NAMES", help="What walks: C_alpha_f,C_alpha_r or F_yf,F_yr.")
 @click.option("--disturbances", multiple=True, metavar="NAMES", help="What comes and goes: road_bank,S_h_f.")

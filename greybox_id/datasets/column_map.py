@@ -6,16 +6,16 @@ and names are turned into the project's (ISO 8855 axes, SI units).
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
-from ..errors import BadInput
+from ..errors import BadInput, near
+from ..files import near_file
 from ..recording import Array
 from ..signals import SIGNALS
 from .units import to_si
@@ -114,7 +114,7 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
         return parse_column_map(text, f"{wanted}.toml")
     if not wanted.lower().endswith(".toml"):
         raise BadInput(
-            f'There is no column map "{wanted}".{did_you_mean(wanted, shipped_maps())} '
+            f'There is no column map "{wanted}".{near(wanted, shipped_maps()) or near_file(Path(wanted))} '
             f"Shipped maps: {', '.join(shipped_maps())}; your own is named by the path of its .toml file."
         )
     try:
@@ -123,7 +123,9 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
         raise BadInput(f"{wanted}: this column map is not UTF-8 text; save it as UTF-8.") from error
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
-        raise BadInput(f"{wanted}: the column map cannot be read ({reason}). Check the path.") from error
+        raise BadInput(
+            f"{wanted}: the column map cannot be read ({reason}).{near_file(Path(wanted))} Check the path."
+        ) from error
     return parse_column_map(text, wanted)
 
 
@@ -153,7 +155,7 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     for name in signals:
         if name not in SIGNALS:
             raise BadInput(
-                f'{where}: [signals.{name}]: there is no signal "{name}".{did_you_mean(name, SIGNALS)} '
+                f'{where}: [signals.{name}]: there is no signal "{name}".{near(name, SIGNALS)} '
                 f"A file's own further channel goes under [extra.{name}]."
             )
     extra = _table(table, "extra", where)
@@ -180,13 +182,6 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
         hold="linear" if _choice(table, "hold", HOLDS, where) == "linear" else "zero",
         **chosen,
     )
-
-
-def did_you_mean(name: str, candidates: Iterable[str]) -> str:
-    """A question that names the nearest candidate, with a leading space; empty if none is near."""
-    lowered = {candidate.lower(): candidate for candidate in candidates}
-    near = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=0.5)
-    return f' Did you mean "{lowered[near[0]]}"?' if near else ""
 
 
 def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: str) -> Column:
@@ -222,7 +217,7 @@ def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str, prefix: 
     for key in table:
         if key not in keys:
             raise BadInput(
-                f'{where}: {prefix}there is no setting "{key}".{did_you_mean(key, keys)} Known are {", ".join(keys)}.'
+                f'{where}: {prefix}there is no setting "{key}".{near(key, keys)} Known are {", ".join(keys)}.'
             )
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import BadInput
+from ..errors import BadInput, near
 from ..recording import Array, Recording, Source, split_runs
 from .clocks import Joined, Readings, on_one_clock
-from .column_map import Column, ColumnMap, column_map, did_you_mean, shipped_maps
+from .column_map import Column, ColumnMap, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
 from .formats.contents import TIME
 from .instants import Instants, instants, origin_of
@@ -156,7 +156,7 @@ def _check_columns(found: Contents, mapping: ColumnMap) -> None:
         if not found.find(name):
             raise BadInput(
                 f'{found.where}: there is no column "{name}", which the column map "{mapping.name}" needs.'
-                f"{did_you_mean(name, found.names)} {_what_there_is(found.names)}{_other_map(found, mapping)}"
+                f"{near(name, found.names)} {_what_there_is(found.names)}{_other_map(found, mapping)}"
             )
     if not any(found.find(c.column) for c in mapping.channels):
         raise BadInput(

@@ -31,10 +31,10 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadInput
+from ..errors import BadInput, near
+from ..files import near_file
 from ..signals import SIGNALS
 from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
-from .column_map import did_you_mean
 
 KEYS = ("name", "about", "steer_max", "parameters", "effects", "noise", "model", "tracking")
 TRACKING_KEYS = ("parameters", "disturbances", "noise")
@@ -68,7 +68,7 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
         return parse_vehicle(entry.read_text("utf-8"), Path(f"{name}.toml"), parameters, effects)
     if Path(name).suffix.lower() not in (".toml", ".json"):
         raise BadInput(
-            f'There is no vehicle "{name}".{did_you_mean(name, shipped_vehicles())} Shipped vehicles: '
+            f'There is no vehicle "{name}".{near(name, shipped_vehicles()) or near_file(Path(name))} Shipped vehicles: '
             f"{', '.join(shipped_vehicles())}; your own is named by the path of its .toml or .json file."
         )
     try:
@@ -77,7 +77,9 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
         raise BadInput(f"{name}: this vehicle file is not UTF-8 text; save it as UTF-8.") from error
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
-        raise BadInput(f"{name}: the vehicle file cannot be read ({reason}). Check the path.") from error
+        raise BadInput(
+            f"{name}: the vehicle file cannot be read ({reason}).{near_file(Path(name))} Check the path."
+        ) from error
     return parse_vehicle(text, Path(name), parameters, effects)
 
 
@@ -96,7 +98,7 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
             continue
         if key in parameters:
             raise BadInput(f"{where}: {key} is a parameter and belongs under [parameters].")
-        raise BadInput(f'{where}: there is no key "{key}".{did_you_mean(key, KEYS)} Known are {", ".join(KEYS)}.')
+        raise BadInput(f'{where}: there is no key "{key}".{near(key, KEYS)} Known are {", ".join(KEYS)}.')
     stated, tolerated, sensors = (_table(table, key, where) for key in ("parameters", "effects", "noise"))
     _all_known(stated, parameters, "parameter", f"{where}: [parameters]")
     _all_known(tolerated, effects, "effect", f"{where}: [effects]")
@@ -149,7 +151,7 @@ def _model(table: Mapping[str, Any], effects: Collection[str], where: str) -> Ch
 def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
     for key in table:
         if key not in TRACKING_KEYS:
-            hint = did_you_mean(key, TRACKING_KEYS)
+            hint = near(key, TRACKING_KEYS)
             raise BadInput(f'{where}: there is no key "{key}".{hint} Known are {", ".join(TRACKING_KEYS)}.')
     sizes = _table(table, "noise", where)
     return TrackingPlan(
@@ -196,7 +198,7 @@ def _stated(entry: object, where: str) -> Stated:
         return Stated(_number(entry, where))
     for key in entry:
         if key not in STATED_KEYS:
-            hint = did_you_mean(key, STATED_KEYS)
+            hint = near(key, STATED_KEYS)
             raise BadInput(f'{where}: there is no key "{key}".{hint} Known are {", ".join(STATED_KEYS)}.')
     given = {key: _number(entry[key], f"{where}: {key}", key) for key in STATED_KEYS[:-1] if key in entry}
     low, high, value, sd = given.get("min", -inf), given.get("max", inf), given.get("value"), given.get("sd")
@@ -226,7 +228,7 @@ def _all_known(table: Mapping[str, Any], names: Collection[str], what: str, wher
     for key in table:
         if names and key not in names:
             raise BadInput(
-                f'{where} {key}: there is no {what} "{key}".{did_you_mean(key, names)} Mend its name or take it out.'
+                f'{where} {key}: there is no {what} "{key}".{near(key, names)} Mend its name or take it out.'
             )
 
 

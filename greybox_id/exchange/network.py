@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
+from ..files import near_file
 from ..parameter import Array
 
 MOST_BYTES = 5_000_000
@@ -149,7 +150,7 @@ def read_network(path: str | Path) -> Network:
 def _json(file: Path) -> dict[str, Any]:
     try:
         if not file.is_file():
-            raise BadInput(f"{file} is no file; name one that nnodely's saveModel wrote.")
+            raise BadInput(f"{file} is no file; name one that nnodely's saveModel wrote.{near_file(file)}")
         with file.open("rb") as opened:
             content = opened.read(MOST_BYTES + 1)
     except (OSError, ValueError) as error:

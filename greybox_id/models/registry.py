@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 from typing import Any
 
 from ..effect import Effect
-from ..errors import BadInput
+from ..errors import BadInput, near
 from ..model import Model
 from ..recording import Recording
 from ..vehicle import Stated, Vehicle
@@ -140,7 +139,7 @@ def vehicle_parameters() -> tuple[str, ...]:
 
 def _entry(name: str) -> Entry:
     if name not in MODELS:
-        raise BadInput(f"There is no model {name!r}; there are {', '.join(MODELS)}.{_near(name, MODELS)}")
+        raise BadInput(f"There is no model {name!r}; there are {', '.join(MODELS)}.{near(name, MODELS)}")
     return MODELS[name]
 
 
@@ -161,7 +160,7 @@ def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None
 
 def _effect(name: str, magnitude: float | Stated | None) -> Effect:
     if name not in EFFECTS:
-        raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{_near(name, EFFECTS)}")
+        raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{near(name, EFFECTS)}")
     effect = EFFECTS[name]
     if magnitude is None:
         return effect.starting_at(effect.typical)
@@ -170,8 +169,3 @@ def _effect(name: str, magnitude: float | Stated | None) -> Effect:
     if isinstance(magnitude, bool) or not isinstance(magnitude, (int, float)):
         raise BadInput(f"Effect {name} needs a number, in {effect.parameter.unit}; {magnitude!r} was given.")
     return effect.at(magnitude)
-
-
-def _near(name: str, known: Mapping[str, object]) -> str:
-    near = get_close_matches(name, list(known), 1)
-    return f" Did you mean {near[0]}?" if near else ""

@@ -5,10 +5,9 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from difflib import get_close_matches
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from ..errors import BadInput
+from ..errors import BadInput, near
 
 T = TypeVar("T")
 
@@ -30,9 +29,9 @@ def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T
     there_are = f"there are {', '.join(where + name for name in known)}" if known else "there are none"
     for name in values:
         if name not in known:
-            near = get_close_matches(name, known, 1)
-            hint = f" Did you mean {where}{near[0]}?" if near else ""
-            raise BadInput(f"There is no setting {where}{name}; {there_are}.{hint}")
+            raise BadInput(
+                f"There is no setting {where}{name}; {there_are}.{near(where + name, (where + own for own in known))}"
+            )
     return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
 
 

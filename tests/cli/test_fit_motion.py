@@ -172,7 +172,7 @@ def test_inputs_alone_are_simulated_with_a_model_made_from_options(tmp_path):
     ("arguments", "says"),
     [
         (["--model", "laterl"], "Did you mean lateral?"),
-        (["--model", "lateral", "--vehicle", "full_size_cart"], 'Did you mean "full_size_car"?'),
+        (["--model", "lateral", "--vehicle", "full_size_cart"], 'Did you mean full_size_car?'),
         (["--model", "lateral", "--vehicle", "missing.toml"], "missing.toml"),
         (["--vehicle", "full_size_car"], "names no model; add --model"),
         ([], "No model is named; add --model"),

@@ -101,11 +101,11 @@ def test_units_of_the_wrong_kind_are_refused(unit, target):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("[signals.yaw_rate]", "[signals.yawrate]", ["yawrate", 'Did you mean "yaw_rate"?', "[extra.yawrate]"]),
+        ("[signals.yaw_rate]", "[signals.yawrate]", ["yawrate", "Did you mean yaw_rate?", "[extra.yawrate]"]),
         ('unit = "deg/s"', 'unit = "deg"', ["[signals.yaw_rate]", '"deg"', "rad/s"]),
         ('unit = "deg/s"', 'unit = "dgs"', ["[signals.yaw_rate]", '"dgs"', "not known"]),
         ('unit = "deg/s"', "", ["[signals.yaw_rate]", "no unit"]),
-        ("sign = -1", "sgn = -1", ['"sgn"', 'Did you mean "sign"?']),
+        ("sign = -1", "sgn = -1", ['"sgn"', "Did you mean sign?"]),
         ("sign = -1", "sign = 2", ["sign = 2", "1 or -1"]),
         ("sign = -1", 'sign = "-"', ["sign", "finite number"]),
         ("divide_by = 4244", "divide_by = 0", ["divide_by"]),
@@ -115,7 +115,7 @@ def test_units_of_the_wrong_kind_are_refused(unit, target):
         ("optional = true", "optional = 1", ["optional", "true or false"]),
         ('[time]\ncolumn = "t"\nunit = "ms"', "", ["[time]"]),
         ('name = "mine"', "name = mine", ["line 2", "not valid TOML"]),
-        ("[runs]", "[rusn]", ['"rusn"', 'Did you mean "runs"?']),
+        ("[runs]", "[rusn]", ['"rusn"', "Did you mean runs?"]),
     ],
 )
 def test_a_slip_in_a_map_is_answered_with_what_and_where(old, new, words):
@@ -128,7 +128,7 @@ def test_a_slip_in_a_map_is_answered_with_what_and_where(old, new, words):
 
 
 def test_an_unknown_map_is_answered_with_the_nearest_name(tmp_path):
-    with pytest.raises(BadInput, match=r'Did you mean "roboracer"\?'):
+    with pytest.raises(BadInput, match=r"Did you mean roboracer\?"):
         column_map("roboracr")
     with pytest.raises(BadInput, match="cannot be read"):
         column_map(tmp_path / "none.toml")

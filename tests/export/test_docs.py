@@ -3,12 +3,11 @@
 import importlib.util
 import re
 import sys
-import textwrap
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from documents import indented, page
 
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
@@ -16,7 +15,6 @@ from greybox_id.export.verb import export
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle
 
-TEXT = (Path(__file__).parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
 SMALL = Vehicle("small car", {name: Stated(value) for name, value in {
     "m": 3.5, "I_z": 0.05, "l_f": 0.16, "l_r": 0.17, "h_cg": 0.07, "force_per_unit": 3.5, "c_0": 1.5, "c_2": 0.4,
 }.items()})  # fmt: skip
@@ -26,7 +24,7 @@ def example(of, target, tmp_path, monkeypatch, needs=None):
     """Run the example that imports `of` beside an export called car; its names."""
     if importlib.util.find_spec(needs or of) is None:
         pytest.skip(f"{needs or of} is not installed; it is no dependency")
-    blocks = [textwrap.dedent(own) for own in re.findall(r"(?:^ {4}.*\n|^\n(?= {4}))+", TEXT, re.MULTILINE)]
+    blocks = [own.text for own in indented(page("export.md"))]
     (code,) = [own for own in blocks if re.search(rf"^(import|from) {of}\b", own, re.MULTILINE)]
     model = build("single_track", vehicle=SMALL)
     export(Subject(model, "car", source="a test"), target, tmp_path / "car")

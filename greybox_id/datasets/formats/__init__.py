@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ...errors import BadInput
-from ...files import replacing
+from ...files import near_file, replacing
 from ...recording import Recording
 from ..column_map import ColumnMap
 from .columns import columns_of
@@ -99,7 +99,7 @@ def _head(file: Path) -> bytes:
         with file.open("rb") as opened:
             head = opened.read(16)
     except FileNotFoundError as error:
-        raise BadInput(f"{file}: there is no such file. Check the path.") from error
+        raise BadInput(f"{file}: there is no such file.{near_file(file)} Check the path.") from error
     except PermissionError as error:
         raise BadInput(f"{file} may not be read: permission denied. Change its permissions.") from error
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 
-from ...errors import BadInput
+from ...errors import BadInput, near
 from . import TYRES, Tyre
 
 
@@ -22,9 +21,7 @@ class TyreSettings:
 
     def __post_init__(self) -> None:
         if self.tyre not in TYRES:
-            near = get_close_matches(self.tyre, list(TYRES), 1)
-            hint = f" Did you mean {near[0]}?" if near else ""
-            raise BadInput(f"There is no tyre {self.tyre!r}; there are {', '.join(TYRES)}.{hint}")
+            raise BadInput(f"There is no tyre {self.tyre!r}; there are {', '.join(TYRES)}.{near(self.tyre, TYRES)}")
 
     @property
     def model(self) -> Tyre:

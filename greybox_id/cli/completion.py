@@ -1,0 +1,52 @@
+"""`greybox completion`: a shell learns the names of commands, options, models, effects, vehicles and column maps."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Collection
+from glob import escape
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem, get_completion_class
+
+PROGRAM = "greybox"
+SHELLS = ("bash", "zsh", "fish")
+Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def names(known: Collection[str], files: str = "") -> Complete:
+    """What completes an option that takes one of the known names, or a file of the working folder.
+
+    Parameters
+    ----------
+    known : the names.
+    files : ending of files that the option takes as well, such as .toml; empty where it takes none.
+    """
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        del ctx, param
+        found = [name for name in known if name.startswith(incomplete)]
+        if files:
+            found += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
+        return [CompletionItem(name) for name in found]
+
+    return complete
+
+
+@click.command()
+@click.argument("shell", metavar="bash|zsh|fish", type=click.Choice(SHELLS))
+@click.pass_context
+def completion(ctx: click.Context, shell: str) -> None:
+    """Print the script that makes a shell complete commands, options and names.
+
+    \b
+    greybox completion bash >> ~/.bashrc                                 # zsh: >> ~/.zshrc
+    greybox completion fish > ~/.config/fish/completions/greybox.fish
+
+    Open a new shell afterwards.
+    """  # fmt: skip
+    of_shell = get_completion_class(shell)
+    assert of_shell is not None
+    script = of_shell(ctx.find_root().command, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source()
+    sys.stdout.write(script)

@@ -1,0 +1,142 @@
+"""Defaults of options from a file, so that what is always the same need not be typed.
+
+    [fit]
+    model = "single_track"
+    columns = "my_car.toml"
+    with = ["steering_delay"]
+    [data.check]
+    columns = "my_car.toml"
+
+A table is a command, a key is an option without its dashes. What stands on the command line counts; a switch
+that is true stays on.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from ..errors import BadInput, near_or_all
+from ..files import near_file
+from .commands import COMMANDS
+
+FILE = "greybox.toml"
+VARIABLE = "GREYBOX_CONFIG"
+
+
+NAMES_CODE = ("diagnoser",)
+"""Options that are never taken from a file: who changes into a folder does not want what is there to be run."""
+
+
+def defaults_of(ctx: click.Context) -> dict[str, Any]:
+    """Command -> defaults of its options by parameter name, for the command that is called; told on standard error.
+
+    Raises
+    ------
+    BadInput : the file cannot be read, or names a command, an option or a value that there is not.
+    """
+    named = os.environ.get(VARIABLE)
+    file = Path(named or FILE)
+    if not named and not file.is_file():
+        return {}
+    table = _read(file)
+    for name in table:
+        if name not in COMMANDS:
+            raise BadInput(f"{file}: there is no command {name!r}.{near_or_all(name, COMMANDS)}")
+    called = ctx.invoked_subcommand
+    if called is None or called not in table:
+        return {}
+    assert isinstance(ctx.command, click.Group)
+    command = ctx.command.get_command(ctx, called)
+    assert command is not None
+    click.echo(f"defaults from {file}", err=True)
+    return {called: _of_command(ctx, command, table[called], f"{file}: [{called}]")}
+
+
+def command_line() -> str:
+    """The command that is being run, with what it took from the file of defaults written out."""
+    ctx = click.get_current_context(silent=True)
+    words = sys.argv[1:]
+    if ctx is None:
+        return shlex.join(["greybox", *words])
+    taken: list[str] = []
+    for option in ctx.command.params:
+        if option.name and ctx.get_parameter_source(option.name) is ParameterSource.DEFAULT_MAP:
+            assert isinstance(option, click.Option)
+            taken += _written(option, ctx.params[option.name])
+    return shlex.join(["greybox", *words[:1], *taken, *words[1:]])
+
+
+def _written(option: click.Option, value: Any) -> list[str]:
+    """An option and its value as they would be typed."""
+    name = _long(option)
+    if option.is_flag:
+        return [name] if value else []
+    return [word for own in (value if option.multiple else (value,)) for word in (name, str(own))]
+
+
+def _read(file: Path) -> Mapping[str, Any]:
+    try:
+        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise BadInput(f"{file}: the defaults cannot be read ({error.strerror}).{near_file(file)}") from error
+    except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no TOML, integers of thousands of digits
+        raise BadInput(f"{file}: not valid TOML: {error}. Mend that line.") from error
+
+
+def _of_command(ctx: click.Context, command: click.Command, table: Any, where: str) -> dict[str, Any]:
+    if not isinstance(table, Mapping):
+        raise BadInput(f"{where} must be a table of options, not {table!r:.60}.")
+    if isinstance(command, click.Group):
+        return {name: _of_command(ctx, _inner(command, name, where), own, f"{where[:-1]}.{name}]")
+                for name, own in table.items()}  # fmt: skip
+    options = {_long(own).removeprefix("--"): own for own in command.params if isinstance(own, click.Option)}
+    found = {}
+    for key, value in table.items():
+        if key not in options:
+            raise BadInput(f"{where}: there is no option {key!r}.{near_or_all(key, options)}")
+        if key in NAMES_CODE:
+            raise BadInput(
+                f"{where}: {key} names code to run, which a file in a folder may not; say --{key} when you mean it."
+            )
+        option = options[key]
+        found[str(option.name)] = _value(ctx, option, value, f"{where} {key}")
+    return found
+
+
+def _inner(group: click.Group, name: str, where: str) -> click.Command:
+    if name not in group.commands:
+        raise BadInput(f"{where}: there is no command {name!r}.{near_or_all(name, group.commands)}")
+    return group.commands[name]
+
+
+def _value(ctx: click.Context, option: click.Option, value: Any, where: str) -> Any:
+    """A value as the option takes it. Raises `BadInput` where it does not."""
+    if option.is_flag:
+        if not isinstance(value, bool):
+            raise BadInput(f"{where} is true or false, not {value!r:.60}.")
+        return value
+    many = value if isinstance(value, list) else [value]
+    if isinstance(value, list) and not option.multiple:
+        raise BadInput(f"{where} takes one value, not the list {value!r:.60}.")
+    if any(isinstance(own, bool | Mapping | list) for own in many):
+        raise BadInput(f"{where} is text or a number, not {value!r:.60}.")
+    words = [str(own) for own in many]
+    for word in words:
+        try:
+            option.type.convert(word, option, ctx)
+        except click.BadParameter as error:
+            raise BadInput(f"{where}: {error.message}") from error
+    return words if option.multiple else words[0]
+
+
+def _long(option: click.Option) -> str:
+    return next((name for name in option.opts if name.startswith("--")), option.opts[0])

@@ -1,0 +1,34 @@
+"""What the pages of docs/ show runs, and says what they say it does."""
+
+import json
+from pathlib import Path
+
+import pytest
+from documents import run_page
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GREYBOX_CONFIG", raising=False)
+
+
+@pytest.mark.slow
+def test_the_tutorial_leads_from_a_csv_to_c_code():
+    run_page("tutorial.md")
+    own = json.loads(Path("run/fit.json").read_text(encoding="utf-8"))["parameters"]
+    assert 0.03 < own["steering_lag"]["value"] < 0.1
+    assert own["l_f"]["value"] + own["l_r"]["value"] == pytest.approx(0.32, rel=0.06)
+    assert Path("run/report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_model_of_ones_own_is_fitted_and_read_back():
+    names = run_page("own_model.md")
+    assert names["again"].model.values == pytest.approx(names["found"].model.values)
+    assert 0.2 < float(names["found"].model["L"].array) < 0.4
+    assert names["found"].metrics["validate"]["free run"]["yaw_rate"]["rmse"] < 0.2
+
+
+def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
+    without, with_effect = run_page("own_effect.md")["errors"].values()
+    assert with_effect < 0.82 * without
