@@ -9,15 +9,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import loadmat, savemat
 
 from ...errors import BadInput
 from ..column_map import ColumnMap
+from .apart import Apart
 from .columns import Columns
-from .contents import Contents, needed, sound
+from .contents import Contents, sound
 from .hdf5 import dataset_leaves
 from .mat5 import Opaque, Value, mat5, texts
 from .tree import Leaf, groups_of, matrix_leaves
@@ -88,18 +88,8 @@ def _flat(path: tuple[str, ...], value: Value, units: Mapping[str, str], objects
 
 
 def _newest(file: Path, objects: list[str]) -> Iterator[Leaf]:
-    h5py = needed("h5py", "hdf5", str(file), "MAT 7.3")
-    found: list[Leaf] = []
-
-    def visit(name: str, node: Any) -> None:
-        kind = node.attrs.get("MATLAB_class", b"")
-        if name.startswith("#"):
-            return
-        if "MATLAB_object_decode" in node.attrs:
-            objects.append(name.replace("/", "."))
-        elif isinstance(node, h5py.Dataset) and kind != b"char" and not node.attrs.get("MATLAB_empty", 0):
-            found.extend(dataset_leaves(h5py, file, tuple(name.split("/")), node, 1, transposed=True))
-
-    with h5py.File(file, "r") as opened:
-        opened.visititems(visit)
-    yield from found
+    reader = Apart(file, "hdf5", "MAT 7.3", "hdf5")
+    found = reader.answer("variables")
+    objects.extend(name.replace("/", ".") for name in found["objects"])
+    for node in found["datasets"]:
+        yield from dataset_leaves(reader, file, node, 1, transposed=True)
