@@ -1,8 +1,7 @@
 """A file read in a process of its own: what ends that process, or takes too long or too much, becomes a sentence.
 
 The libraries that read HDF5 and MDF are written for files that are sound; some damage makes them crash, and with them
-whatever process they are in. What comes back is JSON and plain arrays (`readers/wire.py`): nothing that comes from a reader
-is ever executed.
+whatever process they are in. What comes back is JSON and plain arrays (`readers/wire.py`): nothing of it is executed.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ from ...errors import BadInput
 from ..readers import wire
 from .contents import missing, unsound
 
-READERS = f"{__package__.rpartition('.')[0]}.readers"
-START = "import sys; sys.path[:] = {path!r}; from {readers}.child import main; main()"
+START = "import sys; sys.path[:] = {!r}; from greybox_id.datasets.readers.child import main; main()"
 """What the process runs: it finds modules where this one does, and imports neither a user's script nor the package."""
 SECONDS, SECONDS_PER_BYTE = 8.0, 1e-6
 """Of the processor's time, for any file and for its size; asammdf takes a hundredth of that for a sound one."""
@@ -67,7 +65,7 @@ class Apart:
     Parameters
     ----------
     file : the file.
-    reader : a module in `readers`, or the full name of another one.
+    reader : full name of a module with a class `Reader`, as those in `readers`.
     kind, extra : the kind of file and the extra that brings its library, for sentences.
     limits : what the reader may take; by default what is enough for a sound file.
 
@@ -81,12 +79,11 @@ class Apart:
         self._file, self._kind, self._extra = file, kind, extra
         self._limits = limits or Limits.of(file)
         folder = TemporaryDirectory(prefix="greybox")  # not the reader's own: one that crashes leaves files there
-        module = reader if "." in reader else f"{READERS}.{reader}"
         taken = str(self._limits.seconds), str(int(self._limits.memory))
-        code = START.format(path=sys.path, readers=READERS)
+        code = START.format(sys.path)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", code, module, str(file), folder.name, *taken],
+                [sys.executable, "-P", "-c", code, reader, str(file), folder.name, *taken],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -94,7 +91,9 @@ class Apart:
             )
         except OSError as error:
             folder.cleanup()
-            raise BadInput(f"{file} cannot be read: no process can be started ({error.strerror}). Try again.") from error
+            raise BadInput(
+                f"{file} cannot be read: no process can be started ({error.strerror}). Try again."
+            ) from error
         self._end = weakref.finalize(self, _ended, self._process, folder)
 
     def answer(self, question: str, *of: Any) -> Any:
@@ -115,7 +114,7 @@ class Apart:
         return found
 
     def _asked(self, question: str, of: tuple[Any, ...]) -> tuple[Any, NDArray[Any] | None]:
-        """One question and its answer; whatever goes wrong ends the process."""
+        """One question and its answer."""
         if not self._end.alive:
             raise BadInput(f"{self._file} is damaged: it could not be read before; {ADVICE}.")
         watch = Timer(self._limits.patience, self._process.kill)

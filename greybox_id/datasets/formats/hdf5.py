@@ -16,6 +16,7 @@ from .contents import Contents, needed, sound
 from .tree import Leaf, fits, groups_of, matrix_leaves
 
 KIND = "HDF5"
+READER = "greybox_id.datasets.readers.hdf5"
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
@@ -27,7 +28,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
         h5py is not installed, or the file is damaged.
     """
     with sound(str(file), KIND):
-        reader = Apart(file, "hdf5", KIND, "hdf5")
+        reader = Apart(file, READER, KIND, "hdf5")
         leaves = [leaf for node in reader.answer("datasets") for leaf in dataset_leaves(reader, file, node, 0)]
     return Contents(str(file), groups_of(leaves, "/", mapping.time.column, str(file)), KIND)
 

@@ -20,6 +20,7 @@ from .columns import Columns
 from .contents import Contents, Group, needed, sound
 
 KIND = "MDF"
+READER = "greybox_id.datasets.readers.mdf"
 MASTER = "t"
 """The clock of files we write; the column time keeps the recording's own, which may restart."""
 
@@ -33,7 +34,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         asammdf is not installed, or the file is damaged.
     """
     with sound(str(file), KIND):
-        reader = Apart(file, "mdf", KIND, "mdf")
+        reader = Apart(file, READER, KIND, "mdf")
         groups = tuple(_groups(reader, file, reader.answer("groups")))
     return Contents(str(file), groups, KIND)
 

@@ -15,7 +15,7 @@ class Reader:
     """An opened file."""
 
     def __init__(self, file: str, folder: str) -> None:
-        self._opened = asammdf.MDF(file, temporary_folder=folder)
+        self._opened: Any = asammdf.MDF(file, temporary_folder=folder)
 
     def groups(self) -> list[dict[str, Any]]:
         """All channel groups: title, names and units of channels, number of the channel that is the clock."""

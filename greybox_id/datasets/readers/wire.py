@@ -1,4 +1,4 @@
-"""Messages over a pipe: a length, a JSON object, the bytes of an array. No pickle: the sender may be out of its mind."""
+"""Messages over a pipe: a length, a JSON object, the bytes of an array. No pickle: senders may be out of their mind."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def send(stream: IO[bytes], message: Mapping[str, Any], array: NDArray[Any] | No
     """Send a message, with an array of one of `KINDS` if there is one."""
     shape = None if array is None else {"dtype": array.dtype.str, "shape": array.shape}
     head = json.dumps({"message": message, "array": shape}).encode()
-    stream.write(LENGTH.pack(len(head)) + head)
-    if array is not None:
-        stream.write(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    body = b"" if array is None else np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+    stream.write(LENGTH.pack(len(head)) + head)  # only now: of objects there is no such view
+    stream.write(body)
     stream.flush()
 
 
@@ -57,7 +57,7 @@ def receive(stream: IO[bytes], most: float) -> tuple[dict[str, Any], NDArray[Any
     if math.prod(shape) * kind.itemsize > most:
         raise ValueError(f"an array of shape {shape}")
     array = np.empty(shape, kind)
-    _fill(stream, memoryview(array.reshape(-1).view(np.uint8)))
+    _fill(stream, array.reshape(-1).view(np.uint8).data)
     return dict(head["message"]), array
 
 
