@@ -63,7 +63,7 @@ class Verdict:
     case, kind : which; a case and the seed make the file again.
     code : the command's exit code; None where it did not end by itself.
     broken : the bar it broke, in words; empty if none.
-    seconds, peak : time in s, and the process's highest resident memory so far in bytes.
+    seconds, peak : processor's time in s and highest resident memory so far in bytes, those of readers apart included.
     """
 
     case: int

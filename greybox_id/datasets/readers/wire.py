@@ -14,18 +14,26 @@ from numpy.typing import NDArray
 LENGTH = struct.Struct("<Q")
 KINDS = "iufbcSUmM"
 """Kinds of arrays that are plain bytes."""
-LONGEST = 2**28
+LONGEST = 2**25
 """Bytes that a message without its array may have."""
 PIECE = 2**20
 """Bytes taken at once."""
 
 
 def send(stream: IO[bytes], message: Mapping[str, Any], array: NDArray[Any] | None = None) -> None:
-    """Send a message, with an array of one of `KINDS` if there is one."""
+    """Send a message, with an array of one of `KINDS` if there is one.
+
+    Raises
+    ------
+    TypeError, ValueError
+        JSON does not hold the message, the array is of another kind, or there is too much: nothing has been sent.
+    """
     shape = None if array is None else {"dtype": array.dtype.str, "shape": array.shape}
     head = json.dumps({"message": message, "array": shape}).encode()
+    if len(head) > LONGEST:
+        raise ValueError(f"a message of {len(head)} bytes")
     body = b"" if array is None else np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-    stream.write(LENGTH.pack(len(head)) + head)  # only now: of objects there is no such view
+    stream.write(LENGTH.pack(len(head)) + head)
     stream.write(body)
     stream.flush()
 

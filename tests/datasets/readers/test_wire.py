@@ -48,3 +48,13 @@ def test_nonsense_is_refused(head):
 def test_a_message_of_a_length_no_message_has_is_refused_before_it_is_read():
     with pytest.raises(ValueError, match="a message of"):
         wire.receive(io.BytesIO(b"\xff" * 100), 1000)
+
+
+@pytest.mark.parametrize(
+    ("message", "array"), [({"of": object()}, None), ({}, np.array([{}])), ({"of": "a" * 2**25}, None)]
+)
+def test_what_cannot_be_sent_leaves_the_pipe_clean(message, array):
+    pipe = io.BytesIO()
+    with pytest.raises((TypeError, ValueError)):
+        wire.send(pipe, message, array)
+    assert pipe.getvalue() == b""
