@@ -26,7 +26,7 @@ from .contents import missing, unsound
 
 START = "import sys; sys.path[:] = {!r}; from greybox_id.datasets.readers.child import main; main()"
 """What the process runs: it finds modules where this one does, and imports neither a user's script nor the package."""
-SECONDS, SECONDS_PER_BYTE = 8.0, 1e-6
+SECONDS, SECONDS_PER_BYTE = 4.0, 1e-6
 """Of the processor's time, for any file and for its size; a sound one takes at most a tenth of the latter."""
 MEMORY, MEMORY_PER_BYTE = 800e6, 32
 """Bytes beyond what the modules take, for any file and for its size: measured signals may be compressed."""
