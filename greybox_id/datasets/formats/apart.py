@@ -155,7 +155,7 @@ class Apart:
         if hung:
             return self._took(f"{self._limits.patience:g} s")
         if name == "SIGXCPU":
-            return self._took(f"{self._limits.seconds:.3g} s")
+            return self._took(f"{self._limits.seconds:.0f} s")
         if name in FROM_OUTSIDE:
             return f"{self._file} was not read: its reader was ended from outside ({name}). Free memory and try again."
         return f"{self._file} is damaged: reading it ended in {name or 'nonsense'}; {ADVICE}."
