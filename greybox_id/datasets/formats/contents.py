@@ -97,10 +97,15 @@ def needed(module: str, extra: str, where: str, kind: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise BadInput(
-            f"{where}: reading and writing {kind} needs {module.partition('.')[0]}, which is not installed; "
-            f"pip install 'greybox-id[{extra}]'."
-        ) from error
+        raise missing(module, extra, where, kind) from error
+
+
+def missing(module: str, extra: str, where: str, kind: str) -> BadInput:
+    """The sentence on a module that is not installed."""
+    return BadInput(
+        f"{where}: reading and writing {kind} needs {module.partition('.')[0]}, which is not installed; "
+        f"pip install 'greybox-id[{extra}]'."
+    )
 
 
 @contextmanager
@@ -111,5 +116,9 @@ def sound(where: str, kind: str) -> Iterator[None]:
     except GreyboxError:
         raise
     except Exception as error:  # readers of binary files fail over damage in ways nobody has listed
-        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise BadInput(f"{where} is not a sound {kind} file ({reason:.120}). Write or fetch it again.") from error
+        raise unsound(where, kind, next(iter(str(error).splitlines()), "") or type(error).__name__) from error
+
+
+def unsound(where: str, kind: str, reason: str) -> BadInput:
+    """The sentence on a damaged file, with what its reader said."""
+    return BadInput(f"{where} is not a sound {kind} file ({reason:.120}). Write or fetch it again.")

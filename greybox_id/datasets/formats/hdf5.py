@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..column_map import ColumnMap
+from .apart import Apart
 from .columns import Columns
 from .contents import Contents, needed, sound
 from .tree import Leaf, fits, groups_of, matrix_leaves
 
 KIND = "HDF5"
+READER = "greybox_id.datasets.readers.hdf5"
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
@@ -25,60 +27,38 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
     BadInput
         h5py is not installed, or the file is damaged.
     """
-    h5py = needed("h5py", "hdf5", str(file), KIND)
-    leaves: list[Leaf] = []
-
-    def visit(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset):
-            leaves.extend(dataset_leaves(h5py, file, tuple(name.split("/")), node, 0))
-
-    with sound(str(file), KIND), h5py.File(file, "r") as opened:
-        opened.visititems(visit)
+    with sound(str(file), KIND):
+        reader = Apart(file, READER, KIND, "hdf5")
+        leaves = [leaf for node in reader.answer("datasets") for leaf in dataset_leaves(reader, file, node, 0)]
     return Contents(str(file), groups_of(leaves, "/", mapping.time.column, str(file)), KIND)
 
 
 def dataset_leaves(
-    h5py: Any, file: Path, path: tuple[str, ...], node: Any, first: int, transposed: bool = False
+    reader: Apart, file: Path, node: Mapping[str, Any], first: int, transposed: bool = False
 ) -> Iterator[Leaf]:
     """The columns in a dataset, each read when it is wanted.
 
     Parameters
     ----------
-    h5py : the module.
-    file, path : where the dataset lies, and what it is to be called.
-    node : the dataset.
+    reader, file : where the dataset lies.
+    node : what `readers.hdf5` says of it.
     first : number of a matrix's first column.
     transposed : whether the file's shape is the other way round.
     """
-    where, kind = node.name, node.dtype
-    unit = _text(node.attrs)
-    shape = tuple(node.shape or ())[:: -1 if transposed else 1]
-    if node.shape is not None:
-        fits(int(np.prod([float(n) for n in node.shape])) * kind.itemsize, file.stat().st_size, str(file))
+    name, path = node["name"], tuple(node["name"].split("/"))
+    shape = tuple(node["shape"])[:: -1 if transposed else 1]
+    fits(math.prod(shape) * node["itemsize"], file.stat().st_size, str(file))
 
-    def reader(field: str | None) -> Callable[[], NDArray[Any]]:
+    def values(field: str | None) -> Callable[[], NDArray[Any]]:
         def load() -> NDArray[Any]:
-            with sound(str(file), KIND), h5py.File(file, "r") as opened:
-                values = np.asarray(opened[where][()] if field is None else opened[where][field])
-            return values.T if transposed else values
+            found = reader.array("values", name, field)
+            return found.T if transposed else found
 
         return load
 
-    for field in [None] if kind.names is None else kind.names:
-        own = kind if field is None else kind[field]
-        if own.shape == () and own.kind in "iufb":
-            name = path if field is None else (*path, field)
-            yield from matrix_leaves(name, shape, reader(field), first, unit)
-
-
-def _text(attributes: Mapping[str, Any]) -> str:
-    """The unit among a dataset's attributes."""
-    for name in ("unit", "units", "Unit", "Units"):
-        found = attributes.get(name, "")
-        text = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
-        if isinstance(text, str) and text:
-            return text
-    return ""
+    for field in node["fields"]:
+        own = path if field is None else (*path, field)
+        yield from matrix_leaves(own, shape, values(field), first, node["unit"])
 
 
 def write(columns: Columns, path: Path) -> None:

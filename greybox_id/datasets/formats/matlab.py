@@ -9,16 +9,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import loadmat, savemat
+from scipy.io.matlab import matfile_version
 
 from ...errors import BadInput
 from ..column_map import ColumnMap
+from .apart import Apart
 from .columns import Columns
-from .contents import Contents, needed, sound
-from .hdf5 import dataset_leaves
+from .contents import Contents, sound
+from .hdf5 import READER, dataset_leaves
 from .mat5 import Opaque, Value, mat5, texts
 from .tree import Leaf, groups_of, matrix_leaves
 
@@ -26,7 +27,6 @@ KIND = "MAT"
 UNITS = "units"
 """A struct of texts of this name states units."""
 LONGEST_NAME = 63
-VERSION_5 = b"MATLAB 5.0 MAT-file"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -46,7 +46,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
             leaves = list(_newest(file, objects))
         else:
             data = file.read_bytes()
-            held = mat5(data) if data.startswith(VERSION_5) else _version_4(file)
+            held = mat5(data) if matfile_version(file, appendmat=False)[0] else _version_4(file)
             units = {".".join(path[1:]): text for path, text in texts(held) if path[0] == UNITS}
             leaves = [leaf for name, value in held.items() for leaf in _flat((name,), value, units, objects)]
     notes: tuple[str, ...] = ()
@@ -72,7 +72,7 @@ def write(columns: Columns, path: Path) -> None:
 
 
 def _version_4(file: Path) -> dict[str, Value]:
-    return {name: value for name, value in loadmat(file).items() if isinstance(value, np.ndarray)}
+    return {name: value for name, value in loadmat(file, appendmat=False).items() if isinstance(value, np.ndarray)}
 
 
 def _flat(path: tuple[str, ...], value: Value, units: Mapping[str, str], objects: list[str]) -> Iterator[Leaf]:
@@ -88,18 +88,8 @@ def _flat(path: tuple[str, ...], value: Value, units: Mapping[str, str], objects
 
 
 def _newest(file: Path, objects: list[str]) -> Iterator[Leaf]:
-    h5py = needed("h5py", "hdf5", str(file), "MAT 7.3")
-    found: list[Leaf] = []
-
-    def visit(name: str, node: Any) -> None:
-        kind = node.attrs.get("MATLAB_class", b"")
-        if name.startswith("#"):
-            return
-        if "MATLAB_object_decode" in node.attrs:
-            objects.append(name.replace("/", "."))
-        elif isinstance(node, h5py.Dataset) and kind != b"char" and not node.attrs.get("MATLAB_empty", 0):
-            found.extend(dataset_leaves(h5py, file, tuple(name.split("/")), node, 1, transposed=True))
-
-    with h5py.File(file, "r") as opened:
-        opened.visititems(visit)
-    yield from found
+    reader = Apart(file, READER, "MAT 7.3", "hdf5")
+    found = reader.answer("variables")
+    objects.extend(name.replace("/", ".") for name in found["objects"])
+    for node in found["datasets"]:
+        yield from dataset_leaves(reader, file, node, 1, transposed=True)

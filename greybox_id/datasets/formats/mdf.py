@@ -5,26 +5,22 @@ A channel goes by its name, or where several groups have one of that name by gro
 
 from __future__ import annotations
 
-import gc
-import sys
-import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ...errors import BadInput
 from ..column_map import ColumnMap
 from ..table import Table
+from .apart import Apart
 from .columns import Columns
 from .contents import Contents, Group, needed, sound
 
 KIND = "MDF"
+READER = "greybox_id.datasets.readers.mdf"
 MASTER = "t"
 """The clock of files we write; the column time keeps the recording's own, which may restart."""
 
@@ -37,78 +33,36 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     BadInput
         asammdf is not installed, or the file is damaged.
     """
-    asammdf = needed("asammdf", "mdf", str(file), KIND)
-    with _opened(asammdf, file) as opened:
-        channels = [
-            [(channel.name, number) for number, channel in enumerate(group.channels)] for group in opened.groups
-        ]
-        titles = [getattr(group.channel_group, "acq_name", "") or str(k) for k, group in enumerate(opened.groups)]
-        masters = [opened.masters_db.get(k) for k in range(len(opened.groups))]
-        units = [[channel.unit or "" for channel in group.channels] for group in opened.groups]
-    seen = Counter(name for own in channels for name in {name for name, _ in own})
-    twice = {title for title, count in Counter(titles).items() if count > 1}
-    groups = []
-    for k, own in enumerate(channels):
-        title = f"{titles[k]}#{k}" if titles[k] in twice else titles[k]
-        names = {(name if seen[name] == 1 else f"{title}/{name}"): (k, number) for name, number in own}
+    with sound(str(file), KIND):
+        reader = Apart(file, READER, KIND, "mdf")
+        groups = tuple(_groups(reader, file, reader.answer("groups")))
+    return Contents(str(file), groups, KIND)
+
+
+def _groups(reader: Apart, file: Path, found: Sequence[Mapping[str, Any]]) -> Iterator[Group]:
+    """What `readers.mdf` says of groups, under names that stand there once."""
+    seen = Counter(name for group in found for name in {name for name, _ in group["channels"]})
+    titles = Counter(group["title"] for group in found)
+    for k, group in enumerate(found):
+        title = group["title"] if titles[group["title"]] == 1 else f"{group['title']}#{k}"
+        full = [name if seen[name] == 1 else f"{title}/{name}" for name, _ in group["channels"]]
+        names = {name: (k, number) for number, name in enumerate(full)}
         if not names:
             continue
-        clock = next((name for name, (_, number) in names.items() if number == masters[k]), "")
-        stated = {name: units[k][number] for name, (_, number) in names.items() if units[k][number]}
-        groups.append(
-            Group(title, tuple(names), _loader(asammdf, file, names), f"{title}/", clock, "s" if clock else "", stated)
-        )
-    return Contents(str(file), tuple(groups), KIND)
+        clock = next((name for name, (_, number) in names.items() if number == group["clock"]), "")
+        stated = {name: group["channels"][number][1] for name, (_, number) in names.items()}
+        units = {name: unit for name, unit in stated.items() if unit}
+        load = _loader(reader, file, names)
+        yield Group(title, tuple(names), load, f"{title}/", clock, "s" if clock else "", units)
 
 
-@contextmanager
-def _opened(asammdf: Any, file: Path) -> Iterator[Any]:
-    """The file, opened. Of a damaged one asammdf keeps a temporary file until nobody remembers the error."""
-    sentence, before, folder = "", sys.unraisablehook, TemporaryDirectory()
-    try:
-        with sound(str(file), KIND), asammdf.MDF(file, temporary_folder=folder.name) as opened:
-            yield opened
-    except BadInput as error:
-        sentence = str(error)
-        sys.unraisablehook = _overheard  # what was half opened complains when it is closed
-        if error.__cause__:
-            traceback.clear_frames(error.__cause__.__traceback__)
-    if sentence:
-        gc.collect()
-        sys.unraisablehook = before
-    folder.cleanup()
-    if sentence:
-        raise BadInput(sentence)
-
-
-def _overheard(_: object) -> None:
-    return
-
-
-def _loader(asammdf: Any, file: Path, names: dict[str, tuple[int, int]]) -> Any:
+def _loader(reader: Apart, file: Path, names: Mapping[str, tuple[int, int]]) -> Callable[[Sequence[str]], Table]:
     def load(wanted: Sequence[str]) -> Table:
-        chosen = [name for name in names if name in wanted]
-        with _opened(asammdf, file) as opened:
-            signals = [_channel(opened, *names[name]) for name in chosen]
-            columns = tuple(_series(signal) for signal in signals)
-        return Table(str(file), tuple(chosen), columns, 1)
+        chosen = tuple(name for name in names if name in wanted)
+        columns = tuple(pd.Series(reader.array("values", *names[name])) for name in chosen)
+        return Table(str(file), chosen, columns, 1)
 
     return load
-
-
-def _channel(opened: Any, group: int, index: int) -> Any:
-    return opened.get(group=group, index=index, ignore_invalidation_bits=True)  # else invalid rows are left out
-
-
-def _series(signal: Any) -> pd.Series[Any]:
-    """A channel's values, NaN where the file marks them as invalid."""
-    values = np.asarray(signal.samples)
-    if values.ndim != 1:
-        return pd.Series([""] * len(values))
-    values = values.astype(values.dtype.newbyteorder("="))
-    if signal.invalidation_bits is not None and values.dtype.kind in "iuf":
-        values = np.where(np.asarray(signal.invalidation_bits, dtype=bool), np.nan, values)
-    return pd.Series(values)
 
 
 def write(columns: Columns, path: Path) -> None:
