@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 
 from ..equations import Named
 
-FILE_HEAD = "/* Written by greybox-id {version} from {source}. {about} */\n"
-
 
 def constant(*words: str) -> str:
     """The name of a constant made of words: CAR_X_V_X."""
