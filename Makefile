@@ -22,7 +22,7 @@ demo: $(VENV)/done
 	$(BIN)/greybox report demo/fit.json --out demo/report.pdf --figures demo/figures
 
 test: $(VENV)/done
-	$(BIN)/python -m pytest $(PYTEST)
+	$(BIN)/python -m pytest -n auto $(PYTEST)
 
 check: $(VENV)/done
 	$(BIN)/ruff format --check .
