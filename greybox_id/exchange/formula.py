@@ -112,8 +112,9 @@ class Formula:
         return value
 
     def _number(self, node: ast.Constant) -> np.float64:
+        assert isinstance(node.value, int | float)
         try:
-            return np.float64(node.value)  # type: ignore[arg-type]
+            return np.float64(node.value)
         except OverflowError as error:
             raise self._not_understood(node) from error
 

@@ -1,6 +1,7 @@
 """Exported C: it compiles under strict flags, says what Python says, takes no heap and as much stack as it states."""
 
 import re
+import subprocess
 
 import casadi as cs
 import numpy as np
@@ -36,6 +37,19 @@ def self_tested(folder, target, *flags, compiler="gcc", name="car"):
 def test_every_model_and_tyre_passes_its_self_test(tmp_path, name):
     folder = write(motion(name), "c", tmp_path / "car")
     assert "100 points" in self_tested(folder, "test")
+
+
+@pytest.mark.parametrize("wrong", ["NAN", "INFINITY", "1.0 + 1e-9"])
+def test_the_self_test_fails_where_a_result_is_wrong(tmp_path, wrong):
+    folder = write(motion("kinematic"), "c", tmp_path / "car")
+    text = (folder / "car.c").read_text()
+    spoilt, count = re.subn(
+        r"(void car_step\(.*?)x_next\[0\] = ([^;]+);", rf"\1x_next[0] = (\2) * ({wrong});", text, count=1, flags=re.S
+    )
+    assert count == 1
+    (folder / "car.c").write_text(spoilt)
+    program = compiled([folder / "car.c", folder / "car_test.c"], folder / "test")
+    assert subprocess.run([program], check=False, capture_output=True).returncode == 1
 
 
 @pytest.mark.parametrize("name", MEMORY)

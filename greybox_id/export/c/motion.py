@@ -13,8 +13,8 @@ ABOUT = """\
    x is the state, u what is commanded or measured of the inputs, held over a step, p the parameters, y
    what sensors read. SI units throughout; angles to the left are positive (ISO 8855). Matrices are dense,
    column after column: by_x[row + rows * column]. No function keeps anything, takes memory from the heap or
-   calls more than the mathematical library; all may run at the same time. A result may take its argument's
-   place. Stack: at most {stack} bytes. */"""
+   calls more than the mathematical library; all may run at the same time. x_next may be x; other results
+   have places of their own. Stack: at most {stack} bytes. */"""
 
 
 class MotionC:
