@@ -117,10 +117,24 @@ def worker(link: Connection, seeds: dict[str, Path], place: Path, seed: int) -> 
         (place / "out").mkdir()
         stray = [str(own.relative_to(place)) for own in place.rglob("*") if not own.is_relative_to(place / "cache")]
         stray = [name for name in stray if name not in ("out", "tmp", "cache")]
-        peak = max(resource.getrusage(who).ru_maxrss for who in WHO) * 1024.0
         if stray and not broken:
             broken = f"left {stray[:3]}"
-        link.send(Verdict(case, kind, code, broken, seconds, peak))
+        link.send(Verdict(case, kind, code, broken, seconds, _peak()))
+
+
+def _peak() -> float:
+    """Bytes of resident memory that this process or one it waited for has had at most.
+
+    The system's own count for a process begins with what its parent held when it started it, so it is no use for this
+    one: a large parent would be counted.
+    """
+    apart = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 1024.0 * max(apart, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    own = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
+    return 1024.0 * max(apart, own)
 
 
 def _used() -> float:

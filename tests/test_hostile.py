@@ -1,7 +1,8 @@
 """Damaged files of every kind end in an answer or a sentence; benchmarks/hostile.py does the same with ten thousand."""
 
+import numpy as np
 import pytest
-from hostile import run
+from hostile import MEMORY, run
 from hostile_seeds import KINDS
 
 
@@ -10,6 +11,13 @@ def test_damaged_files_break_no_bar():
     assert len(found) == 16 * len(KINDS)
     assert [(own.case, own.kind, own.broken) for own in found if own.broken] == []
     assert {own.code for own in found} >= {0, 2}  # some damage is none, most is told
+
+
+def test_memory_of_whoever_starts_the_harness_is_not_counted():
+    held = np.ones(int(1.2 * MEMORY / 8))
+    (own,) = run(cases=1, seed=11)
+    assert held.nbytes > MEMORY > own.peak
+    assert own.broken == ""
 
 
 @pytest.mark.slow
