@@ -137,6 +137,14 @@ def closed_by(
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 
+def left_open(found: Closure) -> Closure:
+    """What a closure is where nothing is applied: errors stay as they were."""
+    errors = tuple(replace(own, after=own.before) for own in found.errors)
+    return replace(
+        found, after=found.before, floor=min(1.0, found.before), closed=0.0, closed_interval=(0.0, 0.0), errors=errors
+    )
+
+
 def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: AnyBench) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
     found = []

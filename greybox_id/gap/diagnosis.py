@@ -16,7 +16,7 @@ from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
 from .axes import Axis
-from .closing import closure
+from .closing import closure, left_open
 from .evidence import p_value, probability
 from .examining import PRESENT, Examined, examine
 from .gap import Gap, Ranked
@@ -93,14 +93,15 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     if scattered and not found.best.candidates and found.signs.left < JITTER_LEAVES:
         unknown = min(unknown, NOTHING_UNKNOWN)
     ranking = _ranking(found, 1.0 - unknown)
-    applied = tuple(found.best.names)
-    closed = _closed_model(found)
+    best = found.selection.base if unknown > PRESENT else found.best  # a stand-in for what has no name closes nothing
+    applied = tuple(best.names)
+    closed = _closed_model(found, best)
     verified = None
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
         verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
     excess = np.sum(
-        np.where(found.good, (selection.base.e / found.sd) ** 2 - (found.best.e / found.sd) ** 2, 0.0), axis=1
+        np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1
     )
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -128,13 +129,13 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
-        gap=found.closed,
+        gap=found.closed if applied or not found.best.candidates else left_open(found.closed),
         held_out=verified,
         not_excited=weak,
         absorbed=absorbed,
         advice=advice(sets, list(weak), found.effects),
         closed=closed,
-        strip=strip(found.bench, selection.base.e * counted, found.best.e * counted, found.sd, found.seen),
+        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
         noise_stated=found.told,
     )
 
@@ -224,9 +225,9 @@ def _alike(found: Examined, name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _closed_model(found: Examined) -> Diagnosed:
-    """The model as it was, with the applied effects at their magnitudes; tolerances stay where they are stated."""
-    model, best = found.model, found.best
+def _closed_model(found: Examined, best: Hypothesis) -> Diagnosed:
+    """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated."""
+    model = found.model
     for candidate in best.candidates:
         effect = found.effects[candidate.effect]
         at = sum(len(own.axes) for own in best.candidates[: best.candidates.index(candidate)])
@@ -265,6 +266,8 @@ def _shape(found: Examined, channel: str) -> str:
         parts.append(
             f"{found.best.names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}"
         )
+    if names := found.best.names:
+        parts.append(f"{' and '.join(names)} in its place would close {100 * found.closed.closed:.0f} % of the gap here")
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"

@@ -7,7 +7,7 @@ from gap_cases import CAR, GivenBench, axis, linear_bench, search_on
 
 from greybox_id.errors import BadInput
 from greybox_id.gap.bench import Bench
-from greybox_id.gap.closing import Misfit, closed_by, closure, misfit
+from greybox_id.gap.closing import Misfit, closed_by, closure, left_open, misfit
 from greybox_id.gap.refit import refit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -60,6 +60,15 @@ def test_nothing_closes_nothing(laps):
     assert found.closed == 0.0
     assert found.before == found.after
     assert found.closed_interval == (0.0, 0.0)
+
+
+def test_what_is_left_open_stays_as_it_was(laps):
+    found = closed(laps, {"steering_lag": 0.08})
+    opened = left_open(found)
+    assert opened.closed == 0.0
+    assert opened.after == opened.before == found.before
+    assert all(own.after == own.before for own in opened.errors)
+    assert [own.before for own in opened.errors] == [own.before for own in found.errors]
 
 
 def test_what_is_wrong_makes_the_gap_wider(laps):
