@@ -100,9 +100,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
         verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
-    excess = np.sum(
-        np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1
-    )
+    excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
     ratio = np.array([
@@ -267,7 +265,9 @@ def _shape(found: Examined, channel: str) -> str:
             f"{found.best.names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}"
         )
     if names := found.best.names:
-        parts.append(f"{' and '.join(names)} in its place would close {100 * found.closed.closed:.0f} % of the gap here")
+        parts.append(
+            f"{' and '.join(names)} in its place would close {100 * found.closed.closed:.0f} % of the gap here"
+        )
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"
