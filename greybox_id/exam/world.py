@@ -34,8 +34,8 @@ PERIODS = (0.010, 0.012, 0.015, 0.016, 0.020)
 DURATION, HELD_OUT = (60.0, 120.0), (40.0, 60.0)
 COLOUR, OUTLIERS = (0.2, 0.6), (0.001, 0.004)
 """Of the workshop's noise: share that is correlated, share of readings that are far off."""
-DRAWS = 5
-"""Draws of magnitudes and vehicle until every effect shows."""
+DRAWS = 20
+"""Draws of magnitudes and vehicle until every effect shows: what does not cannot be asked for."""
 
 
 @dataclass(frozen=True)
