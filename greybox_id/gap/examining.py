@@ -130,11 +130,21 @@ def examine(
     scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
     alone = LEARNT if bench.learnt else ROUGHLY if rough else EXACTLY
     beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
-    own_signs = signs(search, selection.base, best, closed.before, after, beyond, seen, scattered)
+    own_signs = signs(
+        search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
+    )
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
         rough, scatter, closed, own_signs, seen, y,
     )  # fmt: skip
+
+
+def _alone(selection: Selection, best: Hypothesis) -> float:
+    """What the effects of a pair take off the base's cost, each by itself, added up; zero where that is not known."""
+    singles = {own.names[0]: selection.base.cost - own.cost for own in selection.of(1)}
+    if len(best.names) != 2 or not set(best.names) <= set(singles):
+        return 0.0
+    return max(sum(singles[name] for name in best.names), TINY)
 
 
 def _at_their_best(search: Search, hypotheses: Sequence[Hypothesis]) -> dict[int, Hypothesis]:

@@ -103,7 +103,7 @@ def select(
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = refitted(search, best)
     if tried:
-        _combine(search, singles, tried, best, from_where_best(promised, candidates), worth)
+        _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=lambda own: own.cost)
     return Selection(search, base, tuple(_polished(search, base, found, worth)), tuple(promised))
 

@@ -76,9 +76,23 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
     return sorted(found.values(), key=lambda promise: -promise.gain)
 
 
-def from_where_best(promised: Sequence[Promise], candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates with one start only, the most promising; with a few, where none promised anything."""
-    best = {own.candidate.effect: (own.start,) for own in promised}
+def from_where_best(
+    promised: Sequence[Promise], candidates: Sequence[Candidate], refitted: Sequence[Hypothesis] = ()
+) -> list[Candidate]:
+    """Candidates with the most promising of their starts, and where they were best alone.
+
+    Where none promised anything, with a few starts.
+
+    Parameters
+    ----------
+    promised : of the candidates.
+    candidates : with all their starts.
+    refitted : single effects; a delay's start is half or twice the delay, and another effect may do as well as that.
+    """
+    best: dict[str, tuple[tuple[float, ...], ...]] = {own.candidate.effect: (own.start,) for own in promised}
+    for single in refitted:
+        (effect,) = single.names
+        best[effect] = (*best.get(effect, ()), tuple(float(m) for m in single.m))
     return [
         replace(own, starts=best.get(own.effect, own.starts[:: max(1, len(own.starts) // FEW)]) if own.starts else ())
         for own in candidates

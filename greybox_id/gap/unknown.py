@@ -25,7 +25,8 @@ SURELY = 4.0
 EXACTLY, ROUGHLY, LEARNT = 0.03, 0.1, 1.7
 """Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
 BEYOND = 3.0
-"""Log-odds of something unknown beside a name per logarithm of that."""
+"""Log-odds of something unknown beside a name per logarithm of that; and of how much more effects explain together than
+each alone. Of thirty pairs of true causes none explained more than 1.07 times as much."""
 UNTOLD = 1.5
 """Log-odds for it where nobody can tell what is left from noise."""
 OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.015, 0.05
@@ -48,6 +49,8 @@ class Signs:
     gain : log-likelihood that the named effects gain.
     effects : how many they are.
     over : log-likelihood that driving still explains beyond what noise alone would gain.
+    together : log-likelihood that the named effects gain over the sum of what each gains alone: causes that have
+        nothing to do with each other add up, impostors that must undo each other do not.
     """
 
     left: float
@@ -59,6 +62,7 @@ class Signs:
     gain: float
     effects: int
     over: float = 0.0
+    together: float = 1.0
 
 
 def signs(
@@ -70,6 +74,7 @@ def signs(
     beyond: float,
     seen: Mapping[str, Array],
     scatter: float = 0.0,
+    alone: float = 0.0,
 ) -> Signs:
     """Collect what speaks for something unknown beside the best hypothesis.
 
@@ -80,6 +85,7 @@ def signs(
     beyond : as in `Signs`, of the best hypothesis.
     seen : signals per row.
     scatter : log-likelihood that effects of variance gain.
+    alone : sum of what each effect of the best hypothesis takes off the base's cost by itself; zero if not known.
     """
     gained, expected = left_gain(search, best, seen)
     over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
@@ -112,6 +118,7 @@ def signs(
         gain,
         len(best.candidates),
         float(over),
+        (base.cost - best.cost) / alone if alone > 0 else 1.0,
     )
 
 
@@ -173,6 +180,7 @@ def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
     else:
         x = -5.0 + 30.0 * min(own.left, 0.3) + 25.0 * own.structure + 20.0 * min(own.spread, 0.4)
         x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)
+    x += BEYOND * np.log(max(own.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 

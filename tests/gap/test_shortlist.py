@@ -74,6 +74,19 @@ def test_of_several_starts_the_best_is_kept():
     assert from_where_best([found], [own])[0].starts == ((2.7,),)
 
 
+def test_where_an_effect_was_best_alone_is_a_start_beside_others():
+    search = search_on(kinked(3.0), SD)
+    own = Candidate("play", (axis(0, low=0.0),), ((1.5,), (9.0,)), gradual=False)
+    base = base_of(search)
+    found = promises(search, base, [own])
+    (single,) = refit(search, [Start((own,), np.array([1.5]), base.theta, base.linear)])
+    assert single.m[0] == pytest.approx(3.0, abs=0.1)
+    (known,) = from_where_best(found, [own], [single])
+    assert known.starts == ((9.0,), tuple(single.m))
+    (again,) = promises(search, base, [known])
+    assert again.start == tuple(single.m)
+
+
 def test_a_start_without_any_effect_or_in_the_wrong_direction_promises_nothing():
     search = search_on(kinked(3.0), SD)
     assert promises(search, base_of(search), [Candidate("play", (axis(0),), ((0.5,),), gradual=False)]) == []

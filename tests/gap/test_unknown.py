@@ -68,6 +68,14 @@ def test_what_a_name_leaves_beyond_roughness_speaks_for_something_unknown():
     assert own[3] > 0.5
 
 
+@pytest.mark.parametrize("rough", [True, False])
+def test_effects_that_explain_only_together_what_none_explains_alone_stand_in_for_something(rough):
+    own = [Signs(0.03, 0.0, 0.5, 0.02, 0.0, "", 100.0, 2, together=own) for own in (0.7, 1.0, 1.1, 6.0)]
+    odds = [unknown_probability(each, rough) for each in own]
+    assert odds[0] == odds[1] < odds[2] < 0.3
+    assert odds[3] > 0.5
+
+
 def test_where_noise_is_not_stated_more_may_be_unknown():
     own = Signs(0.0, 0.0, 0.0, 0.0, 0.0, "", 100.0, 3)
     assert unknown_probability(own, True, told=False) > 2 * unknown_probability(own, True)

@@ -54,7 +54,7 @@ brake_bias = alteration(
 )  # fmt: skip
 
 aero_drag = alteration(
-    GROUP, "aero_drag", "N s^2/m^2", 0.0, (-5.0, 10.0), "added to the aerodynamic drag c_2",
+    GROUP, "aero_drag", "N s^2/m^2", 0.0, (-5.0, 30.0), "added to the aerodynamic drag c_2",
     typical=0.2, c_2=lambda c_2, q: c_2 + q.p.aero_drag,
 )  # fmt: skip
 

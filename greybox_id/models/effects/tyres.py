@@ -94,7 +94,7 @@ combined_slip = alteration(
 )  # fmt: skip
 
 load_sensitivity = alteration(
-    GROUP, "load_sensitivity", "1", 0.0, (0.0, 0.6), "loss of a wheel's friction per relative growth of its load",
+    GROUP, "load_sensitivity", "1", 0.0, (0.0, 1.0), "loss of a wheel's friction per relative growth of its load",
     typical=0.15, passes=3, needs=("F_zf", "F_zr", "a_y"), grip_f=_load_sensitive_f, grip_r=_load_sensitive_r,
 )  # fmt: skip
 
