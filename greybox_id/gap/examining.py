@@ -35,6 +35,8 @@ PRESENT = 0.5
 FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
 TINY = 1e-12
+AT_ONCE, EARLY = "sensor_latency_imu", 1e-6
+"""What makes readings of accelerations late, and by how many seconds they are just before their row's command."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,8 @@ def examine(
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    if best.candidates and _jitters(bench, selection.base, best, sd, good):
+    jumps = _jumps(search, best, effects)
+    if best.candidates and _jitters(bench, selection.base, best, sd, good, jumps):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
@@ -121,7 +124,7 @@ def examine(
     before, then = (misfit(search, freed[id(own)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
-    jittered, after, leaves = jitter(bench, best.e, y, sd, good), closed.after, 1.0
+    jittered, after, leaves = jitter(bench, best.e, y, sd, good, jumps), closed.after, 1.0
     if jittered is not None:
         present = _sure(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
         scatter["timestamp_jitter"] = (jittered, present)
@@ -169,13 +172,34 @@ def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Fi
     return Firmly(index, FIRM)
 
 
-def _jitters(bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_]) -> bool:
+def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> Array | None:
+    """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
+    bench, name = search.bench, AT_ONCE
+    if (
+        bench.learnt
+        or name not in effects
+        or name not in bench.model
+        or not any(np.any(own.held) for own in bench.runs)
+    ):
+        return None
+    index, p = [own.name for own in bench.model.parameters].index(name), search.vector(best)
+    if p[index] != 0:
+        return None
+    early = p.copy()
+    early[index] = EARLY
+    after, before = bench.simulate(np.array([p, early]))
+    return np.where(bench.counted & (np.abs(before - after) > 0), before - after, 0.0)
+
+
+def _jitters(
+    bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], jumps: Array | None
+) -> bool:
     """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
 
     Where one does, a reading that comes early is not what rates tell, and delays and lags explain it a little.
     """
     y = np.where(bench.counted, base.e + bench.measured, 0.0)
-    own = jitter(bench, base.e, y, sd, good)
+    own = jitter(bench, base.e, y, sd, good, jumps)
     _, calm = steady(bench, y, sd, good)
     gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
     return own is not None and own.gain >= gain and _sure(own.gain) > PRESENT

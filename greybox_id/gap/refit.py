@@ -95,14 +95,15 @@ def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
 
 
 def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
-    """A hypothesis with a delay of it at the whole rows that are nearest."""
+    """A hypothesis with a delay of it at the whole rows that are nearest, and just beyond them if it is below."""
     starts, step = [], search.bench.sample_time
     for k, axis in enumerate(found.axes):
         whole = step * float(np.round(found.m[k] / step))
-        if axis.shift and whole > 0 and axis.low <= whole <= axis.high and whole != found.m[k]:
-            m = found.m.copy()
-            m[k] = whole
-            starts.append(Start(found.candidates, m, found.theta, found.linear))
+        for at in (whole, whole + SHIFTED) if found.m[k] < whole else (whole,):
+            if axis.shift and whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
+                m = found.m.copy()
+                m[k] = at
+                starts.append(Start(found.candidates, m, found.theta, found.linear))
     return starts
 
 

@@ -1,5 +1,8 @@
 """Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants.
 
+Jitter moves readings along their rates, and where commands are held, past them: accelerations then jump, or do not, as
+a coin falls.
+
 They are not looked for under a map with memory, whose training left the same scatter, and which knows no instants
 between its samples.
 """
@@ -25,6 +28,10 @@ STEP = 0.5
 """A reading that changes by so many noise sds from row to row is no line between them: its rate is not known."""
 BESIDE = 2
 """Rows before and after one whose mean is taken from its residual: misfits last from row to row, jitter does not."""
+
+FEWEST_JUMPS = 50
+"""Readings that jump with commands from which on they are looked at."""
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,9 @@ def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tup
     return rates, good & known
 
 
-def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_]) -> Scatter | None:
+def jitter(
+    bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jumps: Array | None = None
+) -> Scatter | None:
     """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
 
     Looked for in what is left of residuals without the mean of those around, for what lasts is none.
@@ -102,6 +111,8 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     e, y : (N, channels) residuals of the best model, and its readings.
     sd : (channels,) of noise where nothing changes.
     good : (N, channels) readings that count.
+    jumps : (N, channels) by which readings would differ had they been taken before their row's command; None where no
+        command is held.
     """
     if bench.learnt:
         return None
@@ -129,7 +140,12 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     low, high = np.log(1e-5**2), np.log(0.05**2)
     best = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
     gain = float(without - best.fun)
-    if gain <= 0:
+    tossed = (
+        0.0
+        if jumps is None
+        else coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
+    )
+    if gain + tossed <= 0:
         return None
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
@@ -138,7 +154,38 @@ def jitter(bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool
     ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
     spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
-    return Scatter(tau, spread, gain, left(variance, z))
+    explained = 2.0 * tossed / max(int(np.sum(good)), 1)
+    return Scatter(tau, spread, max(gain, 0.0) + tossed, max(left(variance, z) - explained, 0.0))
+
+
+def coin(jumps: Array, z: Array) -> float:
+    """Log-likelihood gained if rows come before or after their command as a coin falls, over all of them alike.
+
+    Parameters
+    ----------
+    jumps : (N, channels) by which readings before and after differ, over their noise.
+    z : (N, channels) residuals without what lasts, over the noise; its size is refitted in both.
+    """
+    own = np.any(jumps != 0, axis=1)
+    j, z = jumps[own], z[own]
+    count = np.count_nonzero(j)
+    if count < FEWEST_JUMPS:
+        return 0.0
+    z = np.where(j != 0, z, 0.0)
+    across, along, length = np.sum(z**2, axis=1), np.sum(z * j, axis=1), np.sum(j**2, axis=1)
+    alike = float(np.sum(across) - np.sum(along) ** 2 / np.sum(length)) / count
+    best = -np.inf
+    for share in SHARES:  # what the best model takes up of all jumps alike
+        ends = [across - 2 * c * along + c**2 * length for c in (share, share - 1.0)]
+
+        def loss(log_variance: float, ends: Sequence[Array] = ends) -> float:
+            halves = np.logaddexp(*(-0.5 * own * np.exp(-log_variance) for own in ends)) - np.log(2.0)
+            return float(0.5 * count * log_variance - np.sum(halves))
+
+        at = np.log(max(alike, 1e-300))
+        best = max(best, -float(minimize_scalar(loss, bounds=(at - 3.0, at + 0.1), method="bounded").fun))
+    without = -0.5 * count * (np.log(max(alike, 1e-300)) + 1.0)
+    return max(float(best - without - np.log(len(SHARES))), 0.0)
 
 
 def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:

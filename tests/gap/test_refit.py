@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from greybox_id.gap.axes import candidates, shifting
+from greybox_id.gap.axes import Candidate, candidates, shifting
 from greybox_id.gap.bench import Bench
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import bounded_step, refit
@@ -195,3 +195,19 @@ def test_a_delay_is_found_from_either_side_of_a_row_and_from_on_it(monkeypatch, 
     search = search_on(Bench(model, [drive]), np.array([NOISE[name] for name in model.outputs]))
     (found,) = refit(search, [alone(search, own[0], start)])
     assert found.m[0] == pytest.approx(0.05, abs=0.002)
+
+
+def test_a_delay_that_is_best_within_a_row_is_tried_beyond_it_too():
+    X, dt = smooth_columns(1), 0.015
+
+    def respond(p):
+        rows = p[0] / dt
+        return X[:, :, 0] * (-((rows - 0.94) ** 2) if rows <= 1 else 1.9 + rows)  # jumps where it crosses a row
+
+    bench = GivenBench(respond, respond(np.array([1.12 * dt])), 1, dt)
+    own = axis(0, low=0.0, high=0.5, scale=0.03, shift=True)
+    search = search_on(bench, SD)
+    (found,) = refit(search, [alone(search, Candidate("delay", (own,), gradual=False), 0.0138)])
+    assert found.m[0] == pytest.approx(1.12 * dt, abs=1e-5)
+    (without,) = refit(search, [alone(search, Candidate("delay", (own,), gradual=False), 0.0138)], settle_on_rows=False)
+    assert without.m[0] == pytest.approx(0.94 * dt, abs=1e-4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench
 
-from greybox_id.gap.variance import dropped, jitter, repeats
+from greybox_id.gap.variance import coin, dropped, jitter, repeats
 
 DT, SD = 0.01, np.array([0.05, 0.1])
 
@@ -84,6 +84,46 @@ def test_jitter_is_told_in_several_runs_and_what_does_not_count_is_left_out():
     good[3000:3500] = False
     e[3000:3500] = 50.0
     assert jitter(bench, e, y, SD, good).magnitude == pytest.approx(0.005, rel=0.1)
+
+
+# ---- readings that jump with held commands
+
+
+def tossed(size, early, shift=0.0, noise=1.0, seed=0, rows=4000):
+    """Jumps of a size, in noise sds, and residuals: some rows came early, of all jumps the model has a share."""
+    rng = np.random.default_rng(seed)
+    jumps = size * rng.standard_normal((rows, 2))
+    coins = (rng.random(rows) < early)[:, None]
+    return jumps, noise * rng.standard_normal((rows, 2)) + jumps * (shift - coins)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.4, 0.5])
+@pytest.mark.parametrize("noise", [0.7, 1.0, 1.5])
+def test_readings_that_come_early_or_late_by_chance_are_told_whatever_the_model_takes_up(shift, noise):
+    jumps, z = tossed(0.6 * noise, 0.5, shift, noise)
+    assert coin(jumps, z) > 10
+
+
+@pytest.mark.parametrize(("early", "shift"), [(0.0, 0.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.3)])
+def test_readings_that_all_come_early_or_all_late_are_none(early, shift):
+    gains = [coin(*tossed(0.6, early, shift, seed=seed)) for seed in range(20)]
+    assert max(gains) < 2.0
+
+
+def test_where_no_reading_jumps_no_coin_falls():
+    assert coin(np.zeros((500, 2)), np.ones((500, 2))) == 0.0
+    assert coin(*tossed(2.0, 0.5, rows=10)) == 0.0
+
+
+def test_a_coin_that_falls_is_jitter_though_rates_do_not_tell():
+    jumps, z = tossed(2.0, 0.5)
+    still = np.zeros_like(z)
+    bench = GivenBench(lambda _: still, -z * SD, 0, DT)
+    slow = still + 1e-6 * np.arange(len(z))[:, None]
+    own = jitter(bench, z * SD, slow, SD, bench.counted, jumps * SD)
+    assert own.gain > 100
+    assert own.left < np.mean(z**2)
+    assert own.magnitude - 2 * own.sd <= 0.002
 
 
 # ---- rows held stale
