@@ -198,11 +198,11 @@ def test_a_delay_is_found_from_either_side_of_a_row_and_from_on_it(monkeypatch, 
 
 
 def test_a_delay_that_is_best_within_a_row_is_tried_beyond_it_too():
-    X, dt = smooth_columns(1), 0.015
+    X, dt = smooth_columns(2), 0.015
 
     def respond(p):
         rows = p[0] / dt
-        return X[:, :, 0] * (-((rows - 0.94) ** 2) if rows <= 1 else 1.9 + rows)  # jumps where it crosses a row
+        return X @ np.array([rows, 0.0] if rows <= 1 else [rows - 0.18, 1.0])  # readings jump where it crosses a row
 
     bench = GivenBench(respond, respond(np.array([1.12 * dt])), 1, dt)
     own = axis(0, low=0.0, high=0.5, scale=0.03, shift=True)
@@ -210,4 +210,4 @@ def test_a_delay_that_is_best_within_a_row_is_tried_beyond_it_too():
     (found,) = refit(search, [alone(search, Candidate("delay", (own,), gradual=False), 0.0138)])
     assert found.m[0] == pytest.approx(1.12 * dt, abs=1e-5)
     (without,) = refit(search, [alone(search, Candidate("delay", (own,), gradual=False), 0.0138)], settle_on_rows=False)
-    assert without.m[0] == pytest.approx(0.94 * dt, abs=1e-4)
+    assert without.m[0] < dt
