@@ -199,9 +199,10 @@ def test_a_delay_is_found_from_either_side_of_a_row_and_from_on_it(monkeypatch, 
 
 def test_a_delay_that_is_best_within_a_row_is_tried_beyond_it_too():
     X, dt = smooth_columns(2), 0.015
+    w = X / SD[:, None]
     X[:, :, 1] -= (
-        X[:, :, 0] * np.sum(X[:, :, 0] * X[:, :, 1]) / np.sum(X[:, :, 0] ** 2)
-    )  # no delay stands in for a jump
+        X[:, :, 0] * np.sum(w[:, :, 0] * w[:, :, 1]) / np.sum(w[:, :, 0] ** 2)
+    )  # no delay does what a jump does
 
     def respond(p):
         rows = p[0] / dt
