@@ -133,7 +133,8 @@ def test_the_script_of_a_shell_is_one_it_can_read(shell, tmp_path):
 
 
 ASKS = {
-    "bash": "source ./script; COMP_WORDS=({words}); COMP_CWORD={last}; _greybox_completion greybox; echo ${{COMPREPLY[@]}}",
+    "bash": "source ./script; COMP_WORDS=({words}); COMP_CWORD={last}; _greybox_completion greybox; "
+    "echo ${{COMPREPLY[@]}}",
     "zsh": "source ./script; compadd() {{ print -r -- $completions }}; words=({words}); CURRENT={last}+1; "
     "_greybox_completion",
     "fish": "source ./script; complete -C'{words}'",
