@@ -83,4 +83,5 @@ def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
     np.testing.assert_allclose(together.starts, alone.starts, rtol=1e-9)
     assert len(alone.starts) == 3
     assert together.strengths == alone.strengths
+    assert together.tried == alone.tried
     assert together.cpu_seconds > 0.2 * alone.cpu_seconds  # of other processes too

@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..engine.hybrid.stretches import stretches
-from ..engine.motion.runs import motion_runs
+from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
@@ -146,6 +146,7 @@ def _fit_motion(
 ) -> Fit:
     if validate is not None:
         motion_runs(model, validate)  # what is wrong with it is better said before the work than after
+    drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
     problem, solution, stage = fit_motion(model, recordings, how, say)
     fitted = model.with_values(problem.shared(solution.x))
     say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
@@ -174,6 +175,7 @@ def _fit_motion(
             "horizon": how.horizon,
             "start_from": how.start_from,
             "robust": how.robust,
+            "inputs": drives,
             "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
         },
         command=command,
