@@ -26,6 +26,7 @@ from ..solvers.ipopt import ipopt
 from ..uncertainty.blocks import correlation_time
 from .certificate import certified
 from .how import How, Say, quiet
+from .starts import starting_points
 
 SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""
@@ -39,8 +40,6 @@ SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 parameters move by less than the second; rounds at most."""
 MIDDLE_HALF = 1.4826
 """A normal distribution's standard deviation over the median of its size."""
-SPREAD = 0.7
-"""Standard deviation of the logarithm of positive parameters over random starts."""
 LEAST_NOISE = 1e-9
 
 
@@ -94,7 +93,7 @@ def fit_motion(
     """
     clock = time.process_time()
     simulator = Simulator(model)
-    points, away = _starting_points(model, how), apart(how.starts, how.jobs)
+    points, away = starting_points(model, how), apart(how.starts, how.jobs)
 
     def name(k: int) -> str:
         return model.name if how.starts == 1 else f"{model.name}, start {k + 1} of {how.starts}"
@@ -274,23 +273,6 @@ def _misfit(attempt: _Attempt, simulator: Simulator, recordings: Sequence[Record
     problem = _problem(simulator, recordings, noise, how, p)
     x = attempt.solution.x if len(attempt.solution.x) == problem.layout.size else problem.unknowns(p)
     return problem.objective(x, problem.simulated_nodes(x))
-
-
-def _starting_points(model: MotionModel, how: How) -> list[Array]:
-    """Nominal values, and others drawn about them: positive parameters keep their sign."""
-    random = np.random.default_rng(how.seed)
-    low = np.concatenate([np.full(p.size, p.bounds[0]) for p in model.parameters])
-    high = np.concatenate([np.full(p.size, p.bounds[1]) for p in model.parameters])
-    free = np.concatenate([np.full(p.size, not p.fixed) for p in model.parameters])
-    points = [model.values]
-    for _ in range(how.starts - 1):
-        draw = random.standard_normal(model.size)
-        factor = np.exp(SPREAD * draw)
-        with np.errstate(invalid="ignore"):
-            moved = np.where(low >= 0, model.values * factor, model.values + SPREAD * np.abs(model.values) * draw)
-        moved = np.where(np.isfinite(moved), moved, model.values)
-        points.append(np.where(free, np.clip(moved, low, high), model.values))
-    return points
 
 
 def _spread(recordings: Sequence[Recording], output: str) -> float:
