@@ -90,7 +90,7 @@ def main() -> int:
 def segments(data: Path) -> Iterator[tuple[str, Recording]]:
     """Each part of each recording: the first 400 s in halves, others whole."""
     folder = data / "revs_250lm" if (data / "revs_250lm").is_dir() else data
-    files = sorted(path for path in folder.iterdir() if path.name.endswith(SUFFIXES)) if folder.is_dir() else []
+    files = sorted(path for path in folder.iterdir() if path.name.endswith(tuple(SUFFIXES))) if folder.is_dir() else []
     if not files:
         raise GreyboxError(f"{folder} holds no recording ({', '.join(SUFFIXES)}).")
     for file in files:

@@ -1,10 +1,15 @@
 """What the pages of docs/ show runs, and says what they say it does."""
 
 import json
+import re
+from ast import literal_eval
+from importlib import import_module
 from pathlib import Path
 
 import pytest
-from documents import run_page
+from documents import DOCS, page, run_page
+
+PACKAGE = DOCS.parent / "greybox_id"
 
 
 @pytest.fixture(autouse=True)
@@ -32,3 +37,24 @@ def test_a_model_of_ones_own_is_fitted_and_read_back():
 def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
     without, with_effect = run_page("own_effect.md")["errors"].values()
     assert with_effect < 0.82 * without
+
+
+def test_the_mathematics_hold():
+    run_page("mathematics.md")
+
+
+def test_the_numbers_of_the_mathematics_are_those_of_the_code():
+    rows = re.findall(r"^\| `([\w.]+)\.(\w+)` \| (.+) \|$", page("mathematics.md"), re.MULTILINE)
+    assert len(rows) > 40
+    for module, name, value in rows:
+        assert getattr(import_module(f"greybox_id.{module}"), name) == literal_eval(value), f"{module}.{name}"
+
+
+def test_files_that_the_mathematics_name_are_there():
+    prose = re.sub(r"^```.*?^```$", "", page("mathematics.md"), flags=re.MULTILINE | re.DOTALL)
+    files = {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.py")}
+    for name in re.findall(r"`([\w/]+(?:\.py|/))`", prose):
+        own = (
+            (PACKAGE / name).is_dir() if name.endswith("/") else any(f"/{file}".endswith(f"/{name}") for file in files)
+        )
+        assert own or name == "greybox_id/", name

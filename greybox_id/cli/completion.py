@@ -12,6 +12,8 @@ from click.shell_completion import CompletionItem, get_completion_class
 
 PROGRAM = "greybox"
 SHELLS = ("bash", "zsh", "fish")
+LOADED = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
+"""In zsh, what registers a completion is a function that not every set-up loads."""
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
@@ -49,4 +51,7 @@ def completion(ctx: click.Context, shell: str) -> None:
     of_shell = get_completion_class(shell)
     assert of_shell is not None
     script = of_shell(ctx.find_root().command, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source()
+    if shell == "zsh":
+        first, rest = script.split("\n", 1)  # "#compdef" has to stay the first line
+        script = f"{first}\n\n{LOADED}\n{rest}"
     sys.stdout.write(script)

@@ -21,7 +21,7 @@ from ..scores.prediction import must_suit
 from .defaults import command_line
 from .fit_output import show, summary
 from .model_options import model_options, wanted
-from .options import columns_option, json_option
+from .options import columns_option, jobs_option, json_option
 from .output import console, print_json, progress
 
 
@@ -73,6 +73,7 @@ from .output import console, print_json, progress
     help="auto: Gauss-Newton finds, Ipopt certifies.",
 )
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
+@jobs_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @json_option
 def fit(
@@ -88,6 +89,7 @@ def fit(
     strength: float | None,
     solver: Solver,
     starts: int,
+    jobs: int,
     seed: int,
     as_json: bool,
     **asked: Any,
@@ -130,6 +132,7 @@ def fit(
         solver=solver,
         starts=starts,
         seed=seed,
+        jobs=jobs,
         horizon=horizon,
         start_from=start_from,
         robust=robust,

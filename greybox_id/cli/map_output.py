@@ -41,6 +41,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         screen.print("no column looks like a time; say which one holds it")
     if proposal.others:
         screen.print(f"taken for nothing: {', '.join(proposal.others)}")
+        if proposal.lacking:
+            screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
     for finding in proposal.findings:
         screen.print(f"{finding.severity.value}: {finding.where.channel}: {finding.sentence}")
     asked = {entry.signal for entry in proposal.open}

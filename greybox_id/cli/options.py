@@ -21,6 +21,9 @@ columns_option = click.option(
     help="Column map: name of a shipped one, or a .toml file.",
 )  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time (on Linux)."
+)
 
 WORD = re.compile(r"[A-Za-z_][\w-]*")
 """A setting that is a name, such as that of a tyre."""

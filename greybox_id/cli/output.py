@@ -14,6 +14,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from ..fitting import Say
+from ..reports.numbers import pretty_unit
 from ..signals import unit_of
 
 WIDTH = 160
@@ -96,5 +97,6 @@ def errors_table(metrics: Mapping[str, Any]) -> Table:
             for name, error in outputs.items():
                 sd = error["rmse_sd"]
                 rmse = f"{error['rmse']:.4f} ± " + (f"{sd:.4f}" if math.isfinite(sd) else "–")
-                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit_of(name), f"{error['fvu']:.4f}")
+                unit = pretty_unit(unit_of(name))
+                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit, f"{error['fvu']:.4f}")
     return table

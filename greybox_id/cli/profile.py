@@ -15,13 +15,14 @@ from rich.table import Table
 from ..fit import Fit, load
 from ..fitting.restated import place, profiled, restated
 from ..models.registry import build
+from ..processes import apart, side_by_side
 from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
 from ..uncertainty import uncertainty
 from ..uncertainty.profile import End, Profile
 from ..uncertainty.profile import profile as profile_one
 from .fit_output import estimate, plain_table
-from .options import json_option
+from .options import jobs_option, json_option
 from .output import console, print_json, progress
 from .predict import target_of, write
 from .report import recordings_of
@@ -57,6 +58,7 @@ class _Told:
     help="Of the intervals.",
 )
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
+@jobs_option
 @click.option("--out", metavar="FILE", help="Write the curves there: a .csv or .parquet file.")
 @json_option
 def profile(
@@ -66,6 +68,7 @@ def profile(
     everything: bool,
     confidence: float,
     columns: str | None,
+    jobs: int,
     out: str | None,
     as_json: bool,
 ) -> None:
@@ -82,21 +85,27 @@ def profile(
     wanted = profiled(fit, names, everything)
     trained = replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
     read = recordings_of(trained, Path(fit_file), files, columns=columns, option="RECORDING")
-    found: dict[str, _Told] = {}
     with progress() as say:
         problem, solution = restated(fit, matched(trained, read))
         told = uncertainty(problem, solution.x, solution.nodes)
         intervals = told.interval(confidence)
-        try:
-            for name in wanted:
-                say(f"{name}: profile {len(found) + 1} of {len(wanted)}", passing=True)
-                at = place(problem, name)
-                own = profile_one(problem, solution.x, solution.nodes, at, told=told, confidence=confidence)
-                low, high = (float(end) for end in intervals[at])
-                found[name] = _Told(own, (low, high), float(told.sd[at]))
-        except KeyboardInterrupt:
-            if not found:
-                raise  # there is nothing to keep
+        away = apart(len(wanted), jobs)
+
+        def work(k: int) -> _Told:
+            if not away:
+                say(f"{wanted[k]}: profile {k + 1} of {len(wanted)}", passing=True)
+            at = place(problem, wanted[k])
+            own = profile_one(problem, solution.x, solution.nodes, at, told=told, confidence=confidence)
+            low, high = (float(end) for end in intervals[at])
+            return _Told(own, (low, high), float(told.sd[at]))
+
+        def done_with(k: int, own: _Told) -> bool:
+            del own
+            say(f"{wanted[k]}: done", passing=True)
+            return True
+
+        done = side_by_side(work, len(wanted), jobs, done_with)
+    found = {wanted[k]: done.found[k] for k in sorted(done.found)}
     missed = [name for name in wanted if name not in found]
     if target is not None:
         write(_curves(found), target)

@@ -152,4 +152,5 @@ def _states(model: MotionModel) -> list[Named]:
 def _input(model: MotionModel, name: str) -> Named:
     alternatives = [f"{own} [{unit_of(own)}]" for own in model.aliases.get(name, ())]
     about = " or ".join(alternatives) if alternatives else SIGNALS[name].about if name in SIGNALS else ""
-    return Named(name, unit_of(name, "as recorded"), about)
+    only = model.aliases[name][0] if len(alternatives) == 1 else name
+    return Named(name, unit_of(only, "as recorded"), about)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -65,7 +65,13 @@ class Subject:
         """The functions of a model of motion. Raises `BadInput` for other models."""
         if not isinstance(self.model, MotionModel):
             raise BadInput(f"{self.model.name} is no model of motion; this target takes {_MOTION} only.")
-        return Equations(self.model, self.moving)
+        return Equations(self._as_recorded(self.model), self.moving)
+
+    def _as_recorded(self, model: MotionModel) -> MotionModel:
+        """The model whose inputs are the signals that the fit has seen, where any of several might be one."""
+        seen = {} if self.fit is None else self.fit.how.get("inputs", {})
+        narrowed = {name: (seen[name],) if name in seen else own for name, own in model.aliases.items()}
+        return replace(model, aliases=narrowed)
 
     def described(self) -> dict[str, Any]:
         """Model, parameters with units and intervals, and data, as plain data for a manifest."""

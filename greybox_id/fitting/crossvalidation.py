@@ -16,6 +16,7 @@ from ..engine.trace import Trace
 from ..errors import BadInput
 from ..memory_model import MemoryModel
 from ..parameter import Array
+from ..processes import side_by_side
 from ..recording import Recording, join
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 
@@ -45,17 +46,20 @@ class Choice:
     error : cross-validated error at the choice, in noise standard deviations.
     tried : every combination tried with its error.
     interrupted : whether the search was stopped before its end.
+    cpu_seconds : of other processes.
     """
 
     strengths: dict[str, float]
     error: float
     tried: tuple[tuple[dict[str, float], float], ...]
     interrupted: bool = False
+    cpu_seconds: float = 0.0
 
 
 def choose_strengths(
-    trace: Trace, recordings: Sequence[Recording], noise: Array, start: Array, progress: Progress | None = None
-) -> Choice:
+    trace: Trace, recordings: Sequence[Recording], noise: Array, start: Array, progress: Progress | None = None,
+    jobs: int = 1,
+) -> Choice:  # fmt: skip
     """Coordinate search over the strengths of a model's priors, open loop, each by blocked cross-validation.
 
     Priors are knowledge: a strength moves from as stated only where cross-validation is surely better for it, by more
@@ -65,24 +69,41 @@ def choose_strengths(
     ----------
     noise : (outputs,) residual standard deviations.
     start : (parameters,) where fits start.
+    jobs : strengths that are tried at a time.
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
     tried: dict[tuple[float, ...], Array] = {}
 
-    def by_fold(strengths: Mapping[str, float]) -> Array:
-        key = tuple(strengths[name] for name in names)
-        if key not in tried:
-            problem = Problem(trace, recordings, noise=noise, strengths=strengths)
-            tried[key] = cross_validated_squares(problem, problem.unknowns(start))
+    elsewhere = 0.0
+
+    def try_all(options: Sequence[Mapping[str, float]]) -> None:
+        nonlocal elsewhere
+        new = [option for option in options if tuple(option.values()) not in tried]
+
+        def work(number: int) -> Array:
+            problem = Problem(trace, recordings, noise=noise, strengths=new[number])
+            return cross_validated_squares(problem, problem.unknowns(start))
+
+        def told(number: int, squares: Array) -> bool:
             if progress is not None:
-                named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
-                progress(f"{trace.model.name}: cross-validation, {named}: {root_mean(tried[key]):.4f} of the noise")
-        return tried[key]
+                named = ", ".join(f"{n} {s:g}" for n, s in new[number].items())
+                progress(f"{trace.model.name}: cross-validation, {named}: {root_mean(squares):.4f} of the noise")
+            return True
+
+        done = side_by_side(work, len(new), jobs, told)
+        tried.update({tuple(new[number].values()): squares for number, squares in sorted(done.found.items())})
+        elsewhere += done.cpu_seconds
+        if done.interrupted:
+            raise KeyboardInterrupt
+
+    def by_fold(strengths: Mapping[str, float]) -> Array:
+        return tried[tuple(strengths.values())]
 
     chosen, interrupted = dict.fromkeys(names, 1.0), False
     try:
         for name in names:
             options = [{**chosen, name: factor} for factor in FACTORS]
+            try_all(options)
             best = min(options, key=lambda option: np.mean(by_fold(option)))
             if _surely_better(by_fold(best), by_fold(chosen)):
                 chosen = best
@@ -96,6 +117,7 @@ def choose_strengths(
         error=errors.get(tuple(chosen.values()), float("nan")),
         tried=tuple((dict(zip(names, key, strict=True)), error) for key, error in errors.items()),
         interrupted=interrupted,
+        cpu_seconds=elsewhere,
     )
 
 
@@ -111,23 +133,32 @@ def root_mean(squares: Array) -> float:
 
 
 def choose_structure(
-    models: Sequence[MemoryModel], recordings: Sequence[Recording], progress: Progress | None = None
-) -> int:
+    models: Sequence[MemoryModel], recordings: Sequence[Recording], progress: Progress | None = None, jobs: int = 1
+) -> tuple[int, float]:
     """Which of several structures of a model predicts held-out stretches best, open loop, priors as stated.
 
-    Of models with parts the first part decides, the one whose structure is varied. Returns the place in `models`.
+    Of models with parts the first part decides, the one whose structure is varied. Returns the place in `models`, and
+    the CPU seconds of other processes.
     """
     measured = join(recordings, "training data")
-    errors = []
-    for number, model in enumerate(models, 1):
+
+    def work(number: int) -> float:
+        model = models[number]
         part = model.parts[0] if model.parts else model
         spread = np.array([max(float(np.nanstd(measured[name])), 1e-9) for name in part.outputs])
         problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
-        errors.append(NOISE_SHARE * root_mean(cross_validated_squares(problem, problem.start)))
+        return NOISE_SHARE * root_mean(cross_validated_squares(problem, problem.start))
+
+    def told(number: int, error: float) -> bool:
         if progress is not None:
-            told = f"cross-validated error {errors[-1]:.4f} of the signals' spread"
-            progress(f"structure {number} of {len(models)}: {told}")
-    return int(np.argmin(errors))
+            said = f"cross-validated error {error:.4f} of the signals' spread"
+            progress(f"structure {number + 1} of {len(models)}: {said}")
+        return True
+
+    done = side_by_side(work, len(models), jobs, told)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    return int(np.argmin(done.results)), done.cpu_seconds
 
 
 def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> Array:

@@ -18,6 +18,11 @@ class Say(Protocol):
         """Show a line."""
 
 
+def quiet(line: str, passing: bool = False) -> None:
+    """Say nothing."""
+    del line, passing
+
+
 @dataclass(frozen=True)
 class How:
     """How to fit.
@@ -29,6 +34,7 @@ class How:
         "ipopt" solves with Ipopt from the start.
     starts : how many starting points; all but the first are drawn about the nominal values.
     seed : of those draws.
+    jobs : processes at a time, for starting points and what cross-validation compares; results do not depend on it.
     horizon : for motion models, s predicted from one start; None for whole runs.
     start_from : for motion models, "free" starts deviate from their readings, "measured" ones do not.
     robust : for motion models, residuals beyond so many standard deviations count linearly.
@@ -39,6 +45,7 @@ class How:
     solver: Solver = "auto"
     starts: int = 1
     seed: int = 0
+    jobs: int = 1
     horizon: float | None = None
     start_from: Starts = "free"
     robust: float | None = None

@@ -13,11 +13,12 @@ from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
 from ..parameter import Array
+from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording
 from ..signals import SIGNALS
 from ..solvers.quasi_newton import Descent, descend
-from .how import How, Say
+from .how import How, Say, quiet
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""
@@ -72,18 +73,25 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
         train = [*train, *(mirrored(model, one) for one in train)]
     sd = _noise(model, [one for _, one in named], how)
     problem, outside = HybridProblem(model, train, sd), Errors(model, held_out, sd)
-    found: list[Descent] = []
-    for k in range(how.starts):
-        found.append(_descent(problem, outside, model, how.seed + k, say))
-        if found[-1].status == "interrupted":
-            break
+    away = apart(how.starts, how.jobs)
+
+    def told(k: int, one: Descent) -> bool:
+        if away:
+            error = np.sqrt(one.held_out[one.best])
+            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {error:.3f} of noise")
+        return one.status != "interrupted"
+
+    done = side_by_side(
+        lambda k: _descent(problem, outside, model, how.seed + k, quiet if away else say), how.starts, how.jobs, told
+    )
+    found = done.results
     best = min(found, key=lambda each: each.held_out[each.best])
     p = problem.parameters(best.x)
     stage = Stage(
         model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
         history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in found)), strengths={},
         strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, sd.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0,
+        cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
     )  # fmt: skip
     errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
     return Trained(model.with_values(p), stage, names, errors)

@@ -13,13 +13,14 @@ from ..engine.trace import Trace
 from ..errors import BadInput
 from ..memory_model import MemoryModel
 from ..parameter import Array
+from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording, join
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..solvers.ipopt import ipopt
 from .certificate import certified
 from .crossvalidation import choose_strengths
-from .how import How, Say
+from .how import How, Say, quiet
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5
@@ -44,21 +45,34 @@ def fit_alone(
     noise, near = _noise(trace, recordings)
     checked = time.process_time()
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
-    interrupted = False
+    interrupted, elsewhere = False, 0.0
     if how.strengths == "cross-validation":
-        choice = choose_strengths(trace, recordings, noise, part.values, say)
+        choice = choose_strengths(trace, recordings, noise, part.values, say, how.jobs)
         strengths, tried, interrupted = choice.strengths, choice.tried, choice.interrupted
+        elsewhere = choice.cpu_seconds
     else:
         factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
     checking = time.process_time() - checked
     problem = Problem(trace, recordings, noise=noise, strengths=strengths)
     first = problem.start if how.strengths == "early stopping" else near
-    solutions = [
-        _solve(problem, x, validate, how, say, f"{part.name}, start {k + 1}" if how.starts > 1 else part.name)
-        for k, x in enumerate(_starts(problem, first, how))
-    ]
+    starts, away = _starts(problem, first, how), apart(how.starts, how.jobs)
+
+    def name(k: int) -> str:
+        return part.name if how.starts == 1 else f"{part.name}, start {k + 1} of {how.starts}"
+
+    def told(k: int, found: Solution) -> bool:
+        if away:
+            say(f"{name(k)}: {found.status.value} after {found.steps} steps")
+        return found.status is not Status.INTERRUPTED
+
+    done = side_by_side(
+        lambda k: _solve(problem, starts[k], validate, how, quiet if away else say, name(k)), how.starts, how.jobs, told
+    )
+    solutions = done.results
     best = min(solutions, key=lambda solution: solution.objective)
+    if done.interrupted:
+        best = replace(best, status=Status.INTERRUPTED)
     certificate = None
     if alone and _certifiable(how, best):
         best, certificate = certified(problem, best, say)
@@ -67,7 +81,8 @@ def fit_alone(
         steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
         strengths=strengths, strengths_from=how.mode + (", interrupted" if interrupted else ""), tried=tried,
         noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock - checking, cross_validation_seconds=checking, certificate=certificate,
+        cpu_seconds=time.process_time() - clock - checking + done.cpu_seconds,
+        cross_validation_seconds=checking + elsewhere, certificate=certificate,
     )  # fmt: skip
     return problem, best, stage
 

@@ -18,13 +18,15 @@ from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
+from ..processes import apart, side_by_side
 from ..provenance import Certificate, Stage
 from ..recording import Recording
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..solvers.ipopt import ipopt
 from ..uncertainty.blocks import correlation_time
 from .certificate import certified
-from .how import How, Say
+from .how import How, Say, quiet
+from .starts import starting_points
 
 SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""
@@ -38,17 +40,35 @@ SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 parameters move by less than the second; rounds at most."""
 MIDDLE_HALF = 1.4826
 """A normal distribution's standard deviation over the median of its size."""
-SPREAD = 0.7
-"""Standard deviation of the logarithm of positive parameters over random starts."""
 LEAST_NOISE = 1e-9
 
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Where one start led."""
+    """Where one start led; about : (parameters,) that the problem was stated near."""
 
     problem: MotionProblem
+    about: Array
     solution: Solution
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """The same between processes: the solution without its simulation, and what the problem is stated again with."""
+
+    noise: Array
+    about: Array
+    solution: Solution
+
+
+def _sent(found: _Attempt) -> _Sent:
+    return _Sent(found.problem.noise, found.about, replace(found.solution, nodes=None))
+
+
+def _received(own: _Sent, simulator: Simulator, recordings: Sequence[Recording], how: How) -> _Attempt:
+    problem = _problem(simulator, recordings, own.noise, how, own.about)
+    nodes = problem.simulated_nodes(own.solution.x)
+    return _Attempt(problem, own.about, replace(own.solution, nodes=nodes))
 
 
 def fit_motion(
@@ -73,22 +93,24 @@ def fit_motion(
     """
     clock = time.process_time()
     simulator = Simulator(model)
-    attempts: list[_Attempt] = []
-    interrupted = False
-    for k, p in enumerate(_starting_points(model, how)):
-        name = model.name if how.starts == 1 else f"{model.name}, start {k + 1} of {how.starts}"
-        try:
-            found = _attempt(simulator, recordings, p, how, say, name)
-        except KeyboardInterrupt:
-            if not attempts:
-                raise  # there is nothing yet to keep
-            interrupted = True
-            break
-        if found is not None:
-            attempts.append(found)
-            interrupted = found.solution.status is Status.INTERRUPTED
-            if interrupted:
-                break
+    points, away = starting_points(model, how), apart(how.starts, how.jobs)
+
+    def name(k: int) -> str:
+        return model.name if how.starts == 1 else f"{model.name}, start {k + 1} of {how.starts}"
+
+    def work(k: int) -> _Attempt | _Sent | None:
+        found = _attempt(simulator, recordings, points[k], how, quiet if away else say, name(k))
+        return _sent(found) if away and found is not None else found
+
+    def told(k: int, found: _Attempt | _Sent | None) -> bool:
+        if away and found is not None:
+            say(f"{name(k)}: {found.solution.status.value} after {found.solution.steps} steps")
+        return found is None or found.solution.status is not Status.INTERRUPTED
+
+    done = side_by_side(work, len(points), how.jobs, told)
+    received = (_received(one, simulator, recordings, how) if isinstance(one, _Sent) else one for one in done.results)
+    attempts = [one for one in received if one is not None]
+    interrupted = done.interrupted or any(one.solution.status is Status.INTERRUPTED for one in attempts)
     if not attempts:
         raise BadInput(
             f"Model {model.name} gives no finite predictions of {recordings[0].name} at its nominal parameters. "
@@ -111,7 +133,8 @@ def fit_motion(
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
         starts=tuple(sorted(scores)), strengths={}, strengths_from="given", tried=(),
         noise={n: float(s) for n, s, seen in zip(model.outputs, spread, _seen(problem), strict=True) if seen},
-        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=certificate,
+        cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
+        certificate=certificate,
     )  # fmt: skip
     return problem, solution, stage
 
@@ -145,14 +168,14 @@ def _attempt(
     except KeyboardInterrupt:
         if not reached:
             raise
-    problem, solution = reached[-1].problem, reached[-1].solution
+    problem, p, solution = reached[-1].problem, reached[-1].about, reached[-1].solution
     if problem.horizon != how.horizon:  # of what is wanted, not of what is on the way to it
         p = problem.shared(solution.x)
         problem = _problem(simulator, recordings, problem.noise, how, p)
         x = problem.unknowns(p)
         nodes = problem.simulated_nodes(x)
         solution = replace(solution, x=x, nodes=nodes, objective=problem.objective(x, nodes))
-    return _Attempt(problem, replace(solution, status=Status.INTERRUPTED))
+    return _Attempt(problem, p, replace(solution, status=Status.INTERRUPTED))
 
 
 def _on_the_way(
@@ -168,7 +191,7 @@ def _on_the_way(
             break
         short = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
         solution = gauss_newton(short, short.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="damp")
-        yield _Attempt(short, solution)
+        yield _Attempt(short, p, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
         p, noise = short.shared(solution.x), _residual_noise(short, solution)
     problem = _problem(simulator, recordings, noise, how, p)
@@ -176,7 +199,7 @@ def _on_the_way(
     settled = known and not problem.carries
     for rounds_left in reversed(range(ROUNDS)):
         solution = _solved(problem, x, how, TOLERANCE if settled else ROUGH, say, name)
-        yield _Attempt(problem, solution)
+        yield _Attempt(problem, p, solution)
         x, noise = solution.x, _counted_noise(problem, solution)
         moved = 0.0 if known else float(np.max(np.abs(np.log(noise / problem.noise)), initial=0.0))
         if problem.carries:
@@ -250,23 +273,6 @@ def _misfit(attempt: _Attempt, simulator: Simulator, recordings: Sequence[Record
     problem = _problem(simulator, recordings, noise, how, p)
     x = attempt.solution.x if len(attempt.solution.x) == problem.layout.size else problem.unknowns(p)
     return problem.objective(x, problem.simulated_nodes(x))
-
-
-def _starting_points(model: MotionModel, how: How) -> list[Array]:
-    """Nominal values, and others drawn about them: positive parameters keep their sign."""
-    random = np.random.default_rng(how.seed)
-    low = np.concatenate([np.full(p.size, p.bounds[0]) for p in model.parameters])
-    high = np.concatenate([np.full(p.size, p.bounds[1]) for p in model.parameters])
-    free = np.concatenate([np.full(p.size, not p.fixed) for p in model.parameters])
-    points = [model.values]
-    for _ in range(how.starts - 1):
-        draw = random.standard_normal(model.size)
-        factor = np.exp(SPREAD * draw)
-        with np.errstate(invalid="ignore"):
-            moved = np.where(low >= 0, model.values * factor, model.values + SPREAD * np.abs(model.values) * draw)
-        moved = np.where(np.isfinite(moved), moved, model.values)
-        points.append(np.where(free, np.clip(moved, low, high), model.values))
-    return points
 
 
 def _spread(recordings: Sequence[Recording], output: str) -> float:

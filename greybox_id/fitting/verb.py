@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..engine.hybrid.stretches import stretches
-from ..engine.motion.runs import motion_runs
+from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
@@ -32,7 +32,7 @@ from ..scores.metrics import as_dict, score
 from ..solvers.gauss_newton import Solution, Status
 from ..uncertainty import uncertainty
 from .crossvalidation import choose_structure
-from .how import How, Say, Solver
+from .how import How, Say, Solver, quiet
 from .hybrid import fit_hybrid
 from .memory import fit_alone, fit_together
 from .motion import fit_motion
@@ -69,7 +69,7 @@ def fit(
     ------
     BadInput : the recordings lack a signal, differ in sample time or are too short.
     """
-    say = say or _silent
+    say = say or quiet
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         models = [model] if isinstance(model, Model) else list(model)
         if isinstance(models[0], MotionModel):
@@ -80,8 +80,9 @@ def fit(
         if validate is not None:
             runs(Trace(structures[0]), validate)  # what is wrong with it is better said before the work than after
         clock = time.process_time()
-        chosen = choose_structure(structures, recordings, say) if len(structures) > 1 else 0
-        choosing = time.process_time() - clock
+        jobs = how.jobs if how is not None else 1
+        chosen, elsewhere = choose_structure(structures, recordings, say, jobs) if len(structures) > 1 else (0, 0.0)
+        choosing = time.process_time() - clock + elsewhere
         found = _fit_memory(structures[chosen], recordings, validate, how or How(), say, command)
         first, *others = found.stages
         first = replace(first, cross_validation_seconds=first.cross_validation_seconds + choosing)
@@ -145,6 +146,7 @@ def _fit_motion(
 ) -> Fit:
     if validate is not None:
         motion_runs(model, validate)  # what is wrong with it is better said before the work than after
+    drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
     problem, solution, stage = fit_motion(model, recordings, how, say)
     fitted = model.with_values(problem.shared(solution.x))
     say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
@@ -173,6 +175,7 @@ def _fit_motion(
             "horizon": how.horizon,
             "start_from": how.start_from,
             "robust": how.robust,
+            "inputs": drives,
             "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
         },
         command=command,
@@ -254,8 +257,3 @@ def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:
 
 def _with(model: MemoryModel, values: Mapping[str, Array]) -> MemoryModel:
     return model.with_parameters(*(p.with_value(values[p.name]) for p in model.parameters))
-
-
-def _silent(line: str, passing: bool = False) -> None:
-    """Say nothing."""
-    del line, passing

@@ -15,12 +15,13 @@ TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
 CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
            "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
 _X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
-_ACC, _SPEED = r"(a|acc|accel|acceleration|beschleunigung)", r"(v|vel|velocity|speed|geschwindigkeit)"
+_ACC, _SPEED = r"(a|acc|accel|acceleration|beschl|beschleunigung)", r"(v|vel|velocity|speed|geschwindigkeit)"
 RULES: dict[str, tuple[str, ...]] = {
     TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit", r"stamp|sec|seconds|secs|ts|datetime|date time"),
     RUN: (r"run|trajectory|segment|episode|run id|trajectory id|segment id|run number",),
     "v_x": (r"vx|v x|v|speed|u|v long|vlong|vlon|velocity|veh speed|vspeed|linear x|ground speed",
-            rf"{_SPEED} {_X}|{_X} {_SPEED}|geschwindigkeit|spd|veh spd|v veh|v fzg|v car|v ego|longitudinalvelocity"),
+            rf"{_SPEED} {_X}|{_X} {_SPEED}|geschwindigkeit|spd|veh spd|v veh|v fzg|v car|v ego|longitudinalvelocity"
+            "|tacho"),
     "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
     "yaw_rate": (r"yaw rate|yawrate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro z|gyr z|omega z|wz|w z|angular z",
                  r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gier rate|gierrate|giergeschwindigkeit|gz|gyroz"

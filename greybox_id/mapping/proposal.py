@@ -21,7 +21,7 @@ from .entry import Entry
 from .evidence import met, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, guess
 from .signs import with_signs
-from .strangers import strangers
+from .strangers import SOUGHT, strangers
 
 SNIFFED = 65536
 """Bytes of a text file in which separators are looked for."""
@@ -56,6 +56,11 @@ class Proposal:
     def open(self) -> tuple[Entry, ...]:
         """Entries that the user is asked about."""
         return tuple(entry for entry in self.entries if not entry.decided)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Signals that most models read or predict, and that no column looks like."""
+        return tuple(name for name in SOUGHT if name not in {entry.signal for entry in self.entries})
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
         """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""

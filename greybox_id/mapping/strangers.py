@@ -13,8 +13,8 @@ from ..signals import SIGNALS
 from .entry import Entry
 from .evidence import MARGIN, USUAL, Met, met, misfit, sizes_of
 
-SOUGHT = ("steer", "yaw_rate", "a_y", "a_x", "v_x")
-"""Signals that other signals tell."""
+SOUGHT = ("v_x", "yaw_rate", "steer", "a_x", "a_y")
+"""Signals that other signals tell, and that most models read or predict."""
 ALIKE = 0.85
 """Correlation from which a column may be what it is compared with."""
 

@@ -35,8 +35,10 @@ def as_toml(proposal: Proposal, name: str) -> str:
     for entry in sorted(proposal.entries, key=lambda own: (list(SIGNALS).index(own.signal), not own.decided)):
         lines += ["", *_signal(entry)]
     if proposal.others:
-        listed = ", ".join(proposal.others)
-        lines += ["", *_comment(f"Taken for nothing: {listed}. What you want to keep goes under [extra].")]
+        listed, lacking = ", ".join(proposal.others), proposal.lacking
+        which = "If one of them is a signal below, name it there. " if lacking else ""
+        lines += ["", *_comment(f"Taken for nothing: {listed}. {which}What else you want to keep goes under [extra].")]
+        lines += [f'#? {signal} = {{ column = "...", unit = {quoted(unit_of(signal))} }}' for signal in lacking]
     return "\n".join(lines) + "\n"
 
 

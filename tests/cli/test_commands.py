@@ -132,6 +132,37 @@ def test_the_script_of_a_shell_is_one_it_can_read(shell, tmp_path):
     subprocess.run([shell, "-n", tmp_path / "script"], check=True)
 
 
+ASKS = {
+    "bash": "source ./script; COMP_WORDS=({words}); COMP_CWORD={last}; _greybox_completion greybox; "
+    "echo ${{COMPREPLY[@]}}",
+    "zsh": "source ./script; compadd() {{ print -r -- $completions }}; words=({words}); CURRENT={last}+1; "
+    "_greybox_completion",
+    "fish": "source ./script; complete -C'{words}'",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shell", ASKS)
+def test_a_shell_with_its_script_completes_models_effects_and_column_maps(shell, tmp_path):
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    (tmp_path / "script").write_text(greybox("completion", shell).out)
+    (tmp_path / "greybox").write_text(f"#!{sys.executable}\nfrom greybox_id.cli import main\n\nmain()\n")
+    (tmp_path / "greybox").chmod(0o755)
+    asked = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(tmp_path)}
+    asked["PYTHONPATH"] = os.pathsep.join(sys.path)
+    for words, found in (
+        ("greybox fit --model l", ["lateral", "longitudinal"]),
+        ("greybox fit --with steering_d", ["steering_delay"]),
+        ("greybox data check --columns r", ["revs_250lm", "roboracer"]),
+    ):
+        line = ASKS[shell].format(words=words, last=len(words.split()) - 1)
+        called = subprocess.run(
+            [shell, "-c", line], cwd=tmp_path, env=asked, capture_output=True, text=True, check=False
+        )
+        assert (called.stdout.split(), called.stderr) == (found, ""), words
+
+
 def test_a_shell_that_is_not_known_is_refused():
     assert "'bash', 'zsh', 'fish'" in refused("completion", "tcsh")
 

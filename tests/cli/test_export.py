@@ -1,13 +1,22 @@
 """`greybox export`: from a fit, a vehicle or options to files of a controller."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from calling import greybox, refused
 from networks import FOLDER
 
+from greybox_id.datasets.read import read
+from greybox_id.datasets.shipped import shipped
+from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.errors import BadInput
 from greybox_id.export.verb import TARGETS
+from greybox_id.fitting import How
+from greybox_id.fitting import fit as fit_model
+from greybox_id.models.registry import build
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +97,18 @@ def test_a_users_file_in_the_folder_is_kept(tmp_path):
 def test_every_target_is_in_the_help():
     told = greybox("export", "--help").out
     assert all(target in told for target in TARGETS)
+
+
+def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lap = read(shipped("racer_valid"), "roboracer").rows(0, 200)
+    model = build("longitudinal", vehicle=vehicle("roboracer"))
+    fit_model(model, [lap], how=How(solver="gauss-newton")).save("fit.json")
+    greybox("export", "fit.json", "--target", "c", "--out", "car")
+    header = Path("car/car.h").read_text()
+    assert re.search(r"CAR_U_DRIVE +\d /\* A, motor_current \[A\] \*/", header), header
+    greybox("export", "--vehicle", "roboracer", "--target", "c", "--out", "other")
+    assert "as recorded, drive_force [N] or ax_cmd [m/s^2] or motor_current [A]" in Path("other/other.h").read_text()
+    forces = lap.with_signals(drive_force=np.zeros(len(lap)))
+    with pytest.raises(BadInput, match=r"drive is .*drive_force in .*motor_current in"):
+        fit_model(model, [lap, forces], how=How(solver="gauss-newton"))

@@ -11,9 +11,9 @@ from greybox_id.mapping import as_toml, propose
 
 TRUE = read(shipped("racer_train"), "roboracer")
 HABITS = {
-    "v_x": ("vx", "speed", "velocity_x", "Vx_mps", "vehicle speed [m/s]", "v_long", "longitudinal_velocity"),
+    "v_x": ("vx", "speed", "velocity_x", "Vx_mps", "vehicle speed [m/s]", "v_long", "longitudinal_velocity", "Tacho"),
     "yaw_rate": ("yawrate", "gyro_z", "psi_dot", "YawRate", "yaw_rate_rad_s", "wz", "r", "Giergeschwindigkeit"),
-    "a_x": ("ax", "acc_x", "long_acc", "AccX", "a_x [m/s^2]"),
+    "a_x": ("ax", "acc_x", "long_acc", "AccX", "a_x [m/s^2]", "beschl_laengs"),
     "a_y": ("ay", "acc_y", "lat_acc", "AccY", "lateral_acceleration"),
     "steer": ("delta", "steering_angle", "steer", "RoadWheelAngle", "delta_f [rad]", "servo_angle"),
     "x": ("x", "pos_x", "px", "pose_x"),
@@ -100,6 +100,21 @@ def test_a_name_that_says_nothing_is_asked_about_by_what_it_agrees_with(disguise
     file = disguised({**PLAIN, "steer": "ch7"}, flipped=("steer",))
     (entry,) = propose(file).open
     assert (entry.column, entry.signal, entry.sign, entry.units) == ("ch7", "steer", -1, ("rad",))
+
+
+def test_signals_that_no_column_looks_like_have_a_line_to_be_completed(disguised):
+    file = disguised({**PLAIN, **{name: f"ch{k}" for k, name in enumerate(PLAIN) if name != "time"}})
+    proposal = propose(file)
+    assert proposal.entries == ()
+    text = as_toml(proposal, "car")
+    for line in ("v_x = { column = %s, unit = 'm/s' }", "steer = { column = %s, unit = 'rad' }"):
+        assert f"#? {line}\n".replace("'", '"') % '"..."' in text
+    own = {"v_x": ("ch0", "m/s"), "yaw_rate": ("ch1", "rad/s"), "steer": ("ch4", "rad")}
+    for signal, (column, unit) in own.items():
+        asked = f'#? {signal} = {{ column = "...", unit = "{unit}" }}'
+        text = text.replace(asked, asked.removeprefix("#? ").replace("...", column))
+    found = read(file, parse_column_map(text, "car.toml"))
+    assert all(np.allclose(found[signal], TRUE[signal]) for signal in own)
 
 
 def test_a_motors_speed_is_counts_and_asked_for():

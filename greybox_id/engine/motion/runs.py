@@ -112,10 +112,30 @@ def recorded_outputs(model: MotionModel, recording: Recording) -> tuple[str, ...
     return tuple(name for name in model.outputs if name in recording and np.any(np.isfinite(recording[name])))
 
 
+def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str, str]:
+    """Of inputs that any of several signals may be, the one that recordings hold.
+
+    Raises `BadInput` where recordings hold different ones: parameters cannot be per newton and per ampere.
+    """
+    found: dict[str, str] = {}
+    for name in model.aliases:
+        held = {own: recording.name for recording in reversed(recordings) if (own := _signal(model, recording, name))}
+        if len(held) > 1:
+            told = ", ".join(f"{signal} in {recording}" for signal, recording in held.items())
+            raise BadInput(f"{name} is {told}: leave all but one of them out of the column maps, or fit them apart.")
+        if held:
+            (found[name],) = held
+    return found
+
+
+def _signal(model: MotionModel, recording: Recording, name: str) -> str:
+    """The signal of a recording that is the input; empty if there is none."""
+    return next((signal for signal in model.aliases.get(name, (name,)) if signal in recording), "")
+
+
 def _input(model: MotionModel, recording: Recording, name: str) -> Array:
-    for signal in model.aliases.get(name, (name,)):
-        if signal in recording:
-            return recording[signal]
+    if signal := _signal(model, recording, name):
+        return recording[signal]
     if name in model.defaults:
         return np.full(len(recording), model.defaults[name])
     wanted = model.aliases.get(name, (name,))

@@ -1,0 +1,87 @@
+"""Work side by side: what comes back, in which order, and what Ctrl-C leaves."""
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from greybox_id.datasets.read import read
+from greybox_id.datasets.shipped import shipped
+from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.fitting import How, fit
+from greybox_id.models.registry import build, prepared
+from greybox_id.processes import FORKS, apart, side_by_side
+
+forks = pytest.mark.skipif(not FORKS, reason="this system does not fork safely")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_back_in_the_order_of_their_numbers(jobs):
+    held = np.arange(5.0)  # forked processes begin with it
+    order = []
+    done = side_by_side(lambda k: 2 * held[k], 5, jobs, lambda k, _: order.append(k) is None)
+    assert done.results == [0, 2, 4, 6, 8]
+    assert sorted(order) == list(range(5))
+    assert not done.interrupted
+    assert (done.cpu_seconds > 0) == (apart(5, jobs))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_goes_wrong_is_raised_here(jobs):
+    with pytest.raises(ZeroDivisionError):
+        side_by_side(lambda k: 1 // (k - 1), 3, jobs)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_nothing_more_is_begun_once_it_is_told_to_end(jobs):
+    done = side_by_side(lambda k: k, 50, jobs, lambda k, _: False)
+    assert 1 <= len(done.found) < 50
+
+
+@forks
+def test_an_interrupt_reaches_those_at_work_and_keeps_what_they_hand_in():
+    def work(k):
+        try:
+            time.sleep(0.0 if k == 0 else 60.0)
+        except KeyboardInterrupt:
+            return -k
+        return k
+
+    def told(k, _):
+        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+        return True
+
+    begun = time.monotonic()
+    done = side_by_side(work, 4, 2, told)
+    assert time.monotonic() - begun < 30
+    assert done.interrupted
+    assert done.found[0] == 0
+    assert set(done.results) <= {0, -1, -2}
+
+
+@forks
+def test_an_interrupt_before_anything_is_done_is_one():
+    def work(k):
+        time.sleep(60.0)
+
+    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(work, 2, 2)
+
+
+@forks
+@pytest.mark.parametrize("name", ["kinematic", "msnn_lat"])
+def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
+    lap = read(shipped("racer_train"), "roboracer").rows(0, 500)
+    model = prepared(name, lap) if name == "msnn_lat" else build(name, vehicle=vehicle("roboracer"))
+    found = [fit(model, [lap], how=How(starts=3, seed=4, jobs=jobs, solver="gauss-newton")) for jobs in (1, 2)]
+    alone, together = (own.stages[-1] for own in found)
+    np.testing.assert_allclose(found[1].model.values, found[0].model.values, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(together.starts, alone.starts, rtol=1e-9)
+    assert len(alone.starts) == 3
+    assert together.strengths == alone.strengths
+    assert together.tried == alone.tried
+    assert together.cpu_seconds > 0.2 * alone.cpu_seconds  # of other processes too
