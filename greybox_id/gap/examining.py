@@ -174,15 +174,13 @@ def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Fi
 
 def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> Array | None:
     """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
-    bench, name = search.bench, AT_ONCE
-    if (
-        bench.learnt
-        or name not in effects
-        or name not in bench.model
-        or not any(np.any(own.held) for own in bench.runs)
-    ):
+    bench = search.bench
+    if bench.learnt or AT_ONCE not in effects or not any(np.any(own.held) for own in bench.runs):
         return None
-    index, p = [own.name for own in bench.model.parameters].index(name), search.vector(best)
+    name, names = effects[AT_ONCE].parameter.name, [own.name for own in bench.model.parameters]
+    if name not in names:
+        return None
+    index, p = names.index(name), search.vector(best)
     if p[index] != 0:
         return None
     early = p.copy()
