@@ -41,7 +41,7 @@ def read_json(file: Path) -> Any:
     except OSError as error:
         raise BadInput(f"{file} cannot be read: {error.strerror}.{near_file(file)}") from error
     except (ValueError, RecursionError) as error:
-        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or make it again.") from error
 
 
 def checksum(body: Mapping[str, Any]) -> str:

@@ -10,8 +10,8 @@ import click
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import FORMAT, Fit, load
-from ..json_data import read_json
+from ..fit import KIND as FIT
+from ..fit import Fit, load
 from ..models.registry import build
 from ..provenance import DataRecord
 from ..recording import Recording
