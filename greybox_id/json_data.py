@@ -28,6 +28,19 @@ def without_nan(value: Any) -> Any:
     return value
 
 
+def plain(value: Any) -> Any:
+    """Plain data without numpy's own kinds of number."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
+    return value
+
+
 def _with_nan(body: dict[str, Any]) -> Any:
     if set(body) == {NOT_FINITE} and body[NOT_FINITE] in ("nan", "inf", "-inf"):
         return float(body[NOT_FINITE])

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from . import __version__
 from .errors import BadInput
-from .json_data import checksum, read_json, without_nan
+from .json_data import checksum, plain, read_json, without_nan
 
 FORMAT, VERSION, CHECKSUM = "format", "format_version", "checksum"
 
@@ -40,7 +40,7 @@ class Kind:
 
     def text(self, body: Mapping[str, Any]) -> str:
         """The text of a file of this kind that holds plain data."""
-        whole = {FORMAT: self.format, VERSION: self.version, **body}
+        whole = plain({FORMAT: self.format, VERSION: self.version, **body})
         whole[CHECKSUM] = checksum(whole)
         return json.dumps(without_nan(whole), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -68,9 +68,7 @@ class Kind:
                 f"{self.again}."
             )
         if body.pop(CHECKSUM, None) != checksum(body):
-            raise BadInput(
-                f"{file} is damaged: its content does not match its checksum. Restore it, or {self.again}."
-            )
+            raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or {self.again}.")
         try:
             return made(body)
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -50,5 +50,5 @@ def test_content_that_makes_none_is_damage(tmp_path, error):
     def refuse(body):
         raise error
 
-    with pytest.raises(BadInput, match="is damaged: .* or drive again"):
+    with pytest.raises(BadInput, match=r"is damaged: .* or drive again"):
         KIND.load(written(tmp_path, KIND.text(BODY)), refuse)

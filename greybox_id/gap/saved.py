@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..json_data import plain
 from .gap import Closure, Errors, Gap, Ranked, Strip, Where
 
 
@@ -51,19 +52,6 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         strip=None if body["strip"] is None else _strip(body["strip"]),
         noise_stated=bool(body["noise_stated"]),
     )
-
-
-def plain(value: Any) -> Any:
-    """Plain data without numpy's own kinds of number."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(inner) for inner in value]
-    return value
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
+from ..content import recorded_in
 from ..document import Table
 from ..numbers import listed, number, percent, pretty_unit, signal_words
 from .quantities import interval_words, magnitude_words
@@ -119,7 +120,7 @@ def gap_content(gap: Gap, made: Made) -> GapContent:
             tuple((REGIMES.get(k, k), percent(t), percent(g)) for k, (t, g) in own.regimes.items()),
             "Lrr",
         ),
-        recordings=_recordings(made.data),
+        recordings=recorded_in(made.data, ROLES),
         provenance=(
             ("version", f"greybox-id {made.version}"),
             ("command", made.command or "not recorded (diagnosed from Python)"),
@@ -229,15 +230,3 @@ def _errors(closure: Closure) -> Table:
         tuple(rows),
         "l" + "R" * len(horizons),
     )
-
-
-def _recordings(data: Sequence[DataRecord]) -> Table:
-    head = ("role", "recording", "sha256", "column map", "runs", "samples", "duration")
-    rows = tuple(
-        (
-            ROLES.get(d.role, d.role), d.path.replace("\\", "/").rsplit("/", 1)[-1] or d.name,
-            d.sha256[:12] or "in memory", d.columns or "–", str(d.runs), str(d.samples), f"{d.duration:.2f} s",
-        )
-        for d in data
-    )  # fmt: skip
-    return Table(head, rows, "lLllrrr")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...gap import Gap
-from ...gap.saved import as_plain_data, from_plain_data, plain
+from ...gap.saved import as_plain_data, from_plain_data
 from ...provenance import DataRecord
 from ...saved import Kind
 from .content import Made
@@ -18,7 +18,7 @@ KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap --out", "diagnose agai
 
 def as_text(gap: Gap, made: Made) -> str:
     """The text of the file."""
-    return KIND.text({**as_plain_data(gap), **plain(asdict(made))})
+    return KIND.text({**as_plain_data(gap), **asdict(made)})
 
 
 def load_gap(path: str | Path) -> tuple[Gap, Made]:
