@@ -29,6 +29,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
     length = max(1, round(BLOCK / bench.sample_time))
     blocks = [slice(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
+    time = running(bench.time)
     x, y = _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
     longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
@@ -40,7 +41,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
             frequency, density = welch(own[longest, c] / sd[c], fs=1 / bench.sample_time, nperseg=window)
             spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
     return Strip(
-        time=np.array([float(np.mean(bench.time[own])) for own in blocks]),
+        time=np.array([float(np.mean(time[own])) for own in blocks]),
         before=np.array([float(np.mean(first[own])) for own in blocks]),
         after=np.array([float(np.mean(then[own])) for own in blocks]),
         x=np.array([float(np.mean(x[own])) for own in blocks]) if len(x) else x,
@@ -50,6 +51,15 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
         spectrum_after=spectra[1],
         map=_map(first - then, seen),
     )
+
+
+def running(time: Array) -> Array:
+    """Time that goes on where it starts again, as it does between recordings."""
+    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+    if np.all(steps >= 0):
+        return time
+    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))
 
 
 def _path(bench: AnyBench, seen: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -74,7 +84,7 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
     rows, _, _ = np.histogram2d(v, a, edges)
     total, _, _ = np.histogram2d(v, a, edges, weights=gap)
     share = np.where(rows > 0, total / max(float(np.sum(np.abs(total))), 1e-12), np.nan)
-    return {"v_x": edges[0], "a_y": edges[1], "gap": share}
+    return {"v_x": edges[0], "a_y": edges[1], "gap": share, "time": rows / max(len(v), 1)}
 
 
 def _edges(values: Array) -> Array:

@@ -11,7 +11,7 @@ from ...gap import Gap
 from ...gap.saved import as_plain_data, from_plain_data
 from ...provenance import DataRecord
 from ...saved import Kind
-from .content import Made
+from .content import Made, Number
 
 KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap --out", "diagnose again")
 
@@ -39,5 +39,7 @@ def _from_plain_data(body: Mapping[str, Any]) -> tuple[Gap, Made]:
         version=str(body["version"]),
         data=tuple(DataRecord(**record) for record in body["data"]),
         settings=dict(body["settings"]),
+        effects={str(name): float(value) for name, value in body.get("effects", {}).items()},
+        stated=tuple(Number(**own) for own in body.get("stated", ())),
     )
     return from_plain_data(body), made
