@@ -184,6 +184,7 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
                     "starts": tuple(stage["starts"]),
                     "tried": tuple((dict(s), e) for s, e in stage["tried"]),
                     "certificate": None if certificate is None else Certificate(**certificate),
+                    "ended_at": tuple(_numbers(own) for own in stage.get("ended_at", ())),
                 }
             )
         )
@@ -202,6 +203,10 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
         command=body["command"],
         version=body["version"],
     )
+
+
+def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in body.items()}
 
 
 def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
