@@ -17,8 +17,9 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import load
 from ..fitting import Say
-from ..gap import Gap, diagnose
+from ..gap import Gap
 from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
+from ..gap.diagnosis import diagnose
 from ..gap.kinds import Diagnosed
 from ..gap.memory_bench import must_suit
 from ..hybrid_model import HybridModel

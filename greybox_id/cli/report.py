@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import Fit, load
 from ..models.registry import build
@@ -145,6 +144,8 @@ def recordings_of(
     option: str = "--{role}",
 ) -> list[Recording]:
     """The recordings of a fit, from where it found them or from where they have moved."""
+    from ..datasets.read import read
+
     moved = {"train": list(train), "validate": [validate] if validate else []}
     for role, files in moved.items():
         count = sum(record.role == role for record in fit.data)

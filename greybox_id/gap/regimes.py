@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..parameter import Array
+from .clock import running
 from .gap import Where
 from .kinds import AnyBench
 from .shortlist import Promise
-from .strip import running
 
 LIFT, SHARE = 1.5, 0.4
 """A regime is named where it holds so much more of the gap than of the time, and so much of it at all."""

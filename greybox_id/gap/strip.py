@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import welch
 
 from ..parameter import Array
+from .clock import running
 from .gap import Strip
 from .kinds import AnyBench
 
@@ -51,15 +52,6 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
         spectrum_after=spectra[1],
         map=_map(first - then, seen),
     )
-
-
-def running(time: Array) -> Array:
-    """Time that goes on where it starts again, as it does between recordings."""
-    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
-    if np.all(steps >= 0):
-        return time
-    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))
 
 
 def _path(bench: AnyBench, seen: Mapping[str, Array]) -> tuple[Array, Array]:

@@ -10,8 +10,8 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap import CHANNELS, REGIMES, diagnose
-from greybox_id.gap.diagnosis import FORM
+from greybox_id.gap import CHANNELS, REGIMES
+from greybox_id.gap.diagnosis import FORM, diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle

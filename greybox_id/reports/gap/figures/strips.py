@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ....gap import Strip
-from ....gap.strip import running
+from ....gap.clock import running
 from ....parameter import Array
 from ...plot.areas import Spots
 from ...plot.figure import Figure, Panel, Shades, nothing

@@ -1,8 +1,8 @@
-"""The picture's data: time that goes on."""
+"""Time that goes on where clocks begin anew."""
 
 import numpy as np
 
-from greybox_id.gap.strip import running
+from greybox_id.gap.clock import running
 
 
 def test_time_runs_on_between_recordings():
