@@ -11,7 +11,7 @@ from ...provenance import Stage
 from ..convergence import spread_of
 from ..plot.figure import Figure, Panel
 from ..plot.marks import Curve, Letters, Mark, Rule
-from ..plot.palette import BLUE, INK, RUST, Line
+from ..plot.palette import BLUE, INK, ORANGE, Line
 from ..plot.scale import Axis
 from .style import symbol
 
@@ -28,7 +28,7 @@ def starts(fit: Fit, stage: Stage) -> Figure | None:
         return None
     shown = sorted(found, key=lambda name: -max(abs(off) for off, _ in found[name]))[:MOST]
     marks: list[Mark] = [Rule(0.0, Line(INK, width=0.5), upright=True)]
-    for same, colour, words in ((False, RUST, "another objective"), (True, BLUE, "the best objective")):
+    for same, colour, words in ((False, ORANGE, "another objective"), (True, BLUE, "the best objective")):
         at = [(off, float(row)) for row, name in enumerate(shown) for off, own in found[name] if own is same]
         if at:
             marks += _dots(at, Line(colour, words=words), 2.6 if same else 2.0)

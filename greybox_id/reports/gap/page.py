@@ -66,7 +66,7 @@ def _causes(gap: Gap) -> tuple[Drawing, ...]:
     assert figure is not None
     caption = (
         "Unseen: the effects that would show least, by the size from which on they would, over their usual size; and "
-        "where in speed and lateral acceleration the recordings were driven."
+        "where in speed and lateral acceleration the recordings were driven (blank: never)."
     )
     return (Drawing("gap_limits", figure, caption, "Bars of sizes that would show; map of what was driven."),)
 

@@ -12,7 +12,7 @@ from ...numbers import number
 from ...plot.areas import Bars, Cells
 from ...plot.figure import Figure, Panel, Shades, nothing
 from ...plot.marks import Letters, Mark, Rule
-from ...plot.palette import BLUE, FAINT, INK, PALE, Line
+from ...plot.palette import BLUE, INK, PALE, Line
 from ...plot.scale import Axis
 
 MOST = 12
@@ -20,7 +20,7 @@ MOST = 12
 REACH = (0.01, 30.0)
 """Of sizes, in usual ones; larger ones end in an arrow."""
 HEIGHT = 150.0
-LIGHTEST, DARKEST = 0.06, 0.9
+LIGHTEST, DARKEST = 0.12, 0.9
 
 
 def limits(gap: Gap) -> Figure | None:
@@ -51,7 +51,7 @@ def _sizes(known: Mapping[str, Limit]) -> Panel:
 
 
 def driven(strip: Strip) -> Panel:
-    """A map of the share of the time over v_x and a_y; grey where nothing was driven."""
+    """A map of the share of the time over v_x and a_y; blank where nothing was driven."""
     if not {"v_x", "a_y", "time"} <= strip.map.keys():
         return nothing("where it was driven is not known")
     share = np.asarray(strip.map["time"], dtype=float)
@@ -59,15 +59,11 @@ def driven(strip: Strip) -> Panel:
     if not (isfinite(most) and most > 0):
         return nothing("where it was driven is not known")
     edges = np.asarray(strip.map["v_x"]), np.asarray(strip.map["a_y"])
-    marks: list[Mark] = []
-    if np.any(share == 0):
-        never = np.where(share > 0, np.nan, 1.0)
-        marks.append(Cells(*edges, never, FAINT, lightest=0.9, darkest=0.9, words="never driven"))
     drawn = np.where(share > 0, share / most, np.nan)
-    marks.append(Cells(*edges, drawn, BLUE, lightest=LIGHTEST, darkest=DARKEST, gap=0.15))
+    cells = Cells(*edges, drawn, BLUE, lightest=LIGHTEST, darkest=DARKEST, gap=0.15)
     ticks = tuple((part, number(100.0 * most * part, 2)) for part in (0.0, 0.5, 1.0))
     ends = [(float(own[0]), float(own[-1])) for own in edges]
     return Panel(
-        tuple(marks), Axis("v_x [m/s]", *ends[0], grid=False), Axis("a_y [m/s²], left positive", *ends[1], grid=False),
+        (cells,), Axis("v_x [m/s]", *ends[0], grid=False), Axis("a_y [m/s²], left positive", *ends[1], grid=False),
         shades=Shades(ticks, "share of the time [%]", BLUE, LIGHTEST, DARKEST),
     )  # fmt: skip
