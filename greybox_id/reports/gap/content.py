@@ -12,9 +12,9 @@ from ...models.effects import EFFECTS
 from ...provenance import DataRecord
 from ..content import recorded_in
 from ..document import Table
-from ..numbers import listed, number, percent, pretty_unit, signal_words
+from ..numbers import capital, listed, number, percent, pretty_unit, signal_words
 from .quantities import interval_words, magnitude_words
-from .words import REGIMES, capital, how_far, on_these, probability_words, verdict, whole_percent
+from .words import REGIMES, how_far, on_these, probability_words, verdict, whole_percent
 
 LEAST, FIRST = 0.05, 2
 """Effects less probable than this have no sentences of their own unless they are applied or among the first."""
