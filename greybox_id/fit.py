@@ -6,7 +6,6 @@ the caller hands in the function that builds models by name.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,15 +15,13 @@ import numpy as np
 
 from . import __version__
 from .combined import Combined, combined, reach
-from .errors import BadInput
 from .files import write_atomically
-from .json_data import checksum, read_json, without_nan
 from .model import Model
 from .parameter import Array, Parameter, Prior
 from .provenance import Certificate, DataRecord, Stage
+from .saved import Kind
 
-FORMAT = "greybox-fit"
-FORMAT_VERSION = 2
+KIND = Kind("greybox-fit", 2, "a fit", "greybox fit", "fit again")
 MOST_COVARIANCES = 200
 """Numbers whose covariance is written into a file."""
 HARDLY, SURPRISING = 0.7, 3.0
@@ -110,8 +107,6 @@ class Fit:
     def as_dict(self) -> dict[str, Any]:
         """The fit as plain data for JSON."""
         return {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
             "version": self.version,
             "command": self.command,
             "mode": self.mode,
@@ -149,10 +144,7 @@ class Fit:
 
     def save(self, path: str | Path) -> Path:
         """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
-        body = self.as_dict()
-        body["checksum"] = checksum(body)
-        plain = json.dumps(without_nan(body), indent=1, allow_nan=False, sort_keys=False)
-        return write_atomically(Path(path), plain + "\n")
+        return write_atomically(Path(path), KIND.text(self.as_dict()))
 
 
 def load(path: str | Path, build: Build) -> Fit:
@@ -165,24 +157,9 @@ def load(path: str | Path, build: Build) -> Fit:
 
     Raises
     ------
-    BadInput : the file is no fit, is damaged, or was written by a newer version.
+    BadInput : the file is no fit, is damaged, or was written by another version.
     """
-    file = Path(path)
-    body = read_json(file)
-    if not isinstance(body, dict) or body.get("format") != FORMAT:
-        raise BadInput(f"{file} is not a fit of greybox-id; make one with greybox fit.")
-    if body.get("format_version") != FORMAT_VERSION:
-        raise BadInput(
-            f"{file} has format version {body.get('format_version')!r}, this is greybox-id {__version__}, which reads "
-            f"version {FORMAT_VERSION}. Install the version that wrote it ({body.get('version', 'unknown')}), "
-            "or fit again."
-        )
-    if body.pop("checksum", None) != checksum(body):
-        raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or fit again.")
-    try:
-        return _from_dict(body, build)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BadInput(f"{file} is damaged: {error}. Restore it, or fit again.") from error
+    return KIND.load(path, lambda body: _from_dict(body, build))
 
 
 def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
@@ -207,6 +184,7 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
                     "starts": tuple(stage["starts"]),
                     "tried": tuple((dict(s), e) for s, e in stage["tried"]),
                     "certificate": None if certificate is None else Certificate(**certificate),
+                    "ended_at": tuple(_numbers(own) for own in stage.get("ended_at", ())),
                 }
             )
         )
@@ -225,6 +203,10 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
         command=body["command"],
         version=body["version"],
     )
+
+
+def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in body.items()}
 
 
 def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:

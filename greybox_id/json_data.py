@@ -28,6 +28,19 @@ def without_nan(value: Any) -> Any:
     return value
 
 
+def plain(value: Any) -> Any:
+    """Plain data without numpy's own kinds of number."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(inner) for inner in value]
+    return value
+
+
 def _with_nan(body: dict[str, Any]) -> Any:
     if set(body) == {NOT_FINITE} and body[NOT_FINITE] in ("nan", "inf", "-inf"):
         return float(body[NOT_FINITE])
@@ -41,7 +54,7 @@ def read_json(file: Path) -> Any:
     except OSError as error:
         raise BadInput(f"{file} cannot be read: {error.strerror}.{near_file(file)}") from error
     except (ValueError, RecursionError) as error:
-        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or fit again.") from error
+        raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or make it again.") from error
 
 
 def checksum(body: Mapping[str, Any]) -> str:

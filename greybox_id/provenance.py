@@ -80,6 +80,8 @@ class Stage:
     cpu_seconds : s, without cross-validation.
     cross_validation_seconds : s.
     certificate : Ipopt's word, None where it was not asked.
+    ended_at : free single numbers by name, where each start ended, in the order of `starts`; empty where that was not
+        kept.
     """
 
     model: str
@@ -96,6 +98,7 @@ class Stage:
     cpu_seconds: float
     cross_validation_seconds: float
     certificate: Certificate | None = None
+    ended_at: tuple[Mapping[str, float], ...] = ()
 
 
 def data_record(recording: Recording, role: str) -> DataRecord:

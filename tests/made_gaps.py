@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from greybox_id.gap import Closure, Errors, Gap, Ranked, Strip, Where
+from greybox_id.gap import Closure, Errors, Gap, Limit, Ranked, Strip, Where
 
 UNITS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "a_x": "m/s^2", "a_y": "m/s^2"}
 NOISE = {"v_x": 0.02, "v_y": 0.03, "yaw_rate": 0.012, "a_x": 0.15, "a_y": 0.15}
@@ -34,8 +34,14 @@ def strip(channels=ALL, strength=6.0, after=1.15, path=True, seed=0, seconds=60.
         frequency=frequency,
         spectrum_before={c: (1 + peak) * shaky[c][0] for c in channels},
         spectrum_after={c: (1 + peak * (after - 1) / max(strength, 1e-9)) * shaky[c][1] for c in channels},
-        map={"v_x": np.linspace(5, 35, 7), "a_y": np.linspace(-7, 7, 8), "gap": gap},
+        map={"v_x": np.linspace(5, 35, 7), "a_y": np.linspace(-7, 7, 8), "gap": gap, "time": _driven(gap)},
     )
+
+
+def _driven(gap):
+    """Shares of the time: none where the gap is not known."""
+    weights = np.where(np.isfinite(gap), 1.0 + np.arange(gap.size).reshape(gap.shape), 0.0)
+    return weights / weights.sum()
 
 
 def errors(channels=ALL, grown=3.0, closed=0.9):
@@ -62,6 +68,15 @@ def closure(recordings=("lap7",), closed=0.88, interval=(0.81, 0.93), before=4.2
     )
 
 
+LIMITS = {
+    "brake_bias": Limit(float("inf"), 0.1, "1", 5200.0, 1.0),
+    "front_stiffness": Limit(0.34, 0.85, "1", 2.3, 0.00005),
+    "steering_rate_limit": Limit(0.4, 0.5, "rad/s", 1.25, 0.4),
+    "mass_change": Limit(0.12, 1.15, "1", 0.8, 0.15),
+    "aero_drag": Limit(0.05, 0.2, "N s^2/m^2", 0.25, 0.4),
+    "sensor_latency_yaw": Limit(0.0067, 0.03, "s", 0.22, 0.35),
+}
+"""What would show, the least visible first."""
 DELAY = Ranked("steering_delay", 0.94, 0.031, "s", (0.0251, 0.0369), (), 214.0)
 LAG = Ranked("steering_lag", 0.31, 0.018, "s", (0.005, 0.06), ("steering_delay",), 190.0)
 
@@ -107,6 +122,7 @@ def clear(**changes):
         absorbed=("front_stiffness",),
         advice=(),
         strip=strip(),
+        limits=LIMITS,
     )
     return replace(gap, **changes)
 

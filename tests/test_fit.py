@@ -25,7 +25,7 @@ def made(model=None, **changed):
         model=model.name, closed_loop=False, status="converged", converged=True, steps=3, history=(12.0, 11.0, 10.0),
         starts=(10.0, 11.5), strengths={"transient": 2.0}, strengths_from="cross-validation",
         tried=(({"transient": 1.0}, 1.1), ({"transient": 2.0}, 1.0)), noise={"yaw_rate": 0.1}, cpu_seconds=0.5,
-        cross_validation_seconds=0.25, certificate=certificate,
+        cross_validation_seconds=0.25, certificate=certificate, ended_at=({"m": 3.4}, {"m": 3.6}),
     )  # fmt: skip
     fields = {
         "model": model,

@@ -17,8 +17,9 @@ from ..datasets.read import read
 from ..errors import BadInput
 from ..fit import load
 from ..fitting import Say
-from ..gap import Gap, diagnose
+from ..gap import Gap
 from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
+from ..gap.diagnosis import diagnose
 from ..gap.kinds import Diagnosed
 from ..gap.memory_bench import must_suit
 from ..hybrid_model import HybridModel
@@ -33,7 +34,7 @@ from ..reports.gap.content import Made
 from ..vehicle import Vehicle
 from .completion import names
 from .defaults import command_line
-from .gap_files import targets_of, warnings_of, without_vehicle, write
+from .gap_files import stated_numbers, targets_of, warnings_of, without_vehicle, write
 from .gap_output import as_json_text, show
 from .options import VEHICLES, columns_option, json_option
 from .output import console, progress
@@ -109,6 +110,8 @@ def gap(
             *(data_record(own, "validate") for own in asked.held_out),
         ),
         settings=dict(asked.model.settings),
+        effects={name: float(asked.model[name].array) for name in asked.model.effects},
+        stated=stated_numbers(asked.vehicle, asked.model),
     )
     closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
     for warning in warnings_of(closed, found, apply, out):

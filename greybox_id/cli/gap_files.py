@@ -10,7 +10,9 @@ from ..errors import BadInput
 from ..files import ensure_writable, write_atomically
 from ..gap import Gap
 from ..gap.closed_vehicle import no_place, not_held
-from ..reports.gap.content import Made
+from ..gap.kinds import Diagnosed
+from ..models.effects import EFFECTS
+from ..reports.gap.content import Made, Number
 from ..reports.gap.saved import as_text
 from ..vehicle import Vehicle
 
@@ -60,6 +62,21 @@ def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str 
     if apply is not None:
         raise BadInput(f"{apply}: {no_place(model)} Leave --apply away.")
     return [(kind, target) for kind, target in targets if kind != "vehicle"]
+
+
+def stated_numbers(vehicle: Vehicle, model: Diagnosed) -> tuple[Number, ...]:
+    """What is stated of a vehicle that its model has, and tolerances on effects."""
+    numbers = [
+        Number(name, own.value, own.sd, model[name].unit, own.source)
+        for name, own in vehicle.values.items()
+        if name in model and model[name].shape == ()
+    ]
+    tolerances = [
+        Number(name, own.value, own.sd, EFFECTS[name].parameter.unit, own.source)
+        for name, own in vehicle.effects.items()
+        if name in EFFECTS and own.sd is not None
+    ]
+    return (*numbers, *tolerances)
 
 
 def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made) -> None:

@@ -11,7 +11,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
 from ..gap import Closure, Errors, Gap
-from ..gap.saved import plain
+from ..json_data import plain
 from ..reports.gap.content import Made
 from ..reports.gap.quantities import magnitude_words
 from ..reports.gap.words import how_far, judged, left, levels, told_apart, where, whether

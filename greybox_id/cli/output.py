@@ -7,15 +7,17 @@ import math
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console, JustifyMethod
 from rich.table import Table
 
-from ..fitting import Say
 from ..reports.numbers import pretty_unit
 from ..signals import unit_of
+
+if TYPE_CHECKING:
+    from ..fitting import Say
 
 WIDTH = 160
 """Columns of tables that go to a file or a pipe."""

@@ -1,4 +1,4 @@
-"""`greybox report`: what a fit, a diagnosis or several fits side by side say, as PDF or HTML."""
+"""`greybox report`: what a fit, a diagnosis, a track or several fits side by side say, as PDF or HTML."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..datasets.read import read
 from ..errors import BadInput
-from ..fit import FORMAT, Fit, load
-from ..json_data import read_json
+from ..fit import Fit, load
 from ..models.registry import build
 from ..provenance import DataRecord
 from ..recording import Recording
+from ..saved import format_of
 from .options import json_option
 from .output import console, print_json
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="report")
-@click.argument("files", nargs=-1, required=True, metavar="FIT|GAP...", type=click.Path())
+@click.argument("files", nargs=-1, required=True, metavar="FIT|GAP|TRACK...", type=click.Path())
 @click.option("--train", multiple=True, metavar="FILE", help="Training recording, where it has moved; repeatable.")
 @click.option("--validate", metavar="FILE", help="Validation recording, where it has moved.")
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
@@ -41,13 +40,14 @@ def report(
     figures: str | None,
     as_json: bool,
 ) -> None:
-    """Write a report of a FIT made by greybox fit, of a GAP (gap.json) left by greybox gap --out, or of several
-    FITs side by side.
+    """Write a report of a FIT made by greybox fit, of a GAP (gap.json) left by greybox gap --out, of a TRACK left by
+    greybox track beside its table, or of several FITs side by side.
 
     \b
     greybox report run/fit.json
     greybox report run/fit.json --format html
     greybox report gap/gap.json --out gap.html
+    greybox report estimates.json
     greybox report run/fit.json other/fit.json --out comparison.pdf
 
     The recordings of fits are read from where the fits found them, and must be the same files: their hashes are
@@ -80,26 +80,36 @@ def _beside(files: Sequence[Path], kind: str) -> Path:
 
 def _document(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
     """The report of what the files hold."""
-    others = [file for file in files if _is_no_fit(file)]
+    kinds = {file: format_of(file) for file in files}
+    others = [file for file, kind in kinds.items() if kind in OTHERS]
     if len(files) > 1:
         if others:
             raise BadInput(f"{others[0]} is no fit; only fits are compared side by side. Name it alone.")
         return _side_by_side(files, train, validate, columns)
-    if others:  # diagnosing loads more libraries than a report of a fit needs
-        from ..reports.gap.report import gap_report
-        from ..reports.gap.saved import load_gap
-
-        return gap_report(*load_gap(files[0]))
+    if others:
+        return OTHERS[kinds[files[0]]](files[0])
     from ..reports.report import prepared
 
     fit = load(files[0], build)
     return prepared(fit, recordings_of(fit, files[0], train, validate, columns))
 
 
-def _is_no_fit(file: Path) -> bool:
-    """Whether a file says itself that it is something else than a fit."""
-    body = read_json(file)
-    return isinstance(body, dict) and body.get("format", FORMAT) != FORMAT
+def _of_gap(file: Path) -> Document:
+    from ..reports.gap.report import gap_report
+    from ..reports.gap.saved import load_gap
+
+    return gap_report(*load_gap(file))
+
+
+def _of_track(file: Path) -> Document:
+    from ..reports.track.report import track_report
+    from ..reports.track.saved import load_track
+
+    return track_report(load_track(file))
+
+
+OTHERS = {"greybox-gap": _of_gap, "greybox-track": _of_track}
+"""What a file says it is -> its report, where it is no fit; each loads libraries that the others do without."""
 
 
 def _side_by_side(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
@@ -134,6 +144,8 @@ def recordings_of(
     option: str = "--{role}",
 ) -> list[Recording]:
     """The recordings of a fit, from where it found them or from where they have moved."""
+    from ..datasets.read import read
+
     moved = {"train": list(train), "validate": [validate] if validate else []}
     for role, files in moved.items():
         count = sum(record.role == role for record in fit.data)

@@ -5,18 +5,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import click
 import numpy as np
 from rich.table import Table
 
+from .. import __version__
 from ..choices.quantity import named, number
 from ..choices.wanted import Wanted
 from ..datasets.column_map import column_map
 from ..datasets.read import read
 from ..datasets.vehicle_text import write_vehicle
 from ..errors import BadInput
+from ..files import write_atomically
 from ..filters import How, Track
 from ..filters import track as track_recording
 from ..filters.applied import tracked_vehicle
@@ -28,8 +31,12 @@ from ..models.registry import build
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..reports.numbers import counted, pretty_unit
+from ..reports.track.digest import Made
+from ..reports.track.digesting import digest
+from ..reports.track.saved import as_text, is_track
 from ..signals import unit_of
 from ..vehicle import TrackingPlan
+from .defaults import command_line
 from .model_options import model_options, wanted
 from .options import columns_option, json_option
 from .output import console, print_json, progress
@@ -95,6 +102,8 @@ def track(
 
     Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
     follows from the readings. What is free with a stated belief (sd) is uncertain, and widens the bands.
+
+    Beside the table a .json of the same name is left, of which greybox report makes a report.
     """  # fmt: skip
     chosen = wanted(**asked)
     model, plan, uncertain = _model(chosen, fit_file)
@@ -119,20 +128,22 @@ def track(
     if apply is not None and chosen.vehicle is None:
         raise click.UsageError("--apply needs --vehicle, the file that it continues.")
     target = target_of(out)
+    kept = beside(target, [file, fit_file, apply, chosen.vehicle.path if chosen.vehicle is not None else None])
     recording = read(file, columns)
     with progress() as say:
         found = track_recording(
             model, recording, own, disturbances=others, effects=EFFECTS, how=how, uncertain=uncertain, say=say
         )
     write(found.table(), target)
-    written = [str(target)]
+    told = digest(found, recording, _made(chosen, fit_file, how))
+    written = [str(target), str(write_atomically(kept, as_text(told)))]
     if apply is not None and chosen.vehicle is not None:
         written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, found, own, others, EFFECTS), apply)))
     if figures is not None:
         from ..reports.drawing import write_drawings
-        from ..reports.tracking import drawings
+        from ..reports.track.drawings import drawings
 
-        written += [str(path) for path in write_drawings(drawings(found, recording), figures)]
+        written += [str(path) for path in write_drawings(drawings(told), figures)]
     if as_json:
         print_json(summary(found) | {"written": written})
         return
@@ -199,6 +210,24 @@ def _principal(covariance: Array | None) -> Array | None:
     values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
     kept = values > 1e-12 * max(values[-1], 1e-300)
     return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+
+
+def _made(chosen: Wanted, fit_file: str | None, how: How) -> Made:
+    """What a track is made with, for its report."""
+    vehicle = chosen.vehicle.name if chosen.vehicle is not None else ""
+    return Made(fit_file or vehicle, command_line(), __version__, how.tune, how.calibrate)
+
+
+def beside(table: Path, read_or_written: Sequence[str | Path | None]) -> Path:
+    """The file that a track leaves beside its table. Raises `BadInput` where another file has its place."""
+    target = table.with_suffix(".json")
+    others = {Path(file).resolve() for file in read_or_written if file is not None}
+    if target.resolve() in others or (target.exists() and not is_track(target)):
+        raise BadInput(
+            f"{target} is another file than a track, and greybox track leaves one of that name beside {table.name}; "
+            "name another table with --out."
+        )
+    return target
 
 
 def _names(written: Sequence[str]) -> tuple[str, ...]:

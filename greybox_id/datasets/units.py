@@ -10,24 +10,20 @@ import functools
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
-
-import pint
+from typing import TYPE_CHECKING, Any
 
 from ..errors import BadInput
+from ..signals import SIGNALS
+
+if TYPE_CHECKING:
+    import pint
 
 _FACTOR = r"(?:[^\W\d]\w{0,40}|[°%]|1)(?:\s*(?:\^|\*\*)\s*-?\d)?"
 _EXPRESSION = re.compile(rf"\s*{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR}){{0,6}}\s*")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "·": "*"})
 
-_NOT_A_UNIT = (
-    pint.PintError,  # undefined units, dimensions that do not match, offset units in products
-    ValueError,
-    TypeError,
-    AttributeError,  # pint attributes such as names that begin with an underscore
-    KeyError,
-    ArithmeticError,  # prefixes to the ninth power
-)
+_COHERENT = frozenset(signal.unit for signal in SIGNALS.values()) - {"deg"}
+"""Units of signals that are SI units without a factor."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +43,24 @@ class Conversion:
 
 @functools.cache
 def _registry() -> pint.UnitRegistry[Any]:
-    # Made on first use: building the registry takes longer than reading most files.
+    # Loaded and made on first use: that takes longer than reading most files.
+    import pint
+
     return pint.UnitRegistry(cache_folder=None)
+
+
+@functools.cache
+def _not_a_unit() -> tuple[type[Exception], ...]:
+    import pint
+
+    return (
+        pint.PintError,  # undefined units, dimensions that do not match, offset units in products
+        ValueError,
+        TypeError,
+        AttributeError,  # pint attributes such as names that begin with an underscore
+        KeyError,
+        ArithmeticError,  # prefixes to the ninth power
+    )
 
 
 @functools.cache
@@ -71,6 +83,8 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     spelled = unit.translate(_SUPERSCRIPTS).strip()
     if spelled == "g" and target == "m/s^2":
         spelled = "g_0"  # to pint a plain g is a gram
+    if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that
+        return Conversion(spelled, 1.0)
     base = _base(spelled, unit)
     if target is None:
         factor, offset = _affine(spelled, base, unit)
@@ -85,7 +99,7 @@ def _base(spelled: str, written: str) -> str:
     registry = _registry()
     try:
         return str(registry.Quantity(1, registry.parse_units(spelled)).to_base_units().units)
-    except _NOT_A_UNIT as error:
+    except _not_a_unit() as error:
         raise BadInput(f'unit "{written}" is not known; write it like "m/s^2", "deg/s" or "rad"') from error
 
 
@@ -93,7 +107,7 @@ def _affine(spelled: str, target: str, written: str) -> tuple[float, float]:
     quantity = _registry().Quantity
     try:
         at = [float(quantity(value, spelled).to(target).magnitude) for value in (0.0, 1.0, 2.0)]
-    except _NOT_A_UNIT as error:
+    except _not_a_unit() as error:
         raise BadInput(f'unit "{written}" cannot be converted to {target}') from error
     factor = at[1] - at[0]
     if not math.isclose(at[2] - at[1], factor, rel_tol=1e-9):  # decibels and their like

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import BadInput, near_or_all
 from ..parameter import Array
 from ..recording import Recording
+from ..signals import unit_of
 from .state_space import StateSpace
 
 PER_ROOT_SECOND = 0.1
@@ -19,6 +20,8 @@ FORCE_WALK = 1.0
 MEMORY = 5.0
 """How long a disturbance lasts, s."""
 COLOUR_MEMORY = 1.0
+ORIGINS = ("stated", "tuned", "guessed")
+"""Where the size of a noise may be from."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,22 @@ def start_levels(
         np.array([sizes[name] for name in space.noises]),
         tuple(name for name in space.noises if name not in stated and name not in unread),
     )
+
+
+def origins(space: StateSpace, stated: Mapping[str, float], tuned: Sequence[str]) -> dict[str, str]:
+    """Noise -> where its size is from, one of `ORIGINS`."""
+    return {name: "stated" if name in stated else "tuned" if name in tuned else "guessed" for name in space.noises}
+
+
+def units(space: StateSpace) -> dict[str, str]:
+    """Noise -> SI unit of its size; of what walks that is per root second, and none where it walks in shares."""
+    known = {own.name: "1" if own.logarithmic else own.unit for own in space.tracked}
+    known = {own.name: own.unit for own in space.model.states} | known
+    found = {}
+    for name in space.noises:
+        kind, _, of = name.partition("_")
+        found[name] = "s" if kind == "memory" else known.get(of, unit_of(of)) if kind == "walk" else unit_of(of)
+    return found
 
 
 def scatter_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:

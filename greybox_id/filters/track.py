@@ -29,7 +29,11 @@ class Track:
     values, sds : name -> (n,) estimate and its standard deviation, in SI units.
     units : name -> SI unit.
     tracked : names of what walks.
+    parameters, disturbances : what walks for good, and what comes and goes, as named; inputs that were not recorded
+        are among the parameters.
     noise : name -> size, as used.
+    noise_from, noise_units : name -> where its size is from (one of `noise.ORIGINS`), and its SI unit; of what walks,
+        that per root second.
     innovations, expected : channel -> (n,) innovations of readings, and their standard deviations as expected.
     consistency : channel -> what these say.
     widened : by how much standard deviations were widened for innovations that scatter further than expected.
@@ -50,7 +54,11 @@ class Track:
     sds: Mapping[str, Array]
     units: Mapping[str, str]
     tracked: tuple[str, ...]
+    parameters: tuple[str, ...]
+    disturbances: tuple[str, ...]
     noise: Mapping[str, float]
+    noise_from: Mapping[str, str]
+    noise_units: Mapping[str, str]
     innovations: Mapping[str, Array]
     expected: Mapping[str, Array]
     consistency: Mapping[str, Consistency]

@@ -222,3 +222,15 @@ def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Arr
         number = (elapsed // BLOCK).astype(int)
         blocks.append(np.bincount(number, weights=cost))
     return np.concatenate(blocks)
+
+
+def beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
+    """The first seconds of some runs; the first run has its share at least."""
+    found: list[LaidRun] = []
+    left = seconds
+    for own in runs:
+        if left <= 0 and found:
+            break
+        found.append(own.first(left))
+        left -= float(own.run.time[-1] - own.run.time[0])
+    return found

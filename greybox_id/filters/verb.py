@@ -23,11 +23,11 @@ from .guard import guarded
 from .how import READINGS, How
 from .kernel import History, Kept
 from .laid import LaidRun, laid
-from .noise import NoiseLevels, scatter_of, start_levels
+from .noise import NoiseLevels, origins, scatter_of, start_levels, units
 from .smoother import smoothed
 from .state_space import SLOWEST, StateSpace
 from .track import Track
-from .tuning import Tuned, model_coordinates, noise_coordinates, tuned
+from .tuning import Tuned, beginning, model_coordinates, noise_coordinates, tuned
 from .uncertain import believed, padded
 from .walking import walking
 
@@ -85,6 +85,7 @@ class Tracker:
     filtering : what filters it.
     readings : those that are taken.
     absent : inputs that are not recorded and walk therefore.
+    parameters, disturbances : what walks, as named, absent inputs among them.
     """
 
     def __init__(
@@ -107,7 +108,8 @@ class Tracker:
                 f"{recording.name} has none of {', '.join(how.readings)}, which the filter is to read; name "
                 f"others with --readings: {model.name} has {', '.join(model.outputs)}."
             )
-        changed, tracked = walking(model, (*parameters, *self.absent), disturbances, effects)
+        self.parameters, self.disturbances = (*parameters, *self.absent), tuple(disturbances)
+        changed, tracked = walking(model, self.parameters, self.disturbances, effects)
         coloured = tuple(name for name in how.coloured if name in self.readings)
         self.space = StateSpace(changed, tracked, coloured)
         self.filtering = filtering(self.space, how.filter, how.points, how.gate)
@@ -161,7 +163,11 @@ class Tracker:
             sds=sds,
             units={name: self._unit(name) for name in names},
             tracked=tuple(own.name for own in space.tracked),
+            parameters=self.parameters,
+            disturbances=self.disturbances,
             noise=dict(zip(space.noises, p[space.model.size :].tolist(), strict=True)),
+            noise_from=origins(space, self.stated_noise, levels.open if how.tune or how.calibrate else ()),
+            noise_units=units(space),
             innovations={name: off[:, k] for name, k in columns.items()},
             expected={name: np.sqrt(spread[:, k]) for name, k in columns.items()},
             consistency=judged,
@@ -200,8 +206,7 @@ class Tracker:
         noise = noise_coordinates(self.tuning, p, levels.open) if how.tune or how.calibrate else []
         if not noise and not own:
             return p, stated
-        beginning = _beginning(runs, max(how.tune, how.calibrate))
-        found: Tuned = tuned(self.tuning, beginning, p, noise, own, say)
+        found: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, own, say)
         return found.p, found.moves if own else stated
 
     def _calibrated(self, p: Array, moves: Array) -> dict[str, tuple[float, float]]:
@@ -286,14 +291,3 @@ def _signals(model: MotionModel, name: str) -> tuple[str, ...]:
 
 def _recorded(recording: Recording, name: str) -> bool:
     return name in recording and bool(np.any(np.isfinite(recording[name])))
-
-
-def _beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
-    found: list[LaidRun] = []
-    left = seconds
-    for own in runs:
-        if left <= 0 and found:
-            break
-        found.append(own.first(left))
-        left -= float(own.run.time[-1] - own.run.time[0])
-    return found

@@ -118,7 +118,8 @@ def fit_motion(
         )
     noise = attempts[0].problem.noise  # objectives compare only under one noise
     scores = [_misfit(attempt, simulator, recordings, noise, how) for attempt in attempts]
-    best = attempts[int(np.argmin(scores))]
+    order = np.argsort(scores, kind="stable").tolist()
+    best = attempts[order[0]]
     problem, solution, certificate = best.problem, best.solution, None
     if how.solver == "auto" and not interrupted:
         try:
@@ -131,12 +132,21 @@ def fit_motion(
     stage = Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
-        starts=tuple(sorted(scores)), strengths={}, strengths_from="given", tried=(),
+        starts=tuple(scores[k] for k in order), strengths={}, strengths_from="given", tried=(),
         noise={n: float(s) for n, s, seen in zip(model.outputs, spread, _seen(problem), strict=True) if seen},
         cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
         certificate=certificate,
+        ended_at=tuple(_free_numbers(model, attempts[k]) for k in order) if len(order) > 1 else (),
     )  # fmt: skip
     return problem, solution, stage
+
+
+def _free_numbers(model: MotionModel, attempt: _Attempt) -> dict[str, float]:
+    """Where an attempt ended, of single numbers that are free."""
+    p = attempt.problem.shared(attempt.solution.x)
+    places = np.concatenate([[0], np.cumsum([own.size for own in model.parameters])])
+    free = {own.name: places[k] for k, own in enumerate(model.parameters) if own.shape == () and not own.fixed}
+    return {name: float(p[place]) for name, place in free.items()}
 
 
 def _certified(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:

@@ -1,6 +1,5 @@
 """The sim-to-real gap: where it lies, which unmodelled effect causes it, how far it shrinks once that is added."""
 
-from .diagnosis import diagnose
-from .gap import CHANNELS, REGIMES, Closure, Errors, Gap, Ranked, Strip, Where
+from .gap import CHANNELS, REGIMES, Closure, Errors, Gap, Limit, Ranked, Strip, Where
 
-__all__ = ["CHANNELS", "REGIMES", "Closure", "Errors", "Gap", "Ranked", "Strip", "Where", "diagnose"]
+__all__ = ["CHANNELS", "REGIMES", "Closure", "Errors", "Gap", "Limit", "Ranked", "Strip", "Where"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 from scipy.stats import norm
@@ -18,8 +18,8 @@ from .advice import advice
 from .axes import Axis
 from .closing import closure, left_open
 from .evidence import p_value, probability
-from .examining import PRESENT, Examined, examine
-from .gap import Gap, Ranked
+from .examining import PRESENT, TINY, Examined, examine
+from .gap import Gap, Limit, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
@@ -135,6 +135,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         closed=closed,
         strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
         noise_stated=found.told,
+        limits=_limits(found),
     )
 
 
@@ -255,6 +256,23 @@ def _weak(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
         elif not axis.inverse:
             weak[name] = f"±{2 * own.sd:.2g} {axis.unit}".replace(" 1", "").strip()
     return weak, tuple(absorbed)
+
+
+def _limits(found: Examined) -> dict[str, Limit]:
+    """What would show of every effect that was not applied, the least visible first; limits that only a refit tells are
+    left out.
+    """
+    limits = {}
+    for own in found.selection.promised:
+        name, axis, reach = own.candidate.effect, own.candidate.axes[0], 2 * own.sd
+        if name in found.best.names or not isfinite(own.sd):
+            continue
+        typical = found.effects[name].typical
+        usual = abs((1 / typical if axis.inverse else typical) - axis.null)
+        beyond = reach > axis.high - axis.low
+        size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
+        limits[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), own.told)
+    return dict(sorted(limits.items(), key=lambda item: -item[1].share))
 
 
 def _shape(found: Examined, channel: str) -> str:

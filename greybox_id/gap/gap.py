@@ -29,6 +29,7 @@ class Where:
     regime : the regime it prefers; one of `REGIMES`.
     equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of what could be gained.
     time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.
+        Where clocks begin anew, runs are laid one behind the other.
     channels : channel -> root mean square of its errors over that of its noise.
     regimes : regime -> (share of the time, share of the gap).
     """
@@ -107,17 +108,39 @@ class Closure:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """What would show of an effect that is not there.
+
+    Attributes
+    ----------
+    size : the least magnitude that would, twice its standard deviation away from nothing; of limits, which act the
+        more the lower they are, the largest. Infinite (of limits: zero) where none within the effect's bounds would.
+    typical : its usual magnitude.
+    unit : of both.
+    share : of twice the standard deviation in the usual size: above one the usual size would not show.
+    told : share of what the recordings say of it that stated tolerances do not take up.
+    """
+
+    size: float
+    typical: float
+    unit: str
+    share: float
+    told: float
+
+
+@dataclass(frozen=True)
 class Strip:
     """What a picture of a gap along time and path is drawn from, per block of time.
 
     Attributes
     ----------
-    time : (n,) s, blocks' middles.
+    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
     before, after : (n,) mean square of the errors over the noise's.
     x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
     frequency : (k,) Hz.
     spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
-    map : "v_x" and "a_y": (cells + 1,) edges; "gap": (v_x cells, a_y cells) share of the gap, NaN where never driven.
+    map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
+        the first NaN where never driven.
     """
 
     time: Array
@@ -153,6 +176,7 @@ class Gap:
     advice : sentences on what could not be told, and the manoeuvre that would tell it.
     closed : the model with the applied effects at their magnitudes.
     strip : for pictures.
+    limits : effect that is not applied -> what would show of it, as far as derivatives tell.
     noise_stated : whether sensor noise is; else it is what the best explanation leaves, which proves nothing.
     """
 
@@ -174,6 +198,7 @@ class Gap:
     closed: Diagnosed | None = None
     strip: Strip | None = None
     noise_stated: bool = True
+    limits: Mapping[str, Limit] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

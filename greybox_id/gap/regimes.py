@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..parameter import Array
+from .clock import running
 from .gap import Where
 from .kinds import AnyBench
 from .shortlist import Promise
@@ -107,11 +108,12 @@ def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
         return {}
     ends = np.searchsorted(held, held[:-1] + held[-1] / 2)
     starts = np.flatnonzero(ends < len(held))
+    time = running(bench.time)
     first = int(starts[np.argmin(ends[starts] - starts)])
     last = min(int(ends[first]), len(bench.time) - 1)
     return {
-        "from": float(bench.time[first]),
-        "to": float(bench.time[last]),
+        "from": float(time[first]),
+        "to": float(time[last]),
         "share": (last - first + 1) / len(bench.time),
     }
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .gap import Closure, Errors, Gap, Ranked, Strip, Where
+from ..json_data import plain
+from .gap import Closure, Errors, Gap, Limit, Ranked, Strip, Where
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -50,20 +51,8 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         advice=_words(body["advice"]),
         strip=None if body["strip"] is None else _strip(body["strip"]),
         noise_stated=bool(body["noise_stated"]),
+        limits={str(name): Limit(**_limit(own)) for name, own in body.get("limits", {}).items()},
     )
-
-
-def plain(value: Any) -> Any:
-    """Plain data without numpy's own kinds of number."""
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(inner) for inner in value]
-    return value
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
@@ -71,6 +60,10 @@ def _ranked(body: Mapping[str, Any]) -> Ranked:
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
     )  # fmt: skip
+
+
+def _limit(body: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: str(value) if name == "unit" else float(value) for name, value in body.items()}
 
 
 def _closure(body: Mapping[str, Any]) -> Closure:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import welch
 
 from ..parameter import Array
+from .clock import running
 from .gap import Strip
 from .kinds import AnyBench
 
@@ -29,6 +30,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
     length = max(1, round(BLOCK / bench.sample_time))
     blocks = [slice(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
+    time = running(bench.time)
     x, y = _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
     longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
@@ -40,7 +42,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
             frequency, density = welch(own[longest, c] / sd[c], fs=1 / bench.sample_time, nperseg=window)
             spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
     return Strip(
-        time=np.array([float(np.mean(bench.time[own])) for own in blocks]),
+        time=np.array([float(np.mean(time[own])) for own in blocks]),
         before=np.array([float(np.mean(first[own])) for own in blocks]),
         after=np.array([float(np.mean(then[own])) for own in blocks]),
         x=np.array([float(np.mean(x[own])) for own in blocks]) if len(x) else x,
@@ -74,7 +76,7 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
     rows, _, _ = np.histogram2d(v, a, edges)
     total, _, _ = np.histogram2d(v, a, edges, weights=gap)
     share = np.where(rows > 0, total / max(float(np.sum(np.abs(total))), 1e-12), np.nan)
-    return {"v_x": edges[0], "a_y": edges[1], "gap": share}
+    return {"v_x": edges[0], "a_y": edges[1], "gap": share, "time": rows / max(len(v), 1)}
 
 
 def _edges(values: Array) -> Array:

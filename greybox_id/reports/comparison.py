@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from ..errors import BadInput
 from ..fit import Fit
 from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
+from ..model import Model
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
-from ..signals import unit_of
+from ..signals import SIGNALS, unit_of
 from .document import Document, Pairs, Part, Table, Text, Verdict, titled
 from .drawing import Drawing
 from .figures.style import label
+from .hybrid.report import seen as hybrid_seen
 from .memory.seen import seen
 from .motion.driven import driven
 from .numbers import counted, listed, number, percent, pretty_unit, signal_words
@@ -32,6 +34,10 @@ from .recordings import Seen
 COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
 
 OWN_PREDICTIONS = "closed_loop"
+PREDICTIONS: Mapping[type[Model], Callable[[Fit, Sequence[Recording]], Sequence[Seen]]] = {
+    MotionModel: driven, MemoryModel: seen, HybridModel: hybrid_seen,
+}  # fmt: skip
+"""Kind of model -> what predicts the recordings that a fit saw."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +54,8 @@ def comparison(fits: Sequence[Named]) -> Document:
 
     Raises
     ------
-    BadInput : a hybrid is among them, or a recording of one is missing.
+    BadInput : a recording of one is missing.
     """
-    for own in fits:
-        if isinstance(own.fit.model, HybridModel):
-            raise BadInput(f"{own.name} is a fit of {own.fit.model.name}; hybrids are not compared yet.")
     role = common_role(fits)
     parts: tuple[Part, ...]
     if role is None:
@@ -89,7 +92,7 @@ def common_role(fits: Sequence[Named]) -> str | None:
 
 
 def _judged(own: Named, role: str) -> Judged:
-    every: Sequence[Seen] = (driven if isinstance(own.fit.model, MotionModel) else seen)(own.fit, own.recordings)
+    every = next(made for kind, made in PREDICTIONS.items() if isinstance(own.fit.model, kind))(own.fit, own.recordings)
     found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
     for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
         for protocol, prediction in one.predicted.items():
@@ -109,8 +112,8 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
         if protocol == main:
             ratio = own.second / own.first if own.first > 0 else float("nan")
             size = percent(abs(ratio - 1.0))
-            word = "no different" if not own.told else f"{size} {'larger' if ratio > 1 else 'smaller'}"
-            clauses.append(f"{word} in {signal_words(output)}")
+            word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if own.told else "no different"
+            clauses.append(f"{word if np.isfinite(own.low) else 'not to be told apart'} in {signal_words(output)}")
     how = "in free run" if main == FREE_RUN else _protocol(main)
     return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
 
@@ -140,15 +143,15 @@ def _protocol(name: str) -> str:
 
 
 def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
-    """A panel for each output: RMSE of every fit over the protocols."""
-    protocols = list(dict.fromkeys(p for own in found.values() for p in own if p != "published"))
-    outputs = list(
-        dict.fromkeys(n for own in found.values() for parts in own.values() for _, ns, _ in parts for n in ns)
-    )
-    ticks = tuple(
-        (float(k), p.removesuffix(" s ahead").replace("free run", "free").replace("honest", "1 sample"))
-        for k, p in enumerate(protocols)
-    )
+    """A panel for each output that several fits predict: RMSE of every fit over the protocols."""
+    step = next(parts[0][0].sample_time for own in found.values() for parts in own.values())
+    seconds = {p: _seconds(p, step) for own in found.values() for p in own if p != "published"}
+    protocols = sorted(seconds, key=lambda protocol: seconds[protocol])
+    predicted = [{n for parts in own.values() for _, ns, _ in parts for n in ns} for own in found.values()]
+    outputs = [name for name in SIGNALS if sum(name in own for own in predicted) > 1]
+    if not outputs:
+        return ()
+    ticks = tuple((float(k), f"{s:g}" if np.isfinite(s := seconds[p]) else "free") for k, p in enumerate(protocols))
     x = Axis("horizon [s]", -0.4, len(protocols) - 0.6, ticks=ticks)
     panels = []
     for output in outputs:
@@ -167,6 +170,11 @@ def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
         panels.append(Panel(tuple(marks), x, Axis(label("RMSE", unit_of(output)), low=0.0), signal_words(output)))
     caption = "RMSE of every fit on the same recordings by horizon of prediction, each over all rows it predicts."
     return (Drawing("comparison", grid(panels, min(len(panels), 4), 100.0), caption, "Errors of all fits by horizon."),)
+
+
+def _seconds(protocol: str, step: float) -> float:
+    """How far a protocol predicts, s; infinite in free run."""
+    return step if protocol == "honest" else np.inf if protocol == FREE_RUN else float(protocol.split(" ", 1)[0])
 
 
 def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Prediction]]) -> float:
@@ -188,10 +196,16 @@ def _described(fits: Sequence[Named]) -> Table:
         rows.append(
             (
                 own.name, model.name, ", ".join(model.effects) or "none", counted(free, "free parameter"),
-                listed(trained), listed(judged) or "none", "yes" if own.fit.stages[-1].converged else "no",
+                listed(trained), listed(judged) or "none", _converged(own.fit),
             )
         )  # fmt: skip
     return Table(("fit", "model", "effects", "size", "trained on", "judged on", "converged"), tuple(rows), "llLllll")
+
+
+def _converged(found: Fit) -> str:
+    if not found.stages:
+        return "not fitted here"  # an imported network
+    return "yes" if found.stages[-1].converged else "no"
 
 
 def _commands(fits: Sequence[Named]) -> Pairs:

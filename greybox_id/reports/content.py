@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..fit import Fit
+from ..provenance import DataRecord
 from ..signals import unit_of
 from .document import Pairs, Part, Points, Table, Text, Verdict, titled
 from .noise import Noise
@@ -87,13 +88,18 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
 
 def recorded(fit: Fit) -> Table:
     """The recordings that a fit saw."""
+    return recorded_in(fit.data, ROLE_WORDS)
+
+
+def recorded_in(data: Sequence[DataRecord], roles: Mapping[str, str]) -> Table:
+    """Recordings, what each was for, in words, and how large it is."""
     head = ("role", "recording", "sha256", "column map", "runs", "samples", "duration")
     rows = tuple(
         (
-            ROLE_WORDS.get(d.role, d.role), d.path.replace("\\", "/").rsplit("/", 1)[-1] or d.name,
+            roles.get(d.role, d.role), d.path.replace("\\", "/").rsplit("/", 1)[-1] or d.name,
             d.sha256[:12] or "in memory", d.columns or "–", str(d.runs), str(d.samples), f"{d.duration:.2f} s",
         )
-        for d in fit.data
+        for d in data
     )  # fmt: skip
     return Table(head, rows, "lLllrrr")
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ..fit import Fit
 from ..provenance import Stage
 from .document import Table
@@ -11,6 +13,8 @@ from .numbers import counted, number, percent
 
 SAME_OBJECTIVE = 1e-3
 """Starts whose objective is within this share of the best count as having found the same."""
+MOST_STARTS, LEAST_OFF = 12, 0.01
+"""Starts that have a row; standard deviations from which on an end is off."""
 NOTHING = 1e-6
 """Below this share, a difference of objectives counts as none."""
 
@@ -28,6 +32,42 @@ def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
         for stage in fit.stages
     )  # fmt: skip
     return Table(head, rows, "LLrrrLL")
+
+
+def same_as_best(stage: Stage) -> list[bool]:
+    """Of every start, whether its objective is that of the best."""
+    best = min(stage.starts)
+    return [abs(own - best) <= SAME_OBJECTIVE * abs(best) for own in stage.starts]
+
+
+def spread_of(fit: Fit, stage: Stage) -> dict[str, list[tuple[float, bool]]]:
+    """Free numbers with a standard deviation -> of every start, where it ended beside the estimate, in standard
+    deviations, and whether its objective is that of the best; empty for a single start.
+    """
+    found = {}
+    for name in stage.ended_at[0] if len(stage.ended_at) > 1 else ():
+        sd = float(np.ravel(fit.sd.get(name, 0.0))[0])
+        if name in fit.model and np.isfinite(sd) and sd > 0:
+            estimate = float(np.ravel(fit.model[name].array)[0])
+            ends = [(own[name] - estimate) / sd for own in stage.ended_at]
+            found[name] = list(zip(ends, same_as_best(stage), strict=True))
+    return found
+
+
+def starts(fit: Fit, stage: Stage) -> Table:
+    """Every start: how it compares, and the number that ended furthest from the estimate."""
+    spread = spread_of(fit, stage)
+    if not spread:
+        return Table((), ())
+    best, rows = min(stage.starts), []
+    for k, objective in enumerate(stage.starts[:MOST_STARTS]):
+        name = max(spread, key=lambda own: abs(spread[own][k][0]))
+        above = (objective - best) / abs(best) if best else float("nan")
+        off = spread[name][k][0]
+        where = (name, f"{number(off, 2)} sd") if abs(off) >= LEAST_OFF else ("–", "–")
+        rows.append((str(k + 1), number(objective, 6), percent(above) if above > NOTHING else "–", *where))
+    head = ("start", "objective", "above the best", "furthest off", "by")
+    return Table(head, tuple(rows), "lrrlr")
 
 
 def ended(stage: Stage) -> str:
@@ -56,8 +96,7 @@ def ipopt_words(stage: Stage) -> str:
 def _starts(stage: Stage) -> str:
     if len(stage.starts) < 2:
         return "1"
-    best = min(stage.starts)
-    same = sum(abs(s - best) <= SAME_OBJECTIVE * abs(best) for s in stage.starts)
+    best, same = min(stage.starts), sum(same_as_best(stage))
     spread = (max(stage.starts) - best) / abs(best) if best else float("nan")
     words = f"{same} of {len(stage.starts)} the same"
     return f"{words}; worst {percent(spread)} above" if spread > NOTHING else words

@@ -104,6 +104,11 @@ def signal_words(name: str) -> str:
     return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name
 
 
+def capital(sentence: str) -> str:
+    """The sentence with a capital at its start."""
+    return sentence[:1].upper() + sentence[1:]
+
+
 def counted(count: int, word: str, plural: str = "") -> str:
     """A number with its noun: 1 run, 4 runs."""
     return f"{count:,}".replace(",", " ") + " " + (word if count == 1 else plural or f"{word}s")

@@ -58,6 +58,22 @@ def test_it_predicts_simulates_and_is_validated(fitted, files, tmp_path):
     assert "free run" in greybox("validate", path, files[2], "--columns", "canonical").out
 
 
+def test_it_stands_beside_equations_of_motion(fitted, files, tmp_path):
+    path, _ = fitted
+    done = greybox("fit", "--model", "lateral", "--set", "tyre=linear", "--vehicle", "simrod", *files[:2],
+                   "--validate", files[2], "--out", tmp_path)  # fmt: skip
+    assert done.code == 0, done.err
+    target = tmp_path / "both.html"
+    both = greybox("report", tmp_path / "fit.json", path, "--out", target, "--json")
+    assert both.code == 0, both.err
+    (sentence,) = both.told["verdict"]
+    assert "its errors in free run are" in sentence
+    assert "not to be told apart in yaw rate" in sentence  # three seconds are too few blocks
+    said = target.read_text("utf-8")
+    assert "hybrid_force" in said
+    assert "yaw acceleration" not in said  # only one of them predicts it
+
+
 def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_path):
     path, _ = fitted
     model = ("fit", "--model", "hybrid_force", files[0], "--columns", "canonical", *SMALL)

@@ -89,7 +89,7 @@ def test_json_is_one_object_with_what_was_found(files):
     }  # fmt: skip
     assert told["estimates"]["C_alpha_f"]["unit"] == "N/rad"
     assert 0 < told["estimates"]["C_alpha_f"]["told_in"] <= 1
-    assert told["written"] == [str(files / "estimates.csv")]
+    assert told["written"] == [str(files / "estimates.csv"), str(files / "estimates.json")]
 
 
 def test_people_read_tables_and_what_to_mind(files):
@@ -111,8 +111,28 @@ def test_forces_take_the_place_of_tyres_where_they_are_named(files):
 def test_pictures_are_written(files):
     told = track(files, "--figures", files / "pictures")
     names = {path.name for path in (files / "pictures").iterdir()}
-    assert len([name for name in names if name.endswith(".svg")]) == 3
+    assert len([name for name in names if name.endswith(".svg")]) == 4
     assert {str(files / "pictures" / name) for name in names if name.endswith(".svg")} <= set(told["written"])
+
+
+def test_what_is_left_beside_the_table_has_a_report(files):
+    track(files, out="lap8.csv")
+    called = greybox("report", files / "lap8.json", "--out", files / "lap8.html", "--json")
+    assert called.code == 0, called.err
+    assert "Along lap, 500 rows in 1 run, an EKF on lateral" in called.told["verdict"][0]
+    assert "Nothing that was estimated was also measured" not in called.told["verdict"][2]
+    assert "track --vehicle" in (files / "lap8.html").read_text("utf-8")
+    track(files, out="lap8.csv")
+
+
+def test_another_file_beside_the_table_is_not_written_over(files):
+    (files / "mine.json").write_text('{"mine": 1}')
+    said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "mine.csv")
+    assert "mine.json is another file than a track" in said
+    assert (files / "mine.json").read_text() == '{"mine": 1}'
+    said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "new.csv",
+                   "--apply", files / "new.json")  # fmt: skip
+    assert "new.json is another file than a track" in said
 
 
 def test_a_vehicle_file_with_what_was_tuned_gives_the_same_estimates_again(files):

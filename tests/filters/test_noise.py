@@ -5,7 +5,7 @@ import pytest
 from filter_cases import driven_space
 
 from greybox_id.errors import BadInput
-from greybox_id.filters.noise import scatter_of, start_levels
+from greybox_id.filters.noise import origins, scatter_of, start_levels, units
 from greybox_id.recording import Recording
 
 
@@ -50,6 +50,15 @@ def test_what_is_stated_stays_and_the_rest_is_open(space):
 
 def test_noise_of_what_is_not_read_is_not_open(space):
     assert {"noise_v_x", "noise_v_y", "noise_a_x"}.isdisjoint(levels(space)[1])
+
+
+def test_every_noise_has_a_unit_and_an_origin(space):
+    told = units(space)
+    assert set(told) == set(space.noises)
+    assert (told["walk_v_y"], told["walk_stiffness_f"], told["walk_F_yr"]) == ("m/s", "1", "N")
+    assert (told["noise_a_y"], told["colour_a_y"], told["memory_a_y"]) == ("m/s^2", "m/s^2", "s")
+    found = origins(space, {"walk_v_y": 0.1}, ["noise_a_y"])
+    assert (found["walk_v_y"], found["noise_a_y"], found["noise_v_x"]) == ("stated", "tuned", "guessed")
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])

@@ -10,8 +10,8 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap import CHANNELS, REGIMES, diagnose
-from greybox_id.gap.diagnosis import FORM
+from greybox_id.gap import CHANNELS, REGIMES
+from greybox_id.gap.diagnosis import FORM, diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle
@@ -71,6 +71,25 @@ def test_what_a_recording_does_not_excite_is_told_with_its_unit(clean):
         assert size.startswith("±")
 
 
+def test_what_would_show_of_effects_is_told_the_least_visible_first(clean, delayed):
+    assert len(clean.limits) > 25
+    shares = [own.share for own in clean.limits.values()]
+    assert shares == sorted(shares, reverse=True)
+    for name, own in clean.limits.items():
+        assert own.unit == EFFECTS[name].parameter.unit
+        assert own.typical == EFFECTS[name].typical
+        assert 0 <= own.told <= 1 + 1e-9
+    bias = clean.limits["yaw_rate_bias"]
+    assert bias.size == pytest.approx(bias.typical * bias.share)
+    assert "steering_delay" not in delayed.limits
+
+
+def test_an_effect_shows_well_above_its_limit_and_hides_well_below(clean):
+    limit = clean.limits["yaw_rate_bias"].size
+    assert diagnosed(lap({"yaw_rate_bias": 5 * limit}, 20.0)).applied == ("yaw_rate_bias",)
+    assert diagnosed(lap({"yaw_rate_bias": 0.2 * limit}, 20.0)).applied == ()
+
+
 def test_a_late_steering_is_found_with_its_delay(delayed):
     own = told(delayed, "steering_delay", 0.05)
     assert delayed.ranking[0].effect == "steering_delay"
@@ -119,6 +138,8 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
 def test_the_picture_covers_the_lap(delayed):
     strip = delayed.strip
     assert len(strip.time) == len(strip.before) == len(strip.after) == len(strip.x) == 20
+    assert np.sum(strip.map["time"]) == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_array_equal(strip.map["time"] > 0, np.isfinite(strip.map["gap"]))
     assert np.mean(strip.before) > 2 * np.mean(strip.after)
     assert set(strip.spectrum_before) == set(CHANNELS)
 

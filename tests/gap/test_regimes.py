@@ -62,6 +62,15 @@ def test_the_shortest_stretch_that_holds_half_of_a_gap_is_told(driven):
     assert found.time["share"] == pytest.approx(101 / ROWS, abs=0.003)
 
 
+def test_where_clocks_begin_anew_the_stretch_still_ends_behind_its_beginning(driven):
+    bench, seen = driven
+    excess = np.full(ROWS, 1e-3)
+    excess[1400:1600] = 1.0
+    bench.time = np.concatenate([TIME[:1500], TIME[:1500]])
+    found = placed((bench, seen), excess)
+    assert TIME[1400] - 0.05 <= found.time["from"] < found.time["to"] <= TIME[1600] + 0.05
+
+
 @pytest.mark.parametrize("excess", [np.zeros(ROWS), -np.ones(ROWS)])
 def test_no_gap_lies_nowhere(driven, excess):
     found = placed(driven, excess)

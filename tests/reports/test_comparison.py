@@ -91,3 +91,12 @@ def test_fits_judged_on_other_files_are_not_compared(two):
     trained = replace(two[0], fit=replace(two[0].fit, data=two[0].fit.data[:2]))
     assert common_role([trained, trained]) == "train"
     assert common_role([trained, two[0]]) is None
+
+
+def test_horizons_are_drawn_in_their_order_and_outputs_that_several_fits_predict(two, small_fit, train, validate):
+    (drawing,) = (own for own in comparison(two).drawings if own.name == "comparison")
+    assert [words for _, words in drawing.figure.panels[0].x.ticks] == ["0.1", "0.5", "1", "2", "free"]
+    assert [panel.title for panel in drawing.figure.panels] == ["v_y", "yaw rate", "a_y"]
+    maps = [Named(name, small_fit, (train, validate)) for name in ("one", "other")]
+    (drawing,) = comparison(maps).drawings
+    assert [words for _, words in drawing.figure.panels[0].x.ticks] == ["0.05"]

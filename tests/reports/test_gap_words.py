@@ -107,7 +107,7 @@ def test_a_report_holds_words_only(case):
     said = gap_content(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
     assert said.recordings.rows[0][:2] == ("held out", "lap8.csv")
     assert dict(said.provenance)["command"] == "greybox gap lap7.csv"
-    for table in (said.ranking, said.closures, said.equations, said.channels, said.regimes):
+    for table in (said.ranking, said.closures, said.equations, said.regimes):
         assert all(len(row) == len(table.head) and all(isinstance(cell, str) for cell in row) for row in table.rows)
     assert not re.search(r"\b(nan|inf|None)\b", str(said))
 

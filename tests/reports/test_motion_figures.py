@@ -32,7 +32,7 @@ def car():
 def test_there_is_every_figure_that_the_model_gives_a_meaning(motion_made):
     assert [one.name for one in motion_made] == [
         *("correlation", "horizons", "traces", "traces_training", "residuals", "spectrum"),
-        *("tyres", "handling", "convergence"),
+        *("tyres", "handling", "convergence", "starts"),
     ]
 
 

@@ -17,6 +17,8 @@ AXLES = {"f": "front", "r": "rear"}
 BINS = 60
 REACH = 0.998
 """Of the samples, in both directions."""
+KILO = 1000.0
+"""Forces from here on, N, are drawn in kN."""
 
 
 def forces_over_slip(values: Mapping[str, Array]) -> Figure | None:
@@ -25,8 +27,10 @@ def forces_over_slip(values: Mapping[str, Array]) -> Figure | None:
     if not all(name in values for name in wanted):
         return None
     panels = []
+    largest = max(float(np.nanquantile(np.abs(values[f"F_y{axle}"]), REACH)) for axle in AXLES)
+    scale, unit = (1000.0, "kN") if largest >= KILO else (1.0, "N")
     for axle, where in AXLES.items():
-        pairs = np.column_stack([values[f"alpha_{axle}"], values[f"F_y{axle}"] / 1000.0])
+        pairs = np.column_stack([values[f"alpha_{axle}"], values[f"F_y{axle}"] / scale])
         slip, force = pairs[np.all(np.isfinite(pairs), axis=1)].T
         ends = [max(float(np.quantile(np.abs(a), REACH)), 1e-6) * 1.1 for a in (slip, force)]
         area = ((-ends[0], ends[0]), (-ends[1], ends[1]))
@@ -38,7 +42,7 @@ def forces_over_slip(values: Mapping[str, Array]) -> Figure | None:
         panels.append(
             Panel(
                 marks, Axis(f"slip angle alpha_{axle} [rad]", *area[0]),
-                Axis(f"lateral force F_y{axle} [kN]", *area[1]), f"{where} axle",
+                Axis(f"lateral force F_y{axle} [{unit}]", *area[1]), f"{where} axle",
             )
         )  # fmt: skip
     return Figure((tuple(panels),), (150.0,))

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Any
 
-from ...gap import Closure, Gap, Ranked
+from ...gap import Closure, Errors, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
+from ..content import recorded_in
 from ..document import Table
-from ..numbers import listed, number, percent, pretty_unit, signal_words
+from ..numbers import capital, listed, number, percent, pretty_unit, signal_words
 from .quantities import interval_words, magnitude_words
-from .words import REGIMES, capital, how_far, on_these, probability_words, verdict, whole_percent
+from .words import REGIMES, how_far, on_these, probability_words, verdict, whole_percent
 
 LEAST, FIRST = 0.05, 2
 """Effects less probable than this have no sentences of their own unless they are applied or among the first."""
 MOST_EVIDENCE, MOST_RANKED = 5, 12
 """Effects that have sentences, and a row in the table."""
 ROLES = {"train": "diagnosed", "validate": "held out"}
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number as it was stated: `sd` None where it is exact, `value` None for a tolerance about no effect."""
+
+    name: str
+    value: float | None
+    sd: float | None
+    unit: str
+    source: str
 
 
 @dataclass(frozen=True)
@@ -33,6 +45,8 @@ class Made:
     seed, version : of everything random; greybox-id's own.
     data : recordings, those held out in the role "validate".
     settings : from which the model was built.
+    effects : of that model, with their magnitudes.
+    stated : numbers of the vehicle that the model has, and tolerances on effects.
     """
 
     vehicle: str
@@ -41,6 +55,8 @@ class Made:
     version: str
     data: tuple[DataRecord, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    effects: Mapping[str, float] = field(default_factory=dict)
+    stated: tuple[Number, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +71,10 @@ class GapContent:
     ranking : the effects; evidence : sentences on the likely ones.
     runner_up : a sentence on the likeliest effect that was not applied.
     apart : what could not be told, and the manoeuvre that would tell.
-    silent : effects that would not show; absorbed : a sentence on what tolerances would take up.
+    absorbed : a sentence on what tolerances would take up.
     closures : how far, on which recordings; judged : in a sentence each.
     errors : (title, table) pairs.
-    equations, channels, regimes : where.
+    equations, regimes : where.
     recordings, provenance : files, and (what, value) pairs.
     """
 
@@ -70,13 +86,11 @@ class GapContent:
     evidence: tuple[tuple[str, str], ...]
     runner_up: str
     apart: tuple[str, ...]
-    silent: Table
     absorbed: str
     closures: Table
     judged: tuple[str, ...]
     errors: tuple[tuple[str, Table], ...]
     equations: Table
-    channels: Table
     regimes: Table
     recordings: Table
     provenance: tuple[tuple[str, str], ...]
@@ -95,31 +109,23 @@ def gap_content(gap: Gap, made: Made) -> GapContent:
         evidence=tuple(_evidence(gap)),
         runner_up=_runner_up(gap),
         apart=gap.advice,
-        silent=_silent(gap),
         absorbed=_absorbed(gap),
         closures=Table(
             ("recordings", "before", "after", "floor", "closes by"), tuple(_row(*one) for one in both), "Lrrrr"
         ),
         judged=tuple(f"{capital(how_far(gap, *one))}." for one in both),
         errors=tuple(
-            (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one))
+            (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one, bool(gap.applied)))
             for one, held_out in reversed(both)
             if one.errors
         ),
         equations=Table(
-            ("equation", "share of the gap"), tuple((k, percent(v)) for k, v in own.equations.items()), "Lr"
+            ("equation", "share of the gap"),
+            tuple((k, percent(v)) for k, v in own.equations.items() if gap.gap_detected),
+            "lr",
         ),
-        channels=Table(
-            ("channel", "error over noise"),
-            tuple((signal_words(k), number(v, 2)) for k, v in own.channels.items()),
-            "Lr",
-        ),
-        regimes=Table(
-            ("regime", "of the time", "of the gap"),
-            tuple((REGIMES.get(k, k), percent(t), percent(g)) for k, (t, g) in own.regimes.items()),
-            "Lrr",
-        ),
-        recordings=_recordings(made.data),
+        regimes=_regimes(gap),
+        recordings=recorded_in(made.data, ROLES),
         provenance=(
             ("version", f"greybox-id {made.version}"),
             ("command", made.command or "not recorded (diagnosed from Python)"),
@@ -191,12 +197,14 @@ def _touches_null(own: Ranked) -> bool:
     return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
 
 
-def _silent(gap: Gap) -> Table:
+def _regimes(gap: Gap) -> Table:
+    """Shares of the time, and of the gap where there is one."""
+    head = ("regime", "of the time", *(("of the gap",) if gap.gap_detected else ()))
     rows = tuple(
-        (name, EFFECTS[name].parameter.about if name in EFFECTS else "", size) for name, size in gap.not_excited.items()
+        (REGIMES.get(k, k), percent(t), *((percent(g),) if gap.gap_detected else ()))
+        for k, (t, g) in gap.where.regimes.items()
     )
-    head = ("could be there unseen", "meaning", "up to (twice its standard deviation)")
-    return Table(head, rows, "lLr")
+    return Table(head, rows, "lrr"[: len(head)])
 
 
 def _absorbed(gap: Gap) -> str:
@@ -212,17 +220,15 @@ def _row(closure: Closure, held_out: bool) -> tuple[str, ...]:
     return (names, number(closure.before), number(closure.after), number(closure.floor), share)
 
 
-def _errors(closure: Closure) -> Table:
-    """Before → after (floor), a row for each channel, a column for each horizon."""
+def _errors(closure: Closure, applied: bool) -> Table:
+    """Before → after (floor), a row for each channel, a column for each horizon; without effects there is no after."""
     horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: inf if h is None else h)
     by = {(own.channel, own.horizon): own for own in closure.errors}
     rows = []
     for channel in dict.fromkeys(own.channel for own in closure.errors):
         found = [by.get((channel, horizon)) for horizon in horizons]
         unit = next(own.unit for own in found if own is not None)
-        cells = (
-            "–" if e is None else f"{number(e.before, 2)} → {number(e.after, 2)} ({number(e.floor, 2)})" for e in found
-        )
+        cells = ("–" if e is None else _cell(e, applied) for e in found)
         rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
     return Table(
         ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),
@@ -231,13 +237,6 @@ def _errors(closure: Closure) -> Table:
     )
 
 
-def _recordings(data: Sequence[DataRecord]) -> Table:
-    head = ("role", "recording", "sha256", "column map", "runs", "samples", "duration")
-    rows = tuple(
-        (
-            ROLES.get(d.role, d.role), d.path.replace("\\", "/").rsplit("/", 1)[-1] or d.name,
-            d.sha256[:12] or "in memory", d.columns or "–", str(d.runs), str(d.samples), f"{d.duration:.2f} s",
-        )
-        for d in data
-    )  # fmt: skip
-    return Table(head, rows, "lLllrrr")
+def _cell(error: Errors, applied: bool) -> str:
+    after = f" → {number(error.after, 2)}" if applied else ""
+    return f"{number(error.before, 2)}{after} ({number(error.floor, 2)})"

@@ -12,6 +12,7 @@ from ..drawing import Drawing
 from ..numbers import listed
 from ..pdf import write_pdf, write_png
 from .figures.bars import bars
+from .figures.limits import limits
 from .figures.ranking import ranking
 from .figures.spectra import spectra
 from .figures.strips import strips
@@ -29,12 +30,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
             f"How far: errors of every channel by horizon of prediction, on {on}.",
             "Bars of errors over horizons, before and after, with the floor.",
         ),
-        Drawing(
-            "gap_ranking", ranking(gap),
-            "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0 is not "
-            "there)" + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else "."),
-            "Bars of probabilities of effects with their intervals; map of the gap.",
-        ),
+        *_causes(gap),
     ]  # fmt: skip
     if gap.strip is not None:
         stretch = gap.where.time if gap.gap_detected else {}
@@ -51,6 +47,28 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
             ),
         ]  # fmt: skip
     return tuple(found)
+
+
+def _causes(gap: Gap) -> tuple[Drawing, ...]:
+    """Which effects there may be; without a gap, which there could be unseen."""
+    if gap.gap_detected or not gap.limits:
+        caption = (
+            "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0 is not "
+            "there)" + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
+        )
+        return (
+            Drawing(
+                "gap_ranking", ranking(gap), caption,
+                "Bars of probabilities of effects with their intervals; map of the gap.",
+            ),
+        )  # fmt: skip
+    figure = limits(gap)
+    assert figure is not None
+    caption = (
+        "Unseen: the effects that would show least, by the size from which on they would, over their usual size; and "
+        "where in speed and lateral acceleration the recordings were driven (blank: never)."
+    )
+    return (Drawing("gap_limits", figure, caption, "Bars of sizes that would show; map of what was driven."),)
 
 
 def page(gap: Gap) -> Document:

@@ -5,14 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...gap import Gap
+from ...memory_model import MemoryModel
+from ...model import Model
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
 from ..document import Document, Formulas, Pairs, Part, Points, Text, Together, Verdict, titled
+from ..equations.expression import Equation
+from ..equations.memory import memory_equations
 from ..equations.motion import motion_equations
 from ..equations.shared import readable
 from ..numbers import listed
 from ..report import write
+from . import unseen
 from .content import GapContent, Made, gap_content, likely
 from .page import drawings
 
@@ -53,6 +58,21 @@ METHOD = (
     ),
 )
 ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
+ERRORS_ALONE = "RMSE (floor), from measured states over each horizon, and in free run."
+LIMITS = (
+    "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
+    "all that is stated with a tolerance is refitted; told: the share of what the recordings say of it that "
+    "tolerances do not take up. Effects whose size has a threshold, such as plays, are told by refits alone and left "
+    "out."
+)
+CHANNELS = (
+    "Where a model leaves nothing but noise, errors over noise are one, in free run and at every frequency; the last "
+    "two columns say at which frequency the errors of the model as it was exceed noise most."
+)
+STATED = (
+    "What is exact is taken as it stands; a tolerance is refitted and charged for, and no gap as long as it suffices."
+)
+EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
 
 
 def write_report(gap: Gap, made: Made, out: str | Path, kind: str | None = None) -> Path:
@@ -78,18 +98,33 @@ def gap_report(gap: Gap, made: Made) -> Document:
     parts = (
         Verdict(said.verdict),
         *drawings(gap),
-        *(titled("Doubts on the data", Text(DOUBTS, small=False), Points(said.doubts)) if said.doubts else ()),
-        *_which(said),
-        *_mathematics(gap, made),
-        *titled("What could not be told", Points(said.apart), said.silent, Text(said.absorbed)),
-        *titled("How far the gap closes", Text(" ".join(said.judged), small=False), said.closures, Text(CLOSURE)),
-        *(part for title, table in said.errors for part in titled(title, table, level=2)),
-        Text(ERRORS if said.errors else ""),
-        *titled("Where it lies", said.equations, said.channels, said.regimes),
+        *_data(gap, said),
+        *(_which(said) if gap.gap_detected else ()),
+        *(_mathematics(gap, made) if gap.gap_detected else ()),
+        *titled(
+            "What could be there unseen", Text(" ".join(unseen.sentences(gap)), small=False), Points(said.apart),
+            unseen.limits(gap), Text(LIMITS if gap.limits else ""), Text(said.absorbed),
+        ),
+        *_how_far(gap, said),
+        *titled("Where it lies" if gap.gap_detected else "Where it was driven", said.equations, said.regimes),
+        *(titled("What was tried", said.ranking, Text(RANKING)) if said.ranking.rows and not gap.gap_detected else ()),
+        *_simulated(made, gap),
         *titled("How it was found", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
         *titled("How to make it again", said.recordings, Pairs(said.provenance)),
-    )
+    )  # fmt: skip
     return Document(said.model, said.about, "a gap", f"greybox-id {made.version}", parts)
+
+
+def _data(gap: Gap, said: GapContent) -> tuple[Part, ...]:
+    """Whether the data are to be trusted."""
+    if said.doubts:
+        return titled("Doubts on the data", Text(DOUBTS, small=False), Points(said.doubts))
+    noise = (
+        "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: what the best "
+        "explanation leaves is taken for it, so that a gap without a name cannot show."
+    )  # fmt: skip
+    words = f"Units, signs, time and delays of {listed([*gap.recordings])} are not to be doubted. {noise}"
+    return titled("Are the data to be trusted", Text(words, small=False))
 
 
 def _which(said: GapContent) -> tuple[Part, ...]:
@@ -100,9 +135,36 @@ def _which(said: GapContent) -> tuple[Part, ...]:
     return titled("Which effect", said.ranking, Text(RANKING), *evidence, *runner_up)
 
 
+def _how_far(gap: Gap, said: GapContent) -> tuple[Part, ...]:
+    """How far the gap closes, or how far the simulation is from the recordings where there is none."""
+    title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
+    errors = ERRORS if gap.applied else ERRORS_ALONE
+    return (
+        *titled(title, Text(" ".join(said.judged), small=False), said.closures, Text(CLOSURE)),
+        *(part for title, table in said.errors for part in titled(title, table, level=2)),
+        Text(errors if said.errors else ""),
+        *titled("Errors beside noise", unseen.channels(gap), Text(CHANNELS), level=2),
+    )
+
+
+def _simulated(made: Made, gap: Gap) -> tuple[Part, ...]:
+    """The model that was compared, and what is stated of its vehicle."""
+    model = build(gap.model, made.settings, made.effects)
+    found, left_out = readable(memory_equations(model) if isinstance(model, MemoryModel) else _of_motion(model))
+    more = f" {left_out} abbreviations are left out for their number." if left_out else ""
+    table = unseen.stated(made)
+    return titled(
+        "What was simulated", table, Text(STATED if table.rows else ""), Text(EQUATIONS + more), Formulas(found)
+    )
+
+
+def _of_motion(model: Model) -> tuple[Equation, ...]:
+    return motion_equations(model) if isinstance(model, MotionModel) else ()
+
+
 def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
     """The equations that each likely effect puts in the place of the model's."""
-    model = build(gap.model, made.settings, {})
+    model = build(gap.model, made.settings, made.effects)
     if not isinstance(model, MotionModel):
         return ()
     before = set(motion_equations(model))

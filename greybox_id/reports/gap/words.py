@@ -194,11 +194,6 @@ def left(gap: Gap) -> str:
     return "; ".join([*clauses, f"something outside the named effects is there with probability {probability}"])
 
 
-def capital(sentence: str) -> str:
-    """The sentence with a capital at its start."""
-    return sentence[:1].upper() + sentence[1:]
-
-
 def probability_words(value: float) -> str:
     """A probability to two decimals, never certain."""
     if not isfinite(value):

@@ -25,7 +25,7 @@ from ..figures.slips import forces_over_slip
 from ..figures.spectrum import spectrum
 from ..figures_of import residual_drawings, trace_drawings
 from ..noise import Noise, noise
-from ..numbers import counted, listed, number, percent, pretty_unit, signal_words, with_sd
+from ..numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
 from ..parameters import scalars
 from ..recordings import Seen, matched, shown_first
 
@@ -104,7 +104,7 @@ def verdict(fit: Fit, runs: Sequence[Seen]) -> tuple[str, str, str]:
     return (
         f"{circumstances(fit, runs, role)}, {fit.model.name} errs in free run by an RMSE of {listed(each)}.",
         f"{against}.",
-        f"{_capital(ended(stage))}; of {counted(len(stage.starts), 'training')} the best on manoeuvres not trained on "
+        f"{capital(ended(stage))}; of {counted(len(stage.starts), 'training')} the best on manoeuvres not trained on "
         "was kept, and single weights have no intervals: trainings from several seeds tell the spread.",
     )
 
@@ -122,10 +122,6 @@ def errors(fit: Fit) -> Table:
             ]
             rows.append((f"{signal_words(name)} [{pretty_unit(unit_of(name))}]", *words))
     return Table(head, tuple(rows), "l" + "R" * (len(head) - 1))
-
-
-def _words(error: Mapping[str, float] | None) -> tuple[str, str]:
-    return ("–", "–") if error is None else (with_sd(error["rmse"], error["rmse_sd"]), percent(error["fvu"]))
 
 
 def _residuals(runs: Sequence[Seen], model: HybridModel, heard: Noise | None) -> tuple[Drawing, ...]:
@@ -159,7 +155,3 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
         return ()
     caption = "Training: the objective over the steps, above the least; beside it, where there are, all trainings."
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)
-
-
-def _capital(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]

@@ -12,6 +12,7 @@ from ..figures.correlation import correlation
 from ..figures.handling import handling
 from ..figures.horizons import horizons
 from ..figures.spectrum import spectrum
+from ..figures.starts import starts
 from ..figures.tyres import tyres
 from ..figures_of import residual_drawings, trace_drawings
 from ..noise import Noise
@@ -87,6 +88,16 @@ def _of_the_model(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
             "The objective over the steps of the last solve, above the best value found"
             + ("; beside it, where each start ended." if several else "."),
             "The objective over the solver's steps.",
+        )
+
+    others = starts(fit, fit.stages[-1])
+    if others is not None:
+        yield Drawing(
+            "starts",
+            others,
+            "Where each start ended beside the estimate, in its standard deviations. Starts of the best objective "
+            "found the same where they lie on the line; off it, the recordings do not tell the difference.",
+            "Ends of the starts, parameter by parameter, in standard deviations.",
         )
 
 

@@ -8,6 +8,7 @@ from ...fit import Fit
 from ...recording import Recording
 from ...scores.metrics import HORIZONS
 from ..content import OBJECTIVE, opening, provenance, told_together
+from ..convergence import starts
 from ..data import data_parts, limits
 from ..document import Document, Formulas, Part, Points, Text, Together, titled
 from ..drawing import Drawing
@@ -56,8 +57,11 @@ def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
         *_equations(fit),
         *data_parts(drives, signals),
         *limits(drives, signals),
-        *titled("How it was fitted", said.stages, Text(OBJECTIVE), *_of(made, "convergence")),
-    )
+        *titled(
+            "How it was fitted", said.stages, Text(OBJECTIVE), *_of(made, "convergence"), starts(fit, fit.stages[-1]),
+            *_of(made, "starts"),
+        ),
+    )  # fmt: skip
     return Document(said.model, said.about, "a fit", f"greybox-id {fit.version}", parts)
 
 

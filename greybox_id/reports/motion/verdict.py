@@ -15,7 +15,7 @@ from ...uncertainty.left_open import left_open
 from ..content import circumstances
 from ..convergence import ended, ipopt_words
 from ..figures.style import NEAR
-from ..numbers import counted, listed, number, pretty_unit, short_with_sd, signal_words
+from ..numbers import capital, counted, listed, number, pretty_unit, short_with_sd, signal_words
 from .driven import Driven, Errors
 
 MOST_PAIRS = 3
@@ -36,7 +36,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
         f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(scores, near)}.",
         f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
         f"{_against_training(fit) if role == 'validate' else ''}.",
-        f"{_capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
+        f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
     )
 
 
@@ -121,7 +121,3 @@ def _far(parameter: Parameter) -> bool:
         return False
     away = abs(float(parameter.array) - float(np.asarray(prior.mean)))
     return away > SURPRISING * float(np.asarray(prior.sd))
-
-
-def _capital(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ....gap import Strip
+from ....gap.clock import running
 from ....parameter import Array
 from ...plot.areas import Spots
 from ...plot.figure import Figure, Panel, Shades, nothing
@@ -31,20 +32,10 @@ def strips(strip: Strip, stretch: Mapping[str, float], applied: bool) -> Figure:
     """
     if len(strip.time) < 2:
         return Figure(((nothing("too short to be drawn along time"),),), (40.0,))
-    along = running(strip.time)
-    panels = [_along_time(along, strip, stretch if np.array_equal(along, strip.time) else {}, applied)]
+    panels = [_along_time(running(strip.time), strip, stretch, applied)]
     if len(strip.x) == len(strip.time) and bool(np.any(np.isfinite(strip.x))):
         panels.append(_along_path(strip))
     return Figure((tuple(panels),), (HEIGHT,), (1.6, 1.0)[: len(panels)])
-
-
-def running(time: Array) -> Array:
-    """Time that goes on where it starts again, as it does between recordings."""
-    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
-    if np.all(steps >= 0):
-        return time
-    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))
 
 
 def _along_time(time: Array, strip: Strip, stretch: Mapping[str, float], applied: bool) -> Panel:
@@ -59,8 +50,7 @@ def _along_time(time: Array, strip: Strip, stretch: Mapping[str, float], applied
     marks += [Rule(1.0, Line(PALE, width=0.8)), Curve(time, strip.before, BEFORE)]
     if applied:
         marks.append(Curve(time, strip.after, AFTER))
-    words = "time [s]" if time is strip.time else "time, recordings one after the other [s]"
-    x = Axis(words, float(time[0]), float(time[-1]))
+    x = Axis("time along the recordings [s]", float(time[0]), float(time[-1]))
     return Panel(tuple(marks), x, Axis("mean square error\nover the noise's [1]", low, high, log=True))
 
 

@@ -1,0 +1,1 @@
+"""What tracking finds: pictures, a file and a report."""

@@ -1,5 +1,0 @@
-"""Pictures of what tracking finds."""
-
-from .drawings import drawings
-
-__all__ = ["drawings"]
