@@ -96,12 +96,18 @@ def _silent(gap: Gap) -> list[str]:
     """What would not show on these recordings, and what would be taken up by something else."""
     lines = []
     if gap.not_excited:
-        named = [f"{name} up to {size}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
+        named = [f"{name} up to {_printed(size)}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
         lines.append(f"would not show here: {_and_more(named, len(gap.not_excited))}")
     if gap.absorbed:
         named = list(gap.absorbed[:MOST_WORDS])
         lines.append(f"taken up by tolerances or free parameters: {_and_more(named, len(gap.absorbed))}")
     return lines
+
+
+def _printed(size: str) -> str:
+    """A size with its unit as people write it."""
+    value, _, unit = size.partition(" ")
+    return f"{value} {pretty_unit(unit)}" if value.startswith("±") and unit else size
 
 
 def _and_more(named: Sequence[str], count: int) -> str:

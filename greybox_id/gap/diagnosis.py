@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import inf, isfinite
 
 import numpy as np
 from scipy.stats import norm
@@ -18,14 +17,15 @@ from .advice import advice
 from .axes import Axis
 from .closing import closure, left_open
 from .evidence import p_value, probability
-from .examining import PRESENT, TINY, Examined, examine
-from .gap import Gap, Limit, Ranked
+from .examining import PRESENT, Examined, examine
+from .gap import Closure, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
 from .regimes import where
 from .strip import strip
 from .unknown import SURELY, unknown_probability, without_a_name
+from .unseen import limits, not_excited
 
 RANKED = 8
 """Effects that are listed at most."""
@@ -96,10 +96,13 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     best = found.selection.base if unknown > PRESENT else found.best  # a stand-in for what has no name closes nothing
     applied = tuple(best.names)
     closed = _closed_model(found, best)
-    verified = None
+    verified, proof = None, found.closed
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
         verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
+        if not applied and found.best.candidates:
+            closed_by_names = _closed_model(found, found.best)
+            proof = closure(found.model, closed_by_names, held_out, found.vehicle, found.effects, False, found.sd)
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -108,7 +111,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         for c in range(len(found.sd))
     ])  # fmt: skip
     place = where(found.bench, excess, ratio, found.seen, selection.promised, found.effects)
-    weak, absorbed = _weak(found)
+    weak, absorbed = not_excited(found)
     sets = [(own.effect, *own.indistinguishable_from) for own in ranking[:2] if own.indistinguishable_from]
     counted = np.where(found.good, 1.0, 0.0)
     return Gap(
@@ -123,7 +126,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         gap_detected=detected,
         p_value=_p_value(found, unexplained),
         unknown_probability=unknown,
-        unknown=_shape(found, place.channel) if unknown > PRESENT else "",
+        unknown=_shape(found, place.channel, proof) if unknown > PRESENT else "",
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
@@ -135,7 +138,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         closed=closed,
         strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
         noise_stated=found.told,
-        limits=_limits(found),
+        limits=limits(found),
     )
 
 
@@ -240,52 +243,22 @@ def _closed_model(found: Examined, best: Hypothesis) -> Diagnosed:
     return model
 
 
-def _weak(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Effects this recording does not excite, with what would be seen, and those that tolerances take up."""
-    weak, absorbed = {}, []
-    for own in found.selection.promised:
-        name, axis = own.candidate.effect, own.candidate.axes[0]
-        typical = found.effects[name].typical
-        size = abs((1 / typical if axis.inverse else typical) - axis.null)
-        if name in found.best.names or not isfinite(own.sd) or 2 * own.sd < size:
-            continue
-        if own.told < 0.05:
-            absorbed.append(name)
-        elif 2 * own.sd > axis.high - axis.low:
-            weak[name] = "any size"
-        elif not axis.inverse:
-            weak[name] = f"±{2 * own.sd:.2g} {axis.unit}".replace(" 1", "").strip()
-    return weak, tuple(absorbed)
+def _shape(found: Examined, channel: str, proof: Closure) -> str:
+    """What is unknown in a sentence.
 
-
-def _limits(found: Examined) -> dict[str, Limit]:
-    """What would show of every effect that was not applied, the least visible first; limits that only a refit tells are
-    left out.
+    Parameters
+    ----------
+    channel : where it shows most.
+    proof : how far the nearest names would close the gap, on recordings that were held out if there are any.
     """
-    limits = {}
-    for own in found.selection.promised:
-        name, axis, reach = own.candidate.effect, own.candidate.axes[0], 2 * own.sd
-        if name in found.best.names or not isfinite(own.sd):
-            continue
-        typical = found.effects[name].typical
-        usual = abs((1 / typical if axis.inverse else typical) - axis.null)
-        beyond = reach > axis.high - axis.low
-        size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
-        limits[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), own.told)
-    return dict(sorted(limits.items(), key=lambda item: -item[1].share))
-
-
-def _shape(found: Examined, channel: str) -> str:
-    own = found.signs
+    own, names = found.signs, found.best.names
     parts = [f"most in {channel}"] if channel else []
-    if found.best.candidates and own.spread > 0.05:
-        parts.append(
-            f"{found.best.names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}"
-        )
-    if names := found.best.names:
-        parts.append(
-            f"{' and '.join(names)} in its place would close {100 * found.closed.closed:.0f} % of the gap here"
-        )
+    if names and own.spread > 0.05:
+        parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}")
+    if names:
+        place = "here" if proof is found.closed else f"on {', '.join(proof.recordings)} (held out)"
+        does = f"close {100 * proof.closed:.0f} % of the gap" if proof.closed > 0 else "make the gap larger"
+        parts.append(f"{' and '.join(names)} in its place would {does} {place}")
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"
