@@ -40,13 +40,14 @@ def score_beside_hold(
 def hold(predictions: Predictions, runs: Sequence[MotionRun], horizon: float | None) -> Predictions:
     """The same rows predicted by the last reading a horizon before, or in free run by the run's first."""
     held = np.full(predictions.predicted.shape, np.nan)
-    for k, run in enumerate(runs):
-        own = predictions.run == k
+    order = np.argsort(predictions.run, kind="stable")
+    edges = np.searchsorted(predictions.run[order], np.arange(len(runs) + 1))
+    for run, begin, end in zip(runs, edges[:-1], edges[1:], strict=True):
+        own = order[begin:end]
         last = _last_read(run.measured)
         if horizon is None:
-            first = np.flatnonzero(own)
-            if len(first):
-                held[own] = last[predictions.rows[first[0]] - run.rows.start]
+            if len(own):
+                held[own] = last[predictions.rows[own[0]] - run.rows.start]
         else:
             held[own] = last[predictions.rows[own] - run.rows.start - max(1, round(horizon / run.sample_time))]
     return Predictions(predictions.rows, predictions.run, held, predictions.measured)

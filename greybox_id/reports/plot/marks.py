@@ -59,13 +59,13 @@ def _thinned(x: Array, y: Array, length: float) -> tuple[Array, Array]:
     if len(x) <= 4 * columns or not np.all(np.diff(x[np.isfinite(x)]) >= 0):
         return x, y
     number = np.clip(np.nan_to_num(x / length * columns, nan=-1), -1, columns).astype(int)
-    kept: list[int] = []
-    for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(number)) + 1):
-        own = y[part]
-        if np.all(np.isnan(own)):
-            kept.append(int(part[0]))
-        else:
-            kept += sorted({int(part[0]), int(part[np.nanargmin(own)]), int(part[np.nanargmax(own)])})
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(number)) + 1))
+    part = np.zeros(len(x), dtype=int)
+    part[starts[1:]] = 1
+    part = np.cumsum(part)
+    missing = np.isnan(y)
+    lowest, highest = (np.lexsort((np.where(missing, np.inf, own), part))[starts] for own in (y, -y))
+    kept = np.unique(np.concatenate([starts, lowest, highest]))
     return x[kept], y[kept]
 
 
