@@ -17,6 +17,7 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from rich.console import Console
@@ -112,13 +113,10 @@ def diagnosed(model: MotionModel, recording: Recording, vehicle: Vehicle) -> tup
         count += len(P)
         return own(bench, P)
 
-    Bench.simulate_anew = counted  # type: ignore[method-assign]
-    try:
+    with patch.object(Bench, "simulate_anew", counted):
         begun = time.process_time()
         gap = diagnose(model, [recording], EFFECTS, vehicle=vehicle)
         return gap, time.process_time() - begun, count
-    finally:
-        Bench.simulate_anew = own  # type: ignore[method-assign]
 
 
 def plain(model: MotionModel, recording: Recording, runs: int = 20) -> float:

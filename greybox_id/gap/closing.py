@@ -70,7 +70,7 @@ def closure(
     sd : (channels,) noise where none is stated; None takes what is faster than motion.
     """
     first, bench = refitted_tolerances(before, recordings, vehicle, effects)
-    then, _ = refitted_tolerances(after, recordings, vehicle, effects)
+    then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects)[0]
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
     good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)

@@ -28,10 +28,10 @@ STEP = 0.5
 """A reading that changes by so many noise sds from row to row is no line between them: its rate is not known."""
 BESIDE = 2
 """Rows before and after one whose mean is taken from its residual: misfits last from row to row, jitter does not."""
-
 FEWEST_JUMPS = 50
 """Readings that jump with commands from which on they are looked at."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Of all jumps alike that the best model may have taken up, tried one after the other."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,9 @@ def jitter(
     low, high = np.log(1e-5**2), np.log(0.05**2)
     best = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
     gain = float(without - best.fun)
-    tossed = (
-        0.0
-        if jumps is None
-        else coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
-    )
+    tossed = 0.0
+    if jumps is not None:
+        tossed = coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
     if gain + tossed <= 0:
         return None
     at, step = float(best.x), 0.05

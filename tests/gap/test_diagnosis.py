@@ -123,13 +123,16 @@ def test_the_closed_model_is_the_nominal_one_with_the_effect(delayed):
 @pytest.mark.slow
 def test_what_has_no_name_is_not_closed_by_its_neighbours():
     others = {name: own for name, own in EFFECTS.items() if own.group != "steering"}
-    gap = diagnose(nominal(), [lap({"steering_backlash": 0.02}, 20.0)], others, vehicle=CAR)
+    there = {"steering_backlash": 0.02}
+    gap = diagnose(nominal(), [lap(there, 20.0)], others, vehicle=CAR, held_out=[lap(there, 10.0, seed=7)])
     assert gap.gap_detected
     assert gap.unknown_probability > 0.5
     assert gap.applied == ()
     assert gap.ranking  # the nearest names are told, with what is left for them to be present
     assert sum(own.probability for own in gap.ranking) < 0.5 * len(gap.ranking)
-    assert "in its place would close" in gap.unknown
+    assert "in its place would" in gap.unknown
+    assert "(held out)" in gap.unknown  # how far stand-ins would go is told on what chose nothing
+    assert gap.held_out.closed == 0.0
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
     assert gap.closed.parameters == nominal().parameters
