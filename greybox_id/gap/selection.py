@@ -26,6 +26,8 @@ best pair."""
 POLISHED, WORTHY = 2, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
+RIVALS, NEAR = 3, 10.0
+"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
 NEARLY = 0.8
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
@@ -87,21 +89,22 @@ def select(
     """
     if firmly is not None:
         search.nominal[firmly.index] = firmly.rate
-    best, known = _rough(search, candidates)
+    best, started = _rough(search, candidates)
     if firmly is not None:
         search.nominal[firmly.index] = 0.0
         if not _stands(search, best):
             search.nominal[firmly.index] = firmly.rate
     search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
     base = _base(search, best)
-    promised = promises(search, base, known if firmly is None else candidates)
+    promised = promises(search, base, started if firmly is None else candidates)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
     singles = _with_each(search, base, hopeful[:SINGLES])
-    if len(best.candidates) == 1:
-        singles = _better(singles, refitted(search, best))
+    known = refitted(search, best)
+    for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
+        singles = _better(singles, own)
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
-        tried[frozenset(best.names)] = refitted(search, best)
+        tried[frozenset(best.names)] = known
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=lambda own: own.cost)
@@ -111,18 +114,22 @@ def select(
 def _polished(search: Search, base: Hypothesis, found: list[Hypothesis], worth: float) -> list[Hypothesis]:
     """Hypotheses, best first, the best of them with nuisances linearised about where these are beside it.
 
-    Nuisances that have taken up a gap are far from where they are once it has a name.
+    Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too:
+    what is compared must have had the same chance.
     """
     best = [own for own in found[:POLISHED] if base.cost - own.cost > WORTHY * worth]
     if not best or not (search.moving or search.shifts):
         return found
-    better = []
+    rivals = [own for own in found[: len(best) + RIVALS] if own.cost - found[0].cost < NEAR * worth]
+    better = {own.names: own for own in found}
     with search.elsewhere():
         for own in best:
             search.about(own)
-            again = refit(search, [search.start_of(own)])
-            better.append(min([own, *(settled(search, each, 1) for each in again)], key=lambda each: each.cost))
-    return sorted([*better, *found[len(better) :]], key=lambda own: own.cost)
+            for again in refit(search, [search.start_of(each) for each in rivals]):
+                again = settled(search, again, 1) if again.names == own.names else again
+                if again.cost < better[again.names].cost:
+                    better[again.names] = again
+    return sorted(better.values(), key=lambda own: own.cost)
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:

@@ -30,6 +30,12 @@ BESIDE = 2
 """Rows before and after one whose mean is taken from its residual: misfits last from row to row, jitter does not."""
 FEWEST_JUMPS = 50
 """Readings that jump with commands from which on they are looked at."""
+ROW = 3.0
+"""Log-likelihood that a row may gain: what a single one tells may be an outlier."""
+VARIANCES = (float(np.log(1e-5**2)), float(np.log(0.05**2)))
+"""Least and greatest logarithm of jitter's variance that is tried."""
+ODDS = 0.1
+"""Channels are at odds about a time that should be all the same to them where each alone explains so much more."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Of all jumps alike that the best model may have taken up, tried one after the other."""
 
@@ -121,25 +127,35 @@ def jitter(
     brief, z = (np.where(use, own, 0.0) for own in (_brief(z, good, bench.rows), z))
     h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
 
+    def squares(v: float, of: Array) -> Array:
+        """(N,) squares of residuals without what jitter of v times their variance makes likely."""
+        found: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
+        return found
+
     def left(v: float, of: Array) -> float:
-        """Mean square of residuals without what jitter of v times their variance makes likely."""
-        squares = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
-        return max(float(np.sum(squares)) / max(int(np.sum(count)), 1), 1e-300)
+        """Their mean."""
+        return max(float(np.sum(squares(v, of))) / max(int(np.sum(count)), 1), 1e-300)
 
     def scale(v: float) -> float:
         """Noise is as large as it must be beside it."""
         return left(v, brief)
 
-    def loss(log_variance: float) -> float:
-        v = float(np.exp(log_variance))
-        return float(0.5 * np.sum(np.log1p(v * h)) + 0.5 * np.sum(count) * np.log(scale(v)))
+    def losses(v: float) -> Array:
+        """(N,) negative log-likelihoods of rows."""
+        own = scale(v)
+        found: Array = 0.5 * (np.log1p(v * h) + count * np.log(own) + squares(v, brief) / own)
+        return found
 
-    without = 0.5 * np.sum(count) * np.log(left(0.0, brief))
+    def loss(log_variance: float) -> float:
+        return float(np.sum(losses(float(np.exp(log_variance)))))
+
     if not np.any(h > 0):
         return None
-    low, high = np.log(1e-5**2), np.log(0.05**2)
-    best = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
-    gain = float(without - best.fun)
+    best = minimize_scalar(loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
+    gains = losses(0.0) - losses(float(np.exp(best.x)))
+    gain = float(np.sum(np.minimum(gains, ROW)))
+    if _at_odds(a, brief, use, float(np.exp(best.x))) > ODDS * gain:
+        gain = 0.0
     tossed = 0.0
     if jumps is not None:
         tossed = coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
@@ -154,6 +170,31 @@ def jitter(
     spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
     explained = 2.0 * tossed / max(int(np.sum(good)), 1)
     return Scatter(tau, spread, max(gain, 0.0) + tossed, max(left(variance, z) - explained, 0.0))
+
+
+def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
+    """Log-likelihood that channels gain if each scatters by itself, over what they gain from one jitter of all.
+
+    Parameters
+    ----------
+    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    use : (N, channels) where rates are known.
+    v : variance of the jitter of all over that of noise.
+    """
+    apart = 0.0
+    for c in range(a.shape[1]):
+        own = use[:, c] & (a[:, c] != 0)
+        if np.count_nonzero(own) < FEWEST_JUMPS:
+            continue
+        h, squares = a[own, c] ** 2, z[own, c] ** 2
+
+        def loss(v: float, h: Array = h, squares: Array = squares) -> float:
+            left = squares / (1 + v * h)
+            return float(0.5 * (np.sum(np.log1p(v * h)) + len(h) * np.log(max(np.mean(left), 1e-300))))
+
+        alone = minimize_scalar(lambda x, loss=loss: loss(np.exp(x)), bounds=VARIANCES, method="bounded")
+        apart += max(loss(v) - float(alone.fun), 0.0)
+    return apart
 
 
 def coin(jumps: Array, z: Array) -> float:
