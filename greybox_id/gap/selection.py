@@ -23,12 +23,14 @@ from .shortlist import Promise, from_where_best, promises
 SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
 """Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
 best pair."""
-POLISHED, WORTHY = 2, 0.3
+POLISHED, WORTHY = 3, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
-RIVALS, NEAR = 3, 10.0
+RIVALS, NEAR = 4, 10.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
-NEARLY = 0.8
+NAMED = 2
+"""So many partners of the best single are refitted even if they promise less than an effect must gain."""
+NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
 """Singles that promise less than this share of the best are not refitted, but so many are."""
@@ -117,16 +119,20 @@ def _polished(search: Search, base: Hypothesis, found: list[Hypothesis], worth: 
     Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too:
     what is compared must have had the same chance.
     """
-    best = [own for own in found[:POLISHED] if base.cost - own.cost > WORTHY * worth]
-    if not best or not (search.moving or search.shifts):
+    near = [own for own in found[: POLISHED + RIVALS] if own.cost - found[0].cost < NEAR * worth]
+    if not (search.moving or search.shifts):
         return found
-    rivals = [own for own in found[: len(best) + RIVALS] if own.cost - found[0].cost < NEAR * worth]
-    better = {own.names: own for own in found}
+    better, done = {own.names: own for own in found}, set[tuple[str, ...]]()
     with search.elsewhere():
-        for own in best:
-            search.about(own)
-            for again in refit(search, [search.start_of(each) for each in rivals]):
-                again = settled(search, again, 1) if again.names == own.names else again
+        for _ in range(POLISHED):
+            waiting = [better[own.names] for own in near if own.names not in done]
+            best = min(waiting, key=lambda own: own.cost, default=base)
+            if base.cost - best.cost <= WORTHY * worth:
+                break
+            done.add(best.names)
+            search.about(best)
+            for again in refit(search, [search.start_of(better[own.names]) for own in near]):
+                again = settled(search, again, 1) if again.names == best.names else again
                 if again.cost < better[again.names].cost:
                     better[again.names] = again
     return sorted(better.values(), key=lambda own: own.cost)
@@ -163,11 +169,15 @@ def _combine(
     first = [own for own in singles if own.names[0] in best.names]
     for parent in [*first, *(own for own in singles[:PAIRS] if own not in first)]:
         needed = max(worth, NEARLY * (parent.cost - least) - worth)
-        enough = [own for own in promises(search, parent, likely)[:PARTNERS] if own.gain > needed]
-        if not enough and parent is singles[0] and len(best.candidates) < 2:  # one effect explains what there is
-            return
+        promised = promises(search, parent, likely)[:PARTNERS]
+        enough = [own for own in promised if own.gain > needed]
+        one = not enough and parent is singles[0] and len(best.candidates) < 2  # effect explains what there is
+        if parent is singles[0]:  # what comes next is named, however little speaks for it
+            enough += [own for own in promised[:NAMED] if own not in enough and own.gain > 1.0]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
+        if one:
+            return
         least = min(own.cost for own in tried.values())
     pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=lambda own: own.cost)
     if not pairs:
