@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
 from ..parameter import Array
-from .axes import Candidate
+from .axes import FACTORS, Candidate
 from .hypothesis import Hypothesis
 from .search import Search
 
 FEW = 3
 """Starts of a candidate that promises nothing alone: beside another one it may."""
+BETWEEN, NEAR, DOUBT = float(FACTORS[1] / FACTORS[0]), 1.2, 0.3
+"""By which factor a better start is believed to lie beside a simulated one, at most as far as the next; a start that is
+so near stays; and the share of a gain that is doubted there."""
+POWERS = (0.5, 3.0)
+"""Least and greatest power of its magnitude that an effect may grow with, which two starts tell."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +70,18 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         found[candidate.effect] = Promise(
             candidate, float(gain) * _of_gain(at - null, float(step)), (at,), gone, sd, told
         )
+    curves = {
+        (own.effect, start): float(curve) for (own, start), curve in zip(tried, first.curve[len(plain) :], strict=True)
+    }
     for (candidate, start), ok, (gain, share, curve, raw, with_it) in zip(
         tried, sane, numbers[len(plain) :], strict=True
     ):
-        gone = search.reached(here, first.rest + (share if candidate.gradual else 1.0) * with_it)
-        own = _promised(candidate, start, float(gain), float(share), gone) if ok else None
-        if own is not None and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
+        if not ok:
+            continue
+        power = _power(candidate, start, curves)
+        begin, promised, reached = _promised(candidate, start, float(gain), float(share), power)
+        own = Promise(candidate, promised, begin, search.reached(here, first.rest + reached * with_it))
+        if own.gain > 0 and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
             sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
             found[candidate.effect] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
     return sorted(found.values(), key=lambda promise: -promise.gain)
@@ -100,25 +111,48 @@ def from_where_best(
 
 
 def _promised(
-    candidate: Candidate, start: tuple[float, ...], gain: float, share: float, nuisances: Array
-) -> Promise | None:
-    """What a simulated start promises; None where it leads away.
+    candidate: Candidate, start: tuple[float, ...], gain: float, share: float, power: float
+) -> tuple[tuple[float, ...], float, float]:
+    """Where a refit had best begin by what a simulated start tells, what that promises, and what share it does.
 
     Parameters
     ----------
     candidate, start : what was simulated.
     gain : of the best share of what it did.
     share : which that is.
-    nuisances : where they go.
+    power : of the magnitude that what it does grows with.
     """
     main = candidate.axes[0]
-    if not candidate.gradual:  # what this very start gains, not what a share of it would
-        own = gain * (1 - min((share - 1) ** 2, 1.0)) if share > 0 else 0.0
-        return Promise(candidate, own, start, nuisances) if own > 0 else None
-    wanted = share * (start[0] - main.null)
-    at = float(np.clip(main.null + wanted, main.low, main.high))
-    own = gain * _of_gain(at - main.null, wanted)
-    return Promise(candidate, own, (at, *start[1:]), nuisances) if at != main.null else None
+    step = start[0] - main.null
+    if main.shift:  # its start stays where it is: readings jump with rows
+        return start, gain * _of_gain(min(share, 1 / share), 1.0) if share > 0 else 0.0, 1.0
+    if candidate.gradual:
+        at = float(np.clip(main.null + share * step, main.low, main.high))
+        return (at, *start[1:]), gain * _of_gain(at - main.null, share * step), share
+    if share <= 0:
+        return start, 0.0, 1.0
+    factor = float(np.clip(share ** (1 / power), 1 / BETWEEN, BETWEEN))
+    factor = 1.0 if 1 / NEAR < factor < NEAR else factor
+    at = float(np.clip(main.null + factor * step, main.low, main.high))
+    reached = abs((at - main.null) / step) ** power
+    believed = 1 - DOUBT * abs(np.log(factor)) / np.log(BETWEEN)
+    return (at, *start[1:]), gain * believed * _of_gain(reached, share), reached
+
+
+def _power(
+    candidate: Candidate, start: tuple[float, ...], curves: Mapping[tuple[str, tuple[float, ...]], float]
+) -> float:
+    """The power of its magnitude that what a candidate does grows with, by this start and the one nearest below it."""
+    null = candidate.axes[0].null
+    size = abs(start[0] - null)
+    below = [own for own in candidate.starts if own[1:] == start[1:] and 0 < abs(own[0] - null) < size]
+    if candidate.gradual or not below:
+        return 1.0
+    nearest = max(below, key=lambda own: abs(own[0] - null))
+    here, there = curves[candidate.effect, start], curves[candidate.effect, nearest]
+    if not (here > 0 and there > 0):
+        return 1.0
+    return float(np.clip(0.5 * np.log(here / there) / np.log(size / abs(nearest[0] - null)), *POWERS))
 
 
 def _of_gain(step: float, wanted: float) -> float:

@@ -188,12 +188,12 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
             continue
         h, squares = a[own, c] ** 2, z[own, c] ** 2
 
-        def loss(v: float, h: Array = h, squares: Array = squares) -> float:
-            left = squares / (1 + v * h)
-            return float(0.5 * (np.sum(np.log1p(v * h)) + len(h) * np.log(max(np.mean(left), 1e-300))))
+        def loss(log_variance: float, h: Array = h, squares: Array = squares) -> float:
+            spread = 1 + np.exp(log_variance) * h
+            return float(0.5 * (np.sum(np.log(spread)) + len(h) * np.log(max(np.mean(squares / spread), 1e-300))))
 
-        alone = minimize_scalar(lambda x, loss=loss: loss(np.exp(x)), bounds=VARIANCES, method="bounded")
-        apart += max(loss(v) - float(alone.fun), 0.0)
+        alone = minimize_scalar(loss, bounds=VARIANCES, method="bounded")
+        apart += max(loss(np.log(v)) - float(alone.fun), 0.0)
     return apart
 
 

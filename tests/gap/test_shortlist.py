@@ -8,7 +8,7 @@ from gap_cases import candidate as gradual
 from greybox_id.gap.axes import Candidate
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
-from greybox_id.gap.shortlist import from_where_best, promises
+from greybox_id.gap.shortlist import BETWEEN, from_where_best, promises
 
 SD = np.array([0.1, 0.1])
 
@@ -82,7 +82,8 @@ def test_where_an_effect_was_best_alone_is_a_start_beside_others():
     (single,) = refit(search, [Start((own,), np.array([1.5]), base.theta, base.linear)])
     assert single.m[0] == pytest.approx(3.0, abs=0.1)
     (known,) = from_where_best(found, [own], [single])
-    assert known.starts == ((9.0,), tuple(single.m))
+    assert found[0].start[0] == pytest.approx(9.0 / BETWEEN)  # nine is too much: as far as the next start would be
+    assert known.starts == (found[0].start, tuple(single.m))
     (again,) = promises(search, base, [known])
     assert again.start == tuple(single.m)
 
@@ -105,7 +106,15 @@ def test_a_start_that_leaves_the_range_of_numbers_is_passed_over():
 
     search = search_on(GivenBench(respond, respond(np.array([2.0])), 1), SD)
     (found,) = promises(search, base_of(search), [Candidate("own", (axis(0),), ((9.0,), (1.6,)), gradual=False)])
-    assert found.start == (1.6,)
+    assert found.start == pytest.approx((2.0,))
+
+
+def test_a_start_is_moved_by_the_power_its_effect_grows_with():
+    X = columns(1)
+    search = search_on(GivenBench(lambda p: X[:, :, 0] * p[0] ** 2, X[:, :, 0] * 3.0**2, 1), SD)
+    own = Candidate("ellipse", (axis(0, low=0.0),), ((1.0,), (2.0,), (30.0,)), gradual=False)
+    (found,) = promises(search, base_of(search), [own])
+    assert found.start == pytest.approx((3.0,))
 
 
 def test_a_gradual_effect_with_a_second_parameter_starts_where_the_line_leads():
