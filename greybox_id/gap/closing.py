@@ -29,8 +29,13 @@ from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
 
+FAR = 4.5
+"""A reading further than so many robust standard deviations from those about it tells nothing of a closure."""
 DRAWS = 400
 """How often the bootstrap draws blocks."""
+TRUST = (0.05, 0.25, 1.0)
+"""As how many readings one counts while tolerances are refitted, one after the other: beliefs first, or curves go where
+no step leads back from."""
 LEAST_GAP = 0.01
 """Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
@@ -73,10 +78,15 @@ def closure(
     then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects)[0]
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
-    good = sound(then.e, bench.counted, bench.rows) & np.isfinite(first.e)
+    good = plain(then.e, bench.counted, bench) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     found = closed_by(first, then, sd, good, bench, names)
     return replace(found, errors=by_horizon(before, after, recordings, sd)) if horizons else found
+
+
+def plain(e: Array, good: NDArray[np.bool_], bench: AnyBench) -> NDArray[np.bool_]:
+    """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
+    return sound(e, good, bench.rows, FAR)
 
 
 def refitted_tolerances(
@@ -90,12 +100,16 @@ def refitted_tolerances(
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     sd, _ = stated_noise(bench, vehicle, start)
-    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows))
+    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows), TRUST[0])
     search.about(None)
-    found = refit(search, [search.start_of(search.at_means())])
-    if not found:
-        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
-    return misfit(search, settled(search, found[0])), bench
+    found = search.at_means()
+    for trust in TRUST if own else TRUST[-1:]:
+        search.trusting(trust)
+        again = refit(search, [search.start_of(found)])
+        if not again:
+            raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
+        found = settled(search, again[0])
+    return misfit(search, found), bench
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

@@ -84,7 +84,9 @@ def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], mos
     return Colour(np.array(sd), tuple(ar), tuple(rows), usable)
 
 
-def sound(residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice]) -> NDArray[np.bool_]:
+def sound(
+    residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = SPIKE
+) -> NDArray[np.bool_]:
     """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
     good = counted & np.isfinite(residuals)
     for c in range(residuals.shape[1]):
@@ -96,7 +98,7 @@ def sound(residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice]) -
             padded = np.pad(filled, AROUND // 2, mode="reflect")
             off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
             spread = 1.4826 * np.nanmedian(np.abs(off[np.isfinite(off) & (off != 0)])) if np.any(off != 0) else 0.0
-            good[own, c] &= ~(np.abs(off) > SPIKE * max(spread, 1e-300))
+            good[own, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
 
 

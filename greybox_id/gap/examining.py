@@ -13,7 +13,7 @@ from ..parameter import Array
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
-from .closing import closed_by, misfit
+from .closing import closed_by, misfit, plain
 from .colour import sound, white_noise
 from .evidence import COST, Evidence, evidence, heaviest, tempering
 from .gap import Closure
@@ -122,7 +122,7 @@ def examine(
     if id(best) not in freed:
         freed |= _at_their_best(search, (best,))
     before, then = (misfit(search, freed[id(own)]) for own in (selection.base, best))
-    closed = closed_by(before, then, sd, good, bench, tuple(own.name for own in recordings))
+    closed = closed_by(before, then, sd, plain(then.e, good, bench), bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
     jittered, after, leaves = jitter(bench, best.e, y, sd, good, jumps), closed.after, 1.0
     if jittered is not None:
