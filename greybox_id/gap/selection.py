@@ -16,7 +16,7 @@ from ..errors import BadInput
 from .axes import Candidate
 from .colour import colour
 from .hypothesis import Hypothesis, Start
-from .refit import refit, settled
+from .refit import AGAIN, refit, settled
 from .search import Search
 from .shortlist import Promise, from_where_best, promises
 
@@ -109,33 +109,43 @@ def select(
         tried[frozenset(best.names)] = known
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
-    found = sorted(tried.values(), key=lambda own: own.cost)
-    return Selection(search, base, tuple(_polished(search, base, found, worth)), tuple(promised))
+    found = sorted(tried.values(), key=_cost)
+    base, tried_best_first = _polished(search, base, found, worth)
+    return Selection(search, base, tuple(tried_best_first), tuple(promised))
 
 
-def _polished(search: Search, base: Hypothesis, found: list[Hypothesis], worth: float) -> list[Hypothesis]:
-    """Hypotheses, best first, the best of them with nuisances linearised about where these are beside it.
+def _polished(
+    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+) -> tuple[Hypothesis, list[Hypothesis]]:
+    """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
-    Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too:
-    what is compared must have had the same chance.
+    Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
+    and the base: what is compared must have had the same chance.
     """
+    if not (search.moving or search.shifts) or not found or base.cost - found[0].cost <= WORTHY * worth:
+        return base, found
     near = [own for own in found[: POLISHED + RIVALS] if own.cost - found[0].cost < NEAR * worth]
-    if not (search.moving or search.shifts):
-        return found
-    better, done = {own.names: own for own in found}, set[tuple[str, ...]]()
+    better, done = {own.names: own for own in (*found, base)}, set[tuple[str, ...]]()
     with search.elsewhere():
         for _ in range(POLISHED):
             waiting = [better[own.names] for own in near if own.names not in done]
-            best = min(waiting, key=lambda own: own.cost, default=base)
-            if base.cost - best.cost <= WORTHY * worth:
+            if not waiting:
                 break
+            best = min(waiting, key=_cost)
             done.add(best.names)
             search.about(best)
-            for again in refit(search, [search.start_of(better[own.names]) for own in near]):
-                again = settled(search, again, 1) if again.names == best.names else again
+            nothing = [search.start_of(better[()]), Start((), np.empty(0), best.theta, best.linear)]
+            for again in refit(search, [*nothing, *(search.start_of(better[own.names]) for own in near)]):
+                if again.names in ((), best.names):
+                    again = settled(search, again, 1 if again.names else AGAIN)
                 if again.cost < better[again.names].cost:
                     better[again.names] = again
-    return sorted(better.values(), key=lambda own: own.cost)
+    base = better.pop(())
+    return base, sorted(better.values(), key=_cost)
+
+
+def _cost(own: Hypothesis) -> float:
+    return own.cost
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:
@@ -152,7 +162,7 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     found = refit(search, [search.start_of(search.at_means()), nothing])
     if not found:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    base = min(found, key=lambda own: own.cost)
+    base = min(found, key=_cost)
     return settled(search, base)
 
 
@@ -179,7 +189,7 @@ def _combine(
         if one:
             return
         least = min(own.cost for own in tried.values())
-    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=lambda own: own.cost)
+    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=_cost)
     if not pairs:
         return
     for own in _without_each(search, pairs[0]):
@@ -199,10 +209,10 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     base = settled(search, base, 1)
     promised = promises(search, base, candidates)
     known = from_where_best(promised, candidates)
-    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=lambda own: own.cost)
+    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=_cost)
     if best.candidates:
         more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
-        best = min([best, *_with_each(search, best, more)], key=lambda own: own.cost)
+        best = min([best, *_with_each(search, best, more)], key=_cost)
     return best, known
 
 
@@ -219,14 +229,14 @@ def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
 
 def _gaps(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Those of which every effect is larger than its tolerance, best first."""
-    return sorted((own for own in found if not search.tolerated(own)), key=lambda own: own.cost)
+    return sorted((own for own in found if not search.tolerated(own)), key=_cost)
 
 
 def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
     """Singles with one that was known before, in place of the same one if it is better."""
     others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
     new = others if any(own.names == known.names for own in others) else [*others, known]
-    return sorted(new, key=lambda own: own.cost)
+    return sorted(new, key=_cost)
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:

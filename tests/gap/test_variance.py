@@ -72,6 +72,28 @@ def test_a_misfit_that_lasts_from_row_to_row_is_no_jitter():
         assert tau == 0 or own.magnitude == pytest.approx(tau, rel=0.15)
 
 
+def test_one_outlier_where_much_changes_is_no_jitter():
+    time = DT * np.arange(2000)
+    y = 20.0 * np.tanh((time - 10.0) / 0.2)[:, None]
+    bench = GivenBench(lambda _: y, y, 0, DT)
+    gains = []
+    for scale in (1.0, 8.0):
+        e = SD[0] * np.random.default_rng(0).standard_normal(y.shape)
+        e[1002] = scale * SD[0]
+        own = jitter(bench, e, y, SD[:1], bench.counted)
+        gains.append(own.gain if own else 0.0)
+    assert max(gains) < 5
+
+
+def test_channels_that_are_at_odds_about_the_time_tell_no_jitter():
+    bench, e, y = scattered(0.0)
+    late = 0.01 * np.random.default_rng(1).standard_normal(len(y))
+    e[:, 0] += late * np.gradient(y[:, 0], DT)  # as pulses of a wheel make it: the other channel knows nothing of it
+    assert jitter(bench, e, y, SD, bench.counted) is None
+    e[:, 1] += late * np.gradient(y[:, 1], DT)
+    assert jitter(bench, e, y, SD, bench.counted).magnitude == pytest.approx(0.01, rel=0.1)
+
+
 def test_where_nothing_changes_there_is_nothing_to_tell():
     measured = np.random.default_rng(0).standard_normal((500, 2))
     bench = GivenBench(lambda _: 0 * measured, measured, 0, DT)

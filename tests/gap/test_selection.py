@@ -1,0 +1,66 @@
+"""Forward selection: what acts is found alone and together, and what is compared has had the same chance."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
+
+from greybox_id.gap.refit import refit
+from greybox_id.gap.selection import select
+
+SD, WORTH = np.array([0.1, 0.1]), 7.0
+
+
+def selected(bench, count, nuisances=()):
+    search = search_on(bench, SD, nuisances)
+    return select(search, [candidate(k) for k in range(count)], bench.counted, WORTH)
+
+
+def settled_cost(search, own):
+    (again,) = refit(search, [search.start_of(own)])
+    return again.cost
+
+
+def of_effects(*numbers):
+    return {f"effect_{k}" for k in numbers}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_effects_that_act_are_found_together(seed):
+    X = smooth_columns(6, seed=seed)
+    found = selected(linear_bench(X, [0, 1.0, 0, 0, -0.6, 0], SD, seed), 6)
+    assert set(found.tried[0].names) == of_effects(1, 4)
+    assert found.of(1)[0].names[0] in of_effects(1, 4)
+    assert found.tried[0].cost < found.of(1)[0].cost - 10 * WORTH
+
+
+def test_one_effect_is_named_with_its_next_partner_however_little_speaks_for_it():
+    X = smooth_columns(5)
+    small = 2.2 * SD[0] / np.sqrt(np.sum(X[:, :, 3] ** 2))  # 2.2 of its standard deviations
+    found = selected(linear_bench(X, [0, 1.0, 0, small, 0], SD), 5)
+    alone = next(own for own in found.tried if own.names == ("effect_1",))
+    pair = next(own for own in found.tried if set(own.names) == of_effects(1, 3))
+    assert 0 < alone.cost - pair.cost < WORTH
+
+
+def test_rivals_of_the_best_are_refitted_where_it_stands():
+    X = smooth_columns(4)
+    X[:, :, 1] = X[:, :, 0] + 0.3 * X[:, :, 1]  # two that explain much the same
+
+    def respond(p):  # a lag that is tolerated, whose effect bends
+        return X[:, :, :2] @ p[:2] + X[:, :, 2] * p[2] + X[:, :, 3] * p[2] ** 2
+
+    noise = SD * np.random.default_rng(0).standard_normal((400, 2))
+    bench = GivenBench(respond, respond(np.array([1.0, 0.0, 1.4])) + noise, 3)
+    found = selected(bench, 2, (axis(2, sd=1.0, low=0.0, gradual=False),))
+    search, best = found.search, found.tried[0]
+    assert best.names == ("effect_0",)
+    with search.elsewhere():
+        search.about(best)
+        for own in found.tried:
+            assert settled_cost(search, own) > own.cost - 1.0
+
+
+def test_where_nothing_acts_no_effect_gains_what_it_must():
+    X = smooth_columns(6)
+    found = selected(linear_bench(X, np.zeros(6), SD), 6)
+    assert found.base.cost - found.tried[0].cost < WORTH
