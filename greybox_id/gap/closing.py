@@ -28,6 +28,7 @@ from .preparing import prepare_plain
 from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
+from .variance import fresh
 
 FAR = 4.5
 """A reading further than so many robust standard deviations from those about it tells nothing of a closure."""
@@ -78,7 +79,7 @@ def closure(
     then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects)[0]
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
-    good = plain(then.e, bench.counted, bench) & np.isfinite(first.e)
+    good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     found = closed_by(first, then, sd, good, bench, names)
     return replace(found, errors=by_horizon(before, after, recordings, sd)) if horizons else found
@@ -100,7 +101,7 @@ def refitted_tolerances(
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     sd, _ = stated_noise(bench, vehicle, start)
-    search = Search(bench, own, white_noise(sd, sound(start, bench.counted, bench.rows), bench.rows), TRUST[0])
+    search = Search(bench, own, white_noise(sd, sound(start, fresh(bench), bench.rows), bench.rows), TRUST[0])
     search.about(None)
     found = search.at_means()
     for trust in TRUST if own else TRUST[-1:]:

@@ -28,7 +28,7 @@ from .search import Search
 from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
 from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
-from .variance import Scatter, dropped, jitter, repeats, steady
+from .variance import Scatter, dropped, fresh, jitter, repeats, steady
 
 PRESENT = 0.5
 """Probability from which on an effect of variance is taken to be there."""
@@ -49,7 +49,6 @@ class Examined:
     best : the hypothesis that weighs most; the base where nothing outweighs it.
     sd, told : (channels,) sensor noise, and whether it was stated.
     good : (N, channels) readings that count.
-    held : (N,) rows held stale.
     rough : whether the equations are: tolerances are stated, or networks stand for them.
     scatter : effects of variance, and the probability that each is present.
     closed : how far the gap closes on these recordings.
@@ -68,7 +67,6 @@ class Examined:
     sd: Array
     told: bool
     good: NDArray[np.bool_]
-    held: NDArray[np.bool_]
     rough: bool
     scatter: Mapping[str, tuple[Scatter, float]]
     closed: Closure
@@ -93,11 +91,8 @@ def examine(
     own = candidates(prepared.everything, prepared.effects, moving)
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     sd, told = stated_noise(bench, vehicle, start)
-    held = repeats(bench)
-    stale = dropped(held)
-    good = sound(start, bench.counted, bench.rows)
-    if stale is not None:
-        good &= ~held[:, None]
+    stale = dropped(repeats(bench))
+    good = sound(start, fresh(bench), bench.rows)
     tell(f"refitting {len(believed)} tolerances and what may be missing")
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), rough))
@@ -137,7 +132,7 @@ def examine(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
     )
     return Examined(
-        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good, held,
+        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
         rough, scatter, closed, own_signs, seen, y,
     )  # fmt: skip
 

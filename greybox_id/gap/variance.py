@@ -81,6 +81,12 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
 
 
+def fresh(bench: AnyBench) -> NDArray[np.bool_]:
+    """(N, channels) readings that count, but for rows held stale, where these are no accident."""
+    held = repeats(bench)
+    return bench.counted & ~held[:, None] if dropped(held) is not None else bench.counted
+
+
 def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
 

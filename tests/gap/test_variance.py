@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench
 
-from greybox_id.gap.variance import coin, dropped, jitter, repeats
+from greybox_id.gap.variance import coin, dropped, fresh, jitter, repeats
 
 DT, SD = 0.01, np.array([0.05, 0.1])
 
@@ -168,6 +168,13 @@ def test_exact_repeats_are_counted(share):
     own = dropped(rows)
     assert own.magnitude == np.mean(stale)
     assert abs(own.magnitude - share) < 3 * own.sd
+
+
+def test_rows_held_stale_are_no_readings():
+    bench, stale = held(0.1)
+    np.testing.assert_array_equal(fresh(bench), bench.counted & ~stale[:, None])
+    bench, _ = held(0.0)
+    np.testing.assert_array_equal(fresh(bench), bench.counted)
 
 
 def test_a_run_s_first_row_repeats_nothing():
