@@ -14,7 +14,7 @@ from ..gap import Closure, Errors, Gap
 from ..json_data import plain
 from ..reports.gap.content import Made
 from ..reports.gap.quantities import magnitude_words
-from ..reports.gap.words import how_far, judged, left, levels, told_apart, where, whether
+from ..reports.gap.words import as_it_stands, how_far, judged, left, levels, told_apart, where, whether
 from ..reports.numbers import number, pretty_unit
 from .output import finite
 
@@ -118,6 +118,8 @@ def _and_more(named: Sequence[str], count: int) -> str:
 def _how_far(gap: Gap, width: int) -> Group:
     closure, held_out = judged(gap)
     said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
+    if warning := as_it_stands(closure):
+        said.append(warning)
     if not held_out and gap.applied:
         said.append("what it is worth on other recordings is not known: name some with --held-out")
     if closure.errors:

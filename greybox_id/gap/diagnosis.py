@@ -10,6 +10,7 @@ from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
+from ..checks.finding import listed
 from ..effect import Effect
 from ..recording import Recording
 from ..vehicle import Vehicle
@@ -258,7 +259,7 @@ def _shape(found: Examined, channel: str, proof: Closure) -> str:
     if names:
         place = "here" if proof is found.closed else f"on {', '.join(proof.recordings)} (held out)"
         does = f"close {100 * proof.closed:.0f} % of the gap" if proof.closed > 0 else "make the gap larger"
-        parts.append(f"{' and '.join(names)} in its place would {does} {place}")
+        parts.append(f"{listed(names)} in its place would {does} {place}")
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"

@@ -10,7 +10,7 @@ from greybox_id.gap import Ranked
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.gap.content import Made, gap_content
 from greybox_id.reports.gap.quantities import interval_words, magnitude_words
-from greybox_id.reports.gap.words import how_far, left, told_apart, verdict, where, whether
+from greybox_id.reports.gap.words import as_it_stands, how_far, left, told_apart, verdict, where, whether
 
 INF, NAN = float("inf"), float("nan")
 
@@ -80,6 +80,17 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
 def test_how_far_is_honest(closed, interval, said):
     gap = clear()
     assert said in how_far(gap, replace(gap.held_out, closed=closed, closed_interval=interval), True)
+
+
+def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
+    gap = clear()
+    assert as_it_stands(gap.held_out) == ""
+    free = next(own for own in gap.held_out.errors if own.horizon is None)
+    worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
+    assert "errs more than before: 4.00 → 9.00 times the noise; fit the closed model" in as_it_stands(worse)
+    assert as_it_stands(replace(worse, closed=-0.2)) == ""  # how far it closes has said it
+    said = dict(verdict(replace(gap, held_out=worse)))
+    assert as_it_stands(worse) in said["How far"]
 
 
 def test_nothing_applied_closes_nothing():
