@@ -28,8 +28,8 @@ POLISHED, WORTHY = 3, 0.3
 must gain."""
 RIVALS, NEAR = 4, 10.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
-NAMED = 2
-"""So many partners of the best single are refitted even if they promise less than an effect must gain."""
+NAMED, LEAST = 2, 1.0
+"""So many partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
@@ -181,12 +181,12 @@ def _combine(
         needed = max(worth, NEARLY * (parent.cost - least) - worth)
         promised = promises(search, parent, likely)[:PARTNERS]
         enough = [own for own in promised if own.gain > needed]
-        one = not enough and parent is singles[0] and len(best.candidates) < 2  # effect explains what there is
+        explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
         if parent is singles[0]:  # what comes next is named, however little speaks for it
-            enough += [own for own in promised[:NAMED] if own not in enough and own.gain > 1.0]
+            enough += [own for own in promised[:NAMED] if own not in enough and own.gain > LEAST]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
-        if one:
+        if explained:
             return
         least = min(own.cost for own in tried.values())
     pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=_cost)

@@ -198,7 +198,7 @@ def as_it_stands(closure: Closure) -> str:
         return ""
     return (
         "with tolerances where they were stated, however, the free run errs more than before: "
-        f"{number(before)} → {number(after)} times the noise; fit the closed model before it is used"
+        f"mean square {number(before)} → {number(after)} times that of the noise; fit the closed model before it is used"
     )
 
 
