@@ -197,8 +197,8 @@ def as_it_stands(closure: Closure) -> str:
     if after <= before:
         return ""
     return (
-        "with tolerances where they were stated, however, the free run errs more than before: "
-        f"mean square {number(before)} → {number(after)} times that of the noise; fit the closed model before it is used"
+        "with tolerances where they were stated, however, the free run errs more than before: mean square "
+        f"{number(before)} → {number(after)} times that of the noise; fit the closed model before it is used"
     )
 
 
