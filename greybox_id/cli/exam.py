@@ -28,7 +28,13 @@ def exam() -> None:
 
 
 @exam.command("make")
-@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="A new folder.")
+@click.option(
+    "--out",
+    required=True,
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="A new folder, or one left unfinished.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
 @click.option(
     "--tier",
@@ -45,7 +51,7 @@ def exam() -> None:
 def make_command(
     out: Path, seed: int, tier: Any, cases: int, nulls: int | None, real: Path | None, jobs: int, as_json: bool
 ) -> None:
-    """Make cases, and seal their answers apart from them.
+    """Make cases, and seal their answers apart from them; carries on where it was stopped.
 
     Note the sum that is printed: with it, greybox exam score --seal tells whether the answers were replaced.
 

@@ -15,6 +15,8 @@ from ..errors import BadInput
 CASES, SEALED = "cases", "sealed"
 GIVEN = ("recording.csv", "vehicle.toml", "fit.json", "columns.toml")
 """Files of a case that are handed out; the last two only for real vehicles."""
+UNFINISHED = "unfinished.json"
+"""What was asked for, beside the answers until all cases are made; not under the seal."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"
 
 

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -17,9 +18,10 @@ from ..datasets.virtual_vehicle import EFFECTS, OUTSIDE
 from ..errors import BadInput
 from ..files import ensure_writable, replacing, write_atomically
 from ..fitting import Say
+from ..json_data import read_json
 from ..recording import Recording
-from .answers import Answer, Tier, write_answer
-from .folder import CASES, SEALED
+from .answers import Answer, Tier, read_answer, write_answer
+from .folder import CASES, SEALED, UNFINISHED
 from .plan import Planned, plan
 from .seal import seal
 from .world import made
@@ -46,11 +48,11 @@ class Exam:
 
 
 def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, jobs: int, say: Say) -> Exam:
-    """Make an examination in a new folder.
+    """Make an examination in a new folder, or go on with one that was interrupted.
 
     Parameters
     ----------
-    folder : to be made, or empty.
+    folder : to be made, or empty, or left unfinished by the same request.
     seed : says which examination.
     tier : "clean" or "workshop".
     cases, nulls : how many with something the matter, and with nothing; nulls default to a sixth of the others.
@@ -59,15 +61,39 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
 
     Raises
     ------
-    BadInput : there is something in the folder already, or nothing can be written to it.
+    BadInput : there is something else in the folder already, or nothing can be written to it.
     """
-    prepare(folder)
-    planned = plan(cases, cases // 6 if nulls is None else nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
-    answers = []
-    for answer in _written(planned, folder, min(jobs, len(planned))):
+    nulls = cases // 6 if nulls is None else nulls
+    planned = plan(cases, nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
+    _begin(folder, {"tier": tier, "seed": seed, "version": __version__, "cases": cases, "nulls": nulls})
+    files = {own: folder / SEALED / own.case / "answer.json" for own in planned}
+    answers = [read_answer(file) for file in files.values() if file.is_file()]
+    todo = [own for own, file in files.items() if not file.is_file()]
+    if answers:
+        say(f"{len(answers)}/{len(planned)} were made before")
+    for answer in _written(todo, folder, min(jobs, len(todo))):
         answers.append(answer)
         say(f"{len(answers)}/{len(planned)} made", passing=len(answers) % 20 > 0)
-    return finish(folder, tier, seed, answers)
+    exam = finish(folder, tier, seed, sorted(answers, key=lambda own: own.case))
+    (folder / SEALED / UNFINISHED).unlink()
+    return exam
+
+
+def _begin(folder: Path, asked: dict[str, Any]) -> None:
+    """Write down what is asked for in a new folder; do nothing where the same was begun."""
+    file = folder / SEALED / UNFINISHED
+    begun = read_json(file) if file.is_file() else None
+    if begun == asked:
+        ensure_writable(folder)
+        return
+    if isinstance(begun, dict):
+        told = ", ".join(f"{name} {value}" for name, value in begun.items())
+        raise BadInput(
+            f"{folder} holds an unfinished examination ({told}), and another one was asked for. "
+            "Ask for the same to go on with it, or name a new folder with --out."
+        )
+    prepare(folder)
+    write_atomically(file, json.dumps(asked, indent=1) + "\n")
 
 
 def _written(planned: Sequence[Planned], folder: Path, jobs: int) -> Iterator[Answer]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import read_json
-from .folder import CASES, GIVEN, SEALED
+from .folder import CASES, GIVEN, SEALED, UNFINISHED
 
 SEAL = "seal.json"
 
@@ -53,7 +53,8 @@ def unbroken(exam: Path, noted: str = "") -> str:
 
 def _hashes(exam: Path) -> dict[str, str]:
     """Relative path -> hash, of what is kept back and what was handed out."""
-    kept = [path for path in (exam / SEALED).rglob("*") if path.is_file() and path != exam / SEALED / SEAL]
+    aside = (exam / SEALED / SEAL, exam / SEALED / UNFINISHED)
+    kept = [path for path in (exam / SEALED).rglob("*") if path.is_file() and path not in aside]
     given = [path for name in GIVEN for path in (exam / CASES).glob(f"*/{name}")]
     return {
         path.relative_to(exam).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()

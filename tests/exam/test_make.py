@@ -139,3 +139,25 @@ def test_no_examination_is_written_over(tmp_path):
     (tmp_path / "something").write_text("")
     with pytest.raises(BadInput, match="not empty"):
         make(tmp_path, 5, "clean", 1, 1, 1, said)
+
+
+def test_an_examination_that_was_interrupted_is_gone_on_with(tmp_path):
+    folder, whole = tmp_path / "exam", make(tmp_path / "whole", 5, "clean", 0, 3, 1, said)
+
+    def interrupted(line, **_):
+        if line.startswith("2/3"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make(folder, 5, "clean", 0, 3, 1, interrupted)
+    first = folder / "cases" / "case_000" / "recording.csv"
+    written = first.stat().st_mtime_ns
+    with pytest.raises(BadInput, match=r"unfinished examination .*seed 5.* Ask for the same"):
+        make(folder, 6, "clean", 0, 3, 1, said)
+    told = []
+    made = make(folder, 5, "clean", 0, 3, 1, lambda line, **_: told.append(line))
+    assert told[0] == "2/3 were made before"
+    assert first.stat().st_mtime_ns == written
+    assert made.seal == whole.seal == unbroken(folder)
+    with pytest.raises(BadInput, match="is not empty"):  # finished ones are never gone on with
+        make(folder, 5, "clean", 0, 3, 1, said)
