@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import click
+import numpy as np
 from rich.table import Table
 
 from ..choices.parameters import wanted_vehicle
@@ -148,7 +149,7 @@ def _described(model: Model) -> dict[str, Any]:
                 "unit": p.unit,
                 "value": p.array.tolist(),
                 "bounds": list(p.bounds),
-                "prior_sd": None if p.prior is None or p.shape != () else float(p.prior.sd),  # type: ignore[arg-type]
+                "prior_sd": None if p.prior is None or p.shape != () else float(np.asarray(p.prior.sd)),
                 "free": not p.fixed,
                 "about": p.about,
             }
@@ -189,7 +190,7 @@ def _input(model: Model, name: str) -> str:
 def _prior(parameter: Parameter) -> str:
     if parameter.prior is None:
         return ""
-    return f"± {plain(float(parameter.prior.sd))}" if parameter.shape == () else "yes"  # type: ignore[arg-type]
+    return f"± {plain(float(np.asarray(parameter.prior.sd)))}" if parameter.shape == () else "yes"
 
 
 def _table(*titles: str) -> Table:

@@ -17,6 +17,7 @@ from ..errors import BadInput
 from ..files import replacing
 from ..fit import load
 from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.registry import build
 from ..motion_model import MotionModel
@@ -67,7 +68,8 @@ def predict(
     elif isinstance(model, HybridModel):
         how, told = "free run", {}
     else:
-        told = {"loop": "open" if open_loop or model.feedback is None else "closed"}  # type: ignore[attr-defined]
+        assert isinstance(model, MemoryModel)
+        told = {"loop": "open" if open_loop or model.feedback is None else "closed"}
         how = f"{told['loop']} loop"
     _tell(model, recording, found, target, how, told, as_json)
 

@@ -212,7 +212,10 @@ def _is_negative(own: Expression) -> bool:
 def _positive(own: Expression) -> Expression:
     if not _is_negative(own):
         return own
-    return Number(-own.value) if isinstance(own, Number) else own.terms[0][1]  # type: ignore[union-attr]
+    if isinstance(own, Number):
+        return Number(-own.value)
+    assert isinstance(own, Sum)
+    return own.terms[0][1]
 
 
 def _unsigned(term: tuple[bool, Expression]) -> tuple[bool, Expression]:
