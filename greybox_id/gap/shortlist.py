@@ -129,7 +129,7 @@ def _promised(
     if candidate.gradual:
         at = float(np.clip(main.null + share * step, main.low, main.high))
         return (at, *start[1:]), gain * _of_gain(at - main.null, share * step), share
-    if share <= 0:
+    if share <= 0 or step == 0:
         return start, 0.0, 1.0
     factor = float(np.clip(share ** (1 / power), 1 / BETWEEN, BETWEEN))
     factor = 1.0 if 1 / NEAR < factor < NEAR else factor
