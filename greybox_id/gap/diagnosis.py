@@ -177,7 +177,24 @@ def _ranking(found: Examined, known: float) -> list[Ranked]:
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
         gain = selection.search.trust * own.gain
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain))
-    return sorted(ranked, key=lambda own: (-round(own.probability / known, 6), -own.gain))[:RANKED]
+    of_set = _of_sets(found, ranked, known)
+    return sorted(ranked, key=lambda own: (-round(of_set[own.effect] / known, 6), -own.gain))[:RANKED]
+
+
+def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
+    """What effects are ranked by: their probability; that of all that cannot be told apart for the first of them.
+
+    Two aliases share the weight of what is surely one of them: an effect beside them of which less is sure comes next.
+    """
+    weighed = list(zip(found.evidence.weights, found.selection.tried, strict=False))
+    rank, led = {own.effect: own.probability for own in ranked}, set[str]()
+    for own in sorted(ranked, key=lambda each: (-each.probability, -each.gain)):
+        mates = {own.effect, *own.indistinguishable_from}
+        if len(mates) > 1 and not mates & led:
+            together = sum(weight for weight, each in weighed if mates & set(each.names))
+            rank[own.effect] = max(known * together, own.probability)
+        led |= mates
+    return rank
 
 
 def _p_value(found: Examined, unexplained: bool) -> float:

@@ -26,9 +26,9 @@ best pair."""
 POLISHED, WORTHY = 3, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
-RIVALS, NEAR = 4, 10.0
+RIVALS, NEAR = 5, 30.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
-NAMED, LEAST = 2, 1.0
+NAMED, LEAST = 4, 1.0
 """So many partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap import CHANNELS, REGIMES
-from greybox_id.gap.diagnosis import FORM, diagnose
+from greybox_id.gap import CHANNELS, REGIMES, Ranked
+from greybox_id.gap.diagnosis import FORM, _of_sets, diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle
@@ -345,3 +346,15 @@ def test_the_command_says_it_in_json(tmp_path):
     assert body["ranking"][0]["interval"][0] < body["ranking"][0]["magnitude"] < body["ranking"][0]["interval"][1]
     assert set(body["gap"]) >= {"before", "after", "floor", "closed", "closed_interval"}
     assert greybox("gap", file, "--vehicle", car, "--check").code == 1
+
+
+def test_what_cannot_be_told_apart_is_ranked_by_what_is_sure_of_it_together():
+    def ranked(effect, probability, *others):
+        return Ranked(effect, probability, 0.1, "1", (0.0, 0.2), others, 10.0)
+
+    tried = [SimpleNamespace(names=names) for names in (("pitch", "grip"), ("bias", "grip"), ("pitch",), ("bias",))]
+    found = SimpleNamespace(
+        evidence=SimpleNamespace(weights=(0.4, 0.4, 0.1, 0.1, 0.0)), selection=SimpleNamespace(tried=tried)
+    )
+    listed = [ranked("grip", 0.72), ranked("pitch", 0.45, "bias"), ranked("bias", 0.45, "pitch")]
+    assert _of_sets(found, listed, 0.9) == pytest.approx({"pitch": 0.9, "grip": 0.72, "bias": 0.45})
