@@ -63,6 +63,7 @@ def closure(
     effects: Mapping[str, Effect],
     horizons: bool = True,
     sd: Array | None = None,
+    as_it_stands: Diagnosed | None = None,
 ) -> Closure:
     """How far a gap closes on recordings that chose nothing.
 
@@ -74,15 +75,17 @@ def closure(
     effects : by name, for the vehicle's tolerances.
     horizons : whether errors over fixed horizons are wanted too.
     sd : (channels,) noise where none is stated; None takes what is faster than motion.
+    as_it_stands : the model whose errors over horizons these are, with tolerances elsewhere; None takes `after`.
     """
-    first, bench = refitted_tolerances(before, recordings, vehicle, effects)
-    then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects)[0]
+    stands = as_it_stands or after
+    first, bench = refitted_tolerances(before, recordings, vehicle, effects, stands, sd)
+    then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects, stands, sd)[0]
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
     good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     found = closed_by(first, then, sd, good, bench, names)
-    return replace(found, errors=by_horizon(before, after, recordings, sd)) if horizons else found
+    return replace(found, errors=by_horizon(before, stands, recordings, sd)) if horizons else found
 
 
 def plain(e: Array, good: NDArray[np.bool_], bench: AnyBench) -> NDArray[np.bool_]:
@@ -91,16 +94,29 @@ def plain(e: Array, good: NDArray[np.bool_], bench: AnyBench) -> NDArray[np.bool
 
 
 def refitted_tolerances(
-    model: Diagnosed, recordings: Sequence[Recording], vehicle: Vehicle | None, effects: Mapping[str, Effect]
+    model: Diagnosed,
+    recordings: Sequence[Recording],
+    vehicle: Vehicle | None,
+    effects: Mapping[str, Effect],
+    stands: Diagnosed | None = None,
+    sd: Array | None = None,
 ) -> tuple[Misfit, AnyBench]:
-    """Errors of a model whose tolerances are refitted to recordings."""
+    """Errors of a model whose tolerances are refitted to recordings.
+
+    Parameters
+    ----------
+    model, recordings, vehicle, effects : as of `closure`.
+    stands : another model; tolerances are refitted from where it has them, too, and the better of both counts.
+    sd : as of `closure`.
+    """
     prepared = prepare_plain(model, recordings, effects, vehicle)
     bench = prepared.bench(recordings)
     own = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
-    sd, _ = stated_noise(bench, vehicle, start)
+    noise, told = stated_noise(bench, vehicle, start)
+    sd = noise if told or sd is None else sd
     search = Search(bench, own, white_noise(sd, sound(start, fresh(bench), bench.rows), bench.rows), TRUST[0])
     search.about(None)
     found = search.at_means()
@@ -110,7 +126,15 @@ def refitted_tolerances(
         if not again:
             raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
         found = settled(search, again[0])
+    if stands is not None and search.moving:
+        there = search.at_values({p.name: float(p.array) for p in stands.parameters if p.shape == ()})
+        search.about(there)
+        found = min([found, *(settled(search, own) for own in refit(search, [search.start_of(there)]))], key=_cost)
     return misfit(search, found), bench
+
+
+def _cost(own: Hypothesis) -> float:
+    return own.cost
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

@@ -96,14 +96,15 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     ranking = _ranking(found, 1.0 - unknown)
     best = found.selection.base if unknown > PRESENT else found.best  # a stand-in for what has no name closes nothing
     applied = tuple(best.names)
-    closed = _closed_model(found, best)
+    added = _with_effects(found, best)
+    closed = _moved_along(found, best, added)
     verified, proof = None, found.closed
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
-        verified = closure(found.model, closed, held_out, found.vehicle, found.effects, sd=found.sd)
+        verified = closure(found.model, added, held_out, found.vehicle, found.effects, sd=found.sd, as_it_stands=closed)
         if not applied and found.best.candidates:
-            closed_by_names = _closed_model(found, found.best)
-            proof = closure(found.model, closed_by_names, held_out, found.vehicle, found.effects, False, found.sd)
+            by_names = _with_effects(found, found.best)
+            proof = closure(found.model, by_names, held_out, found.vehicle, found.effects, False, found.sd)
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -245,7 +246,7 @@ def _alike(found: Examined, name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _closed_model(found: Examined, best: Hypothesis) -> Diagnosed:
+def _with_effects(found: Examined, best: Hypothesis) -> Diagnosed:
     """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated."""
     model = found.model
     for candidate in best.candidates:
@@ -259,6 +260,16 @@ def _closed_model(found: Examined, best: Hypothesis) -> Diagnosed:
             *(replace(model[n].with_value(v), fixed=True) for n, v in zip(names, values, strict=True))
         )
     return model
+
+
+def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
+    """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
+    if not best.candidates:
+        return closed
+    search = found.selection.search
+    p, own = search.vector(best), {axis.index for axis in best.axes}
+    moved = [axis for axis in search.moving if axis.name in found.model and axis.index not in own]
+    return closed.with_parameters(*(closed[axis.name].with_value(float(p[axis.index])) for axis in moved))
 
 
 def _shape(found: Examined, channel: str, proof: Closure) -> str:

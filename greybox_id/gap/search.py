@@ -7,8 +7,9 @@ time, abrupt ones and starts enter to first order only: about where none of them
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +172,18 @@ class Search:
         count, shape = len(self.moving), self.bench.measured.shape
         nothing, empty = np.zeros(shape), np.zeros((*shape, 0))
         return Hypothesis((), np.empty(0), self.means[:count], self.means[count:], np.inf, nothing, empty)
+
+    def at_values(self, values: Mapping[str, float]) -> Hypothesis:
+        """The same with moving nuisances where parameters have these values, as far as they reach."""
+        believed = self.at_means()
+        means = believed.theta
+        there = [
+            mean if axis.name not in values else 1 / values[axis.name] if axis.inverse else values[axis.name]
+            for axis, mean in zip(self.moving, means, strict=True)
+        ]
+        count = len(means)
+        theta = means + np.linalg.solve(self._mix, np.array(there) - means) if count else means
+        return replace(believed, theta=np.clip(theta, self.low[:count], self.high[:count]))
 
     # ---- vectors
 

@@ -15,9 +15,9 @@ from .search import Search
 
 FEW = 3
 """Starts of a candidate that promises nothing alone: beside another one it may."""
-BETWEEN, NEAR, DOUBT = float(FACTORS[1] / FACTORS[0]), 1.2, 0.3
-"""By which factor a better start is believed to lie beside a simulated one, at most as far as the next; a start that is
-so near stays; and the share of a gain that is doubted there."""
+BETWEEN, NEAR, DOUBT = 1.1 * FACTORS[1] / FACTORS[0], 1.2, 0.3
+"""By which factor a better start may lie beside a simulated one, a little further than the next; one so near stays; and
+the share of a gain that is doubted at the furthest."""
 POWERS = (0.5, 3.0)
 """Least and greatest power of its magnitude that an effect may grow with, which two starts tell."""
 
@@ -129,14 +129,16 @@ def _promised(
     if candidate.gradual:
         at = float(np.clip(main.null + share * step, main.low, main.high))
         return (at, *start[1:]), gain * _of_gain(at - main.null, share * step), share
-    if share <= 0 or step == 0:
+    factor = share ** (1 / power) if share > 0 else 0.0
+    if (
+        step == 0 or not 1 / BETWEEN <= factor <= BETWEEN
+    ):  # the next start tells; beyond the last something else is at work
         return start, 0.0, 1.0
-    factor = float(np.clip(share ** (1 / power), 1 / BETWEEN, BETWEEN))
     factor = 1.0 if 1 / NEAR < factor < NEAR else factor
     at = float(np.clip(main.null + factor * step, main.low, main.high))
     reached = abs((at - main.null) / step) ** power
     believed = 1 - DOUBT * abs(np.log(factor)) / np.log(BETWEEN)
-    return (at, *start[1:]), gain * believed * _of_gain(reached, share), reached
+    return (at, *start[1:]), float(gain * believed * _of_gain(reached, share)), reached
 
 
 def _power(

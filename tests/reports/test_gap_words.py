@@ -87,9 +87,7 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     assert as_it_stands(gap.held_out) == ""
     free = next(own for own in gap.held_out.errors if own.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "errs more than before: mean square 4.00 → 9.00 times that of the noise; fit the closed" in as_it_stands(
-        worse
-    )
+    assert "than the model did before: mean square 4.00 → 9.00 times that of the noise; fit it" in as_it_stands(worse)
     assert as_it_stands(replace(worse, closed=-0.2)) == ""  # how far it closes has said it
     said = dict(verdict(replace(gap, held_out=worse)))
     assert as_it_stands(worse) in said["How far"]

@@ -184,9 +184,9 @@ def levels(closure: Closure) -> str:
 
 
 def as_it_stands(closure: Closure) -> str:
-    """A warning where the excess closes only once tolerances are refitted; "" elsewhere.
+    """A warning where the excess closes only once tolerances are refitted there; "" elsewhere.
 
-    A closure refits them before and after; whoever simulates the closed model does not.
+    A closure refits them before and after; whoever simulates the closed model has them where it was found.
     """
     free = [own for own in closure.errors if own.horizon is None and own.floor > 0]
     if not free or not closure.closed > 0:
@@ -197,8 +197,8 @@ def as_it_stands(closure: Closure) -> str:
     if after <= before:
         return ""
     return (
-        "with tolerances where they were stated, however, the free run errs more than before: mean square "
-        f"{number(before)} → {number(after)} times that of the noise; fit the closed model before it is used"
+        "as it stands, however, the closed model errs more in free run than the model did before: mean square "
+        f"{number(before)} → {number(after)} times that of the noise; fit it before it is used"
     )
 
 
