@@ -154,7 +154,8 @@ def _power(
     here, there = curves[candidate.effect, start], curves[candidate.effect, nearest]
     if not (here > 0 and there > 0):
         return 1.0
-    return float(np.clip(0.5 * np.log(here / there) / np.log(size / abs(nearest[0] - null)), *POWERS))
+    power = float(0.5 * np.log(here / there) / np.log(size / abs(nearest[0] - null)))
+    return min(power, POWERS[1]) if power >= POWERS[0] else 1.0  # what acts at once grows with no power of it
 
 
 def _of_gain(step: float, wanted: float) -> float:
