@@ -253,6 +253,9 @@ def test_parameters_within_their_tolerances_are_no_gap():
 @pytest.mark.slow
 def test_an_effect_is_found_beside_tolerances():
     gap = diagnosed(lap({"steering_delay": 0.05}, vehicle=WITHIN), TOLERANT)
+    for name in ("I_z", "B_f"):  # the closed model has them where the delay was found
+        stated, found = TOLERANT.values[name].value, float(gap.closed[name].array)
+        assert 0 < (found - stated) / (WITHIN[name] - stated) < 2
     told(gap, "steering_delay", 0.05, within=0.1)
     low, high = gap.ranking[0].interval
     assert (high - low) / 2 >= 1.96 * FORM * gap.ranking[0].magnitude  # the delay's own equation is rough as well

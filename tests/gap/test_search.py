@@ -143,3 +143,17 @@ def test_an_effect_within_its_own_tolerance_is_no_gap():
     for m, expected in ((0.29, True), (-0.29, True), (0.31, False), (-0.31, False)):
         assert search.tolerated(replace(base, candidates=(candidate(0),), m=np.array([m]))) == expected
     assert not search.tolerated(replace(base, candidates=(candidate(1),), m=np.array([0.0])))
+
+
+def test_tolerances_begin_where_another_model_has_them():
+    X = smooth_columns(3)
+    names = ("B_f", "C_f", "E_f")
+    means = dict(zip(names, (9.0, 1.4, 0.1), strict=True))
+    curve = [replace(axis(k, sd=0.05), name=name, mean=means[name]) for k, name in enumerate(names)]
+    search = search_on(linear_bench(X, [9.2, 1.38, 0.2], np.array([0.1, 0.1])), np.array([0.1, 0.1]), tuple(curve))
+    wanted = {"B_f": 9.3, "C_f": 1.42, "E_f": 0.05, "of another model": 3.0}
+    found = search.moved(search.at_values(wanted).theta)  # B, C and E of a curve are mixed
+    np.testing.assert_allclose(found[:3], [wanted[name] for name in names])
+    far = search.at_values({"B_f": 90.0}).theta
+    assert np.all((far >= search.low[:3]) & (far <= search.high[:3]))
+    np.testing.assert_array_equal(search.at_values({}).theta, search.at_means().theta)
