@@ -119,8 +119,7 @@ def _slow_share(recording: Recording) -> NDArray[np.bool_] | None:
     lateral = np.abs(recording["v_x"] * recording["yaw_rate"])
     speed = np.abs(recording["v_x"])
     # Slip angles grow with a_y, the rolling part of v_y/v_x with path curvature: large curvature at little a_y.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rows = (lateral < 2.0) & (speed > 1.0) & (np.abs(recording["yaw_rate"]) / speed > 0.01)
+    rows = (lateral < 2.0) & (speed > 1.0) & (np.abs(recording["yaw_rate"]) > 0.01 * speed)
     return rows if np.count_nonzero(rows) * recording.sample_time > 10.0 else None
 
 
