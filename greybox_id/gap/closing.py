@@ -22,7 +22,7 @@ from .axes import nuisances, shifting
 from .colour import sound, white_noise
 from .gap import Closure, Errors
 from .horizons import by_horizon
-from .hypothesis import Hypothesis
+from .hypothesis import Hypothesis, by_cost
 from .kinds import AnyBench, Diagnosed, blocks
 from .preparing import prepare_plain
 from .refit import refit, settled
@@ -129,12 +129,8 @@ def refitted_tolerances(
     if stands is not None and search.moving:
         there = search.at_values({p.name: float(p.array) for p in stands.parameters if p.shape == ()})
         search.about(there)
-        found = min([found, *(settled(search, own) for own in refit(search, [search.start_of(there)]))], key=_cost)
+        found = min([found, *(settled(search, own) for own in refit(search, [search.start_of(there)]))], key=by_cost)
     return misfit(search, found), bench
-
-
-def _cost(own: Hypothesis) -> float:
-    return own.cost
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

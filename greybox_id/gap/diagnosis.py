@@ -269,7 +269,8 @@ def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagno
     search = found.selection.search
     p, own = search.vector(best), {axis.index for axis in best.axes}
     moved = [axis for axis in search.moving if axis.name in found.model and axis.index not in own]
-    return closed.with_parameters(*(closed[axis.name].with_value(float(p[axis.index])) for axis in moved))
+    at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves reach beyond
+    return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
 def _shape(found: Examined, channel: str, proof: Closure) -> str:

@@ -43,6 +43,11 @@ class Hypothesis:
         return tuple(axis for candidate in self.candidates for axis in candidate.axes)
 
 
+def by_cost(own: Hypothesis) -> float:
+    """What hypotheses are put in order by, best first."""
+    return own.cost
+
+
 class Projection(NamedTuple):
     """What single columns would gain, (K,) each.
 

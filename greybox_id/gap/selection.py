@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from .axes import Candidate
 from .colour import colour
-from .hypothesis import Hypothesis, Start
+from .hypothesis import Hypothesis, Start, by_cost
 from .refit import AGAIN, refit, settled
 from .search import Search
 from .shortlist import Promise, from_where_best, promises
@@ -28,8 +28,8 @@ POLISHED, WORTHY = 3, 0.3
 must gain."""
 RIVALS, NEAR = 5, 30.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
-NAMED, LEAST = 4, 1.0
-"""So many partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
+LEAST = 1.0
+"""Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
@@ -109,7 +109,7 @@ def select(
         tried[frozenset(best.names)] = known
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
-    found = sorted(tried.values(), key=_cost)
+    found = sorted(tried.values(), key=by_cost)
     base, tried_best_first = _polished(search, base, found, worth)
     return Selection(search, base, tuple(tried_best_first), tuple(promised))
 
@@ -131,7 +131,7 @@ def _polished(
             waiting = [better[own.names] for own in near if own.names not in done]
             if not waiting:
                 break
-            best = min(waiting, key=_cost)
+            best = min(waiting, key=by_cost)
             done.add(best.names)
             search.about(best)
             nothing = [search.start_of(better[()]), Start((), np.empty(0), best.theta, best.linear)]
@@ -141,11 +141,7 @@ def _polished(
                 if again.cost < better[again.names].cost:
                     better[again.names] = again
     base = better.pop(())
-    return base, sorted(better.values(), key=_cost)
-
-
-def _cost(own: Hypothesis) -> float:
-    return own.cost
+    return base, sorted(better.values(), key=by_cost)
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:
@@ -162,7 +158,7 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     found = refit(search, [search.start_of(search.at_means()), nothing])
     if not found:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    base = min(found, key=_cost)
+    base = min(found, key=by_cost)
     return settled(search, base)
 
 
@@ -183,13 +179,13 @@ def _combine(
         enough = [own for own in promised if own.gain > needed]
         explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
         if parent is singles[0]:  # what comes next is named, however little speaks for it
-            enough += [own for own in promised[:NAMED] if own not in enough and own.gain > LEAST]
+            enough = [own for own in promised if own.gain > min(needed, LEAST)]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
         if explained:
             return
         least = min(own.cost for own in tried.values())
-    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=_cost)
+    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=by_cost)
     if not pairs:
         return
     for own in _without_each(search, pairs[0]):
@@ -209,10 +205,10 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     base = settled(search, base, 1)
     promised = promises(search, base, candidates)
     known = from_where_best(promised, candidates)
-    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=_cost)
+    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=by_cost)
     if best.candidates:
         more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
-        best = min([best, *_with_each(search, best, more)], key=_cost)
+        best = min([best, *_with_each(search, best, more)], key=by_cost)
     return best, known
 
 
@@ -229,14 +225,14 @@ def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
 
 def _gaps(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Those of which every effect is larger than its tolerance, best first."""
-    return sorted((own for own in found if not search.tolerated(own)), key=_cost)
+    return sorted((own for own in found if not search.tolerated(own)), key=by_cost)
 
 
 def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
     """Singles with one that was known before, in place of the same one if it is better."""
     others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
     new = others if any(own.names == known.names for own in others) else [*others, known]
-    return sorted(new, key=_cost)
+    return sorted(new, key=by_cost)
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:

@@ -129,11 +129,12 @@ def _promised(
     if candidate.gradual:
         at = float(np.clip(main.null + share * step, main.low, main.high))
         return (at, *start[1:]), gain * _of_gain(at - main.null, share * step), share
-    factor = share ** (1 / power) if share > 0 else 0.0
-    if (
-        step == 0 or not 1 / BETWEEN <= factor <= BETWEEN
-    ):  # the next start tells; beyond the last something else is at work
+    if share <= 0 or step == 0:
         return start, 0.0, 1.0
+    wanted = np.log(share) / power
+    if abs(wanted) > np.log(BETWEEN):  # the next start tells; beyond the last something else is at work
+        return start, 0.0, 1.0
+    factor = float(np.exp(wanted))
     factor = 1.0 if 1 / NEAR < factor < NEAR else factor
     at = float(np.clip(main.null + factor * step, main.low, main.high))
     reached = abs((at - main.null) / step) ** power
