@@ -30,6 +30,8 @@ RIVALS, NEAR = 5, 30.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
 LEAST = 1.0
 """Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
+REPLACING = 4
+"""Of what promises most in the place of each effect of the best pair, so many are refitted."""
 NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
@@ -110,12 +112,20 @@ def select(
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=by_cost)
-    base, tried_best_first = _polished(search, base, found, worth)
-    return Selection(search, base, tuple(tried_best_first), tuple(promised))
+    base, found = _polished(search, base, found, found[: POLISHED + RIVALS], worth)
+    replacing = _in_each_place(search, found, candidates)
+    if replacing:
+        base, found = _polished(search, base, found, replacing, worth, 1)
+    return Selection(search, base, tuple(found), tuple(promised))
 
 
 def _polished(
-    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+    search: Search,
+    base: Hypothesis,
+    found: list[Hypothesis],
+    rivals: Sequence[Hypothesis],
+    worth: float,
+    rounds: int = POLISHED,
 ) -> tuple[Hypothesis, list[Hypothesis]]:
     """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
@@ -124,24 +134,42 @@ def _polished(
     """
     if not (search.moving or search.shifts) or not found or base.cost - found[0].cost <= WORTHY * worth:
         return base, found
-    near = [own for own in found[: POLISHED + RIVALS] if own.cost - found[0].cost < NEAR * worth]
-    better, done = {own.names: own for own in (*found, base)}, set[tuple[str, ...]]()
+    least = min(own.cost for own in (*found, *rivals))
+    near = [frozenset(own.names) for own in rivals if own.cost - least < NEAR * worth]
+    better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
+    waiting, nothing = set(near), frozenset[str]()
     with search.elsewhere():
-        for _ in range(POLISHED):
-            waiting = [better[own.names] for own in near if own.names not in done]
-            if not waiting:
-                break
-            best = min(waiting, key=by_cost)
-            done.add(best.names)
+        for _ in range(min(rounds, len(waiting))):
+            best = min((better[names] for names in waiting), key=by_cost)
+            itself = frozenset(best.names)
+            waiting.discard(itself)
             search.about(best)
-            nothing = [search.start_of(better[()]), Start((), np.empty(0), best.theta, best.linear)]
-            for again in refit(search, [*nothing, *(search.start_of(better[own.names]) for own in near)]):
-                if again.names in ((), best.names):
+            starts = [search.start_of(better[names]) for names in (nothing, *near)]
+            for again in refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)]):
+                names = frozenset(again.names)
+                if names in (nothing, itself):
                     again = settled(search, again, 1 if again.names else AGAIN)
-                if again.cost < better[again.names].cost:
-                    better[again.names] = again
-    base = better.pop(())
+                if again.cost < better[names].cost:
+                    better[names] = again
+    base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
+
+
+def _in_each_place(search: Search, found: Sequence[Hypothesis], candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """What may stand in the place of each effect of the best pair, if more than one effect explains most.
+
+    Partners were promised beside an effect, and refitted, while nuisances had taken up what had no name yet. Where
+    these are beside the pair, others may do better.
+    """
+    if not (search.moving or search.shifts) or not found or len(found[0].candidates) < 2:
+        return []
+    pair, replacing = next(own for own in found if len(own.candidates) == 2), list[Hypothesis]()
+    with search.elsewhere():
+        search.about(pair)
+        for parent in _without_each(search, pair):
+            promised = promises(search, parent, candidates)[:REPLACING]
+            replacing += _with_each(search, parent, [own for own in promised if own.gain > LEAST])
+    return replacing
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
+from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
-from greybox_id.gap.selection import select
+from greybox_id.gap.selection import REPLACING, _in_each_place, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -58,6 +59,20 @@ def test_rivals_of_the_best_are_refitted_where_it_stands():
         search.about(best)
         for own in found.tried:
             assert settled_cost(search, own) > own.cost - 1.0
+
+
+def test_what_stands_in_an_effects_place_is_looked_for_beside_the_other_one():
+    X = smooth_columns(8)
+    search = search_on(linear_bench(X, [1.0, -0.6, *[0.0] * 6], SD), SD)
+    own, base = [candidate(k) for k in range(8)], search.at_means()
+    (pair,) = refit(search, [Start((own[0], own[2]), np.zeros(2), base.theta, base.linear)])
+    replacing = _in_each_place(search, [pair], own)
+    best = min(replacing, key=lambda found: found.cost)
+    assert set(best.names) == of_effects(0, 1)
+    assert best.cost < pair.cost - 10 * WORTH
+    assert len(replacing) <= 2 * REPLACING
+    (single,) = refit(search, [Start((own[0],), np.zeros(1), base.theta, base.linear)])
+    assert _in_each_place(search, [single], own) == []
 
 
 def test_where_nothing_acts_no_effect_gains_what_it_must():
