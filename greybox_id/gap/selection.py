@@ -6,7 +6,7 @@ explanation is in the model. Noise estimated before would contain the effect and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..errors import BadInput
 from .axes import Candidate
 from .colour import colour
 from .hypothesis import Hypothesis, Start, by_cost
-from .refit import AGAIN, refit, settled
+from .refit import refit, settled
 from .search import Search
 from .shortlist import Promise, from_where_best, promises
 
@@ -26,8 +26,9 @@ best pair."""
 POLISHED, WORTHY = 3, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
-RIVALS, NEAR = 5, 30.0
-"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain."""
+RIVALS, NEAR, CLOSE = 5, 30.0, 10.0
+"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain; and
+about the next best again, if they then cost no more than so."""
 LEAST = 1.0
 """Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 REPLACING = 4
@@ -113,7 +114,7 @@ def select(
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=by_cost)
     base, found = _polished(search, base, found, found[: POLISHED + RIVALS], worth)
-    replacing = _in_each_place(search, found, candidates)
+    replacing = _in_each_place(search, found, candidates, worth)
     if replacing:
         base, found = _polished(search, base, found, replacing, worth, 1)
     return Selection(search, base, tuple(found), tuple(promised))
@@ -132,38 +133,53 @@ def _polished(
     Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
     and the base: what is compared must have had the same chance.
     """
-    if not (search.moving or search.shifts) or not found or base.cost - found[0].cost <= WORTHY * worth:
+    if not (search.moving or search.shifts) or not found:
         return base, found
-    least = min(own.cost for own in (*found, *rivals))
-    near = [frozenset(own.names) for own in rivals if own.cost - least < NEAR * worth]
     better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
-    waiting, nothing = set(near), frozenset[str]()
+    nothing = frozenset[str]()
+    near, done = _near(better, {frozenset(own.names) for own in rivals}, NEAR * worth), set[frozenset[str]]()
     with search.elsewhere():
-        for _ in range(min(rounds, len(waiting))):
-            best = min((better[names] for names in waiting), key=by_cost)
-            itself = frozenset(best.names)
-            waiting.discard(itself)
+        for _ in range(rounds):
+            itself = next((names for names in near if names not in done), nothing)
+            best = better[itself]
+            if better[nothing].cost - best.cost <= WORTHY * worth:
+                break
+            done.add(itself)
             search.about(best)
             starts = [search.start_of(better[names]) for names in (nothing, *near)]
-            for again in refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)]):
-                names = frozenset(again.names)
-                if names in (nothing, itself):
-                    again = settled(search, again, 1 if again.names else AGAIN)
-                if again.cost < better[names].cost:
-                    better[names] = again
+            again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
+            bases = [own for own in again if not own.names]
+            new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
+            new += [settled(search, min(bases, key=by_cost))] if bases else []
+            for own in new:
+                if own.cost < better[frozenset(own.names)].cost:
+                    better[frozenset(own.names)] = own
+            near = _near(better, near, CLOSE * worth)
     base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
 
 
-def _in_each_place(search: Search, found: Sequence[Hypothesis], candidates: Sequence[Candidate]) -> list[Hypothesis]:
-    """What may stand in the place of each effect of the best pair, if more than one effect explains most.
+def _near(
+    found: Mapping[frozenset[str], Hypothesis], among: Iterable[frozenset[str]], cost: float
+) -> list[frozenset[str]]:
+    """Those of them that cost no more than the best of all by so much, best first."""
+    least = min(own.cost for own in found.values())
+    return sorted((names for names in among if found[names].cost - least < cost), key=lambda names: found[names].cost)
+
+
+def _in_each_place(
+    search: Search, found: Sequence[Hypothesis], candidates: Sequence[Candidate], worth: float
+) -> list[Hypothesis]:
+    """What may stand in the place of each effect of the best pair, if that gains what two effects must.
 
     Partners were promised beside an effect, and refitted, while nuisances had taken up what had no name yet. Where
     these are beside the pair, others may do better.
     """
-    if not (search.moving or search.shifts) or not found or len(found[0].candidates) < 2:
+    pair = min((own for own in found if len(own.candidates) == 2), key=by_cost, default=None)
+    alone = min((own.cost for own in found if len(own.candidates) == 1), default=np.inf)
+    if pair is None or alone - pair.cost <= worth or not (search.moving or search.shifts):
         return []
-    pair, replacing = next(own for own in found if len(own.candidates) == 2), list[Hypothesis]()
+    replacing = list[Hypothesis]()
     with search.elsewhere():
         search.about(pair)
         for parent in _without_each(search, pair):

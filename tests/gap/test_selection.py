@@ -66,13 +66,13 @@ def test_what_stands_in_an_effects_place_is_looked_for_beside_the_other_one():
     search = search_on(linear_bench(X, [1.0, -0.6, *[0.0] * 6], SD), SD)
     own, base = [candidate(k) for k in range(8)], search.at_means()
     (pair,) = refit(search, [Start((own[0], own[2]), np.zeros(2), base.theta, base.linear)])
-    replacing = _in_each_place(search, [pair], own)
+    (single,) = refit(search, [Start((own[2],), np.zeros(1), base.theta, base.linear)])
+    replacing = _in_each_place(search, [single, pair], own, WORTH)
     best = min(replacing, key=lambda found: found.cost)
     assert set(best.names) == of_effects(0, 1)
     assert best.cost < pair.cost - 10 * WORTH
     assert len(replacing) <= 2 * REPLACING
-    (single,) = refit(search, [Start((own[0],), np.zeros(1), base.theta, base.linear)])
-    assert _in_each_place(search, [single], own) == []
+    assert _in_each_place(search, [single], own, WORTH) == []
 
 
 def test_where_nothing_acts_no_effect_gains_what_it_must():
