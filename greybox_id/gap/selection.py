@@ -27,8 +27,8 @@ POLISHED, WORTHY = 3, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
 RIVALS, NEAR, CLOSE = 5, 30.0, 10.0
-"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain; and
-about the next best again, if they then cost no more than so."""
+"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain; about
+the next best, those that cost no more than so."""
 LEAST = 1.0
 """Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 REPLACING = 4
@@ -137,16 +137,17 @@ def _polished(
         return base, found
     better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
     nothing = frozenset[str]()
-    near, done = _near(better, {frozenset(own.names) for own in rivals}, NEAR * worth), set[frozenset[str]]()
+    rivalling = [frozenset(own.names) for own in rivals]
+    near, done = _near(better, rivalling, NEAR * worth), set[frozenset[str]]()
     with search.elsewhere():
         for _ in range(rounds):
-            itself = next((names for names in near if names not in done), nothing)
+            itself = next((names for names in _near(better, rivalling, NEAR * worth) if names not in done), nothing)
             best = better[itself]
             if better[nothing].cost - best.cost <= WORTHY * worth:
                 break
             done.add(itself)
             search.about(best)
-            starts = [search.start_of(better[names]) for names in (nothing, *near)]
+            starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*near, itself)))]
             again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
             bases = [own for own in again if not own.names]
             new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
