@@ -67,6 +67,10 @@ class Axis:
             return coordinate
         return inf if coordinate <= 0 else 1 / coordinate
 
+    def coordinate(self, value: float) -> float:
+        """The coordinate at which the parameter has this value."""
+        return 1 / value if self.inverse else value
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -120,7 +124,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             continue
         if any(own.unit == "rad" for own in seconds):  # with a direction, the magnitude has no sign
             main = replace(main, low=max(main.low, 0.0))
-        typical = 1 / effect.typical if main.inverse else effect.typical
+        typical = main.coordinate(effect.typical)
         if gradual:
             firsts = [main.null + 0.3 * (typical - main.null)]
         else:

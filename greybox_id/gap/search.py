@@ -178,7 +178,7 @@ class Search:
         believed = self.at_means()
         means = believed.theta
         there = [
-            mean if axis.name not in values else 1 / values[axis.name] if axis.inverse else values[axis.name]
+            axis.coordinate(values[axis.name]) if axis.name in values else mean
             for axis, mean in zip(self.moving, means, strict=True)
         ]
         count = len(means)

@@ -137,17 +137,17 @@ def _polished(
         return base, found
     better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
     nothing = frozenset[str]()
-    rivalling = [frozenset(own.names) for own in rivals]
-    near, done = _near(better, rivalling, NEAR * worth), set[frozenset[str]]()
+    rivalling, done = {frozenset(own.names) for own in rivals}, set[frozenset[str]]()
     with search.elsewhere():
         for _ in range(rounds):
             itself = next((names for names in _near(better, rivalling, NEAR * worth) if names not in done), nothing)
             best = better[itself]
             if better[nothing].cost - best.cost <= WORTHY * worth:
                 break
+            beside = _near(better, rivalling, (CLOSE if done else NEAR) * worth)
             done.add(itself)
             search.about(best)
-            starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*near, itself)))]
+            starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*beside, itself)))]
             again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
             bases = [own for own in again if not own.names]
             new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
@@ -155,7 +155,6 @@ def _polished(
             for own in new:
                 if own.cost < better[frozenset(own.names)].cost:
                     better[frozenset(own.names)] = own
-            near = _near(better, near, CLOSE * worth)
     base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
 

@@ -14,7 +14,7 @@ def not_excited(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
     for own in found.selection.promised:
         name, axis = own.candidate.effect, own.candidate.axes[0]
         typical = found.effects[name].typical
-        size = abs((1 / typical if axis.inverse else typical) - axis.null)
+        size = abs(axis.coordinate(typical) - axis.null)
         if name in found.best.names or not isfinite(own.sd) or 2 * own.sd < size:
             continue
         if own.told < 0.05:
@@ -36,7 +36,7 @@ def limits(found: Examined) -> dict[str, Limit]:
         if name in found.best.names or not isfinite(own.sd):
             continue
         typical = found.effects[name].typical
-        usual = abs((1 / typical if axis.inverse else typical) - axis.null)
+        usual = abs(axis.coordinate(typical) - axis.null)
         beyond = reach > axis.high - axis.low
         size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
         sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), own.told)

@@ -29,7 +29,9 @@ def found(model="single_track", vehicle=CAR):
 
 @given(limit=st.floats(1e-3, 1e6))
 def test_a_limit_comes_back_from_its_coordinate(limit):
-    assert axis(0, inverse=True).value(1 / limit) == pytest.approx(limit)
+    own = axis(0, inverse=True)
+    assert own.value(own.coordinate(limit)) == pytest.approx(limit)
+    assert own.coordinate(limit) == 1 / limit
     assert axis(0).value(limit) == limit
 
 

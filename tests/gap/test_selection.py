@@ -6,7 +6,7 @@ from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smoo
 
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
-from greybox_id.gap.selection import REPLACING, _in_each_place, select
+from greybox_id.gap.selection import CLOSE, NEAR, REPLACING, _in_each_place, _polished, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -73,6 +73,23 @@ def test_what_stands_in_an_effects_place_is_looked_for_beside_the_other_one():
     assert best.cost < pair.cost - 10 * WORTH
     assert len(replacing) <= 2 * REPLACING
     assert _in_each_place(search, [single], own, WORTH) == []
+    assert (
+        _in_each_place(search, [single, pair], own, 2 * (single.cost - pair.cost)) == []
+    )  # a second effect gains too little
+
+
+def test_polishing_goes_about_the_three_best_however_far_apart(monkeypatch):
+    X = smooth_columns(4)
+    search = search_on(linear_bench(X, [0.085, 0.065, 0.06, 0.0], SD), SD)
+    base = search.at_means()
+    (nothing,) = refit(search, [Start((), np.empty(0), base.theta, base.linear)])
+    found = refit(search, [Start((candidate(k),), np.zeros(1), base.theta, base.linear) for k in range(4)])
+    found.sort(key=lambda own: own.cost)
+    assert CLOSE * WORTH < found[1].cost - found[0].cost < found[2].cost - found[0].cost < NEAR * WORTH
+    about, plainly = [], search.about
+    monkeypatch.setattr(search, "about", lambda own, **more: (about.append(own.names), plainly(own, **more)))
+    _polished(search, nothing, found, found, WORTH)
+    assert {own.names for own in found[:3]} <= set(about)
 
 
 def test_where_nothing_acts_no_effect_gains_what_it_must():
