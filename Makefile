@@ -1,6 +1,6 @@
 # make demo   sets up an environment, fits the shipped recording, leaves a report in demo/
 # make test   sets up an environment and runs the tests
-# make check  format, lint, types, import floors
+# make check  format, lint, types, import floors, pages of the top level
 
 PYTHON ?= python3
 VENV := .venv
@@ -29,6 +29,7 @@ check: $(VENV)/done
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python docs/api/build.py --check
 
 format: $(VENV)/done
 	$(BIN)/ruff format .

@@ -176,11 +176,13 @@ def condensed(model: MotionModel, recording: Recording) -> Solved:
         short = MotionProblem(simulator(model), [recording], noise=NOISE, horizon=rows * DT, starts="measured")
         stated += time.process_time() - clock
         clock = time.process_time()
-        solution = gauss_newton(short, short.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="damp")
+        solution = gauss_newton(
+            short, short.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
+        )
         solving += time.process_time() - clock
         p, steps = short.shared(solution.x), steps + solution.steps
     clock = time.process_time()
-    solution = gauss_newton(whole, whole.unknowns(p), tolerance=1e-12, negligible=0.0, search="damp")
+    solution = gauss_newton(whole, whole.unknowns(p), tolerance=1e-12, negligible=0.0, search="levenberg_marquardt")
     solving += time.process_time() - clock
     names = [p.name for p in model.parameters]
     values = whole.shared(solution.x)

@@ -22,13 +22,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from greybox_id.cli.fit import summary
 from greybox_id.datasets.read import read
 from greybox_id.errors import GreyboxError
 from greybox_id.fitting import How, fit
 from greybox_id.model import Model
 from greybox_id.models.registry import build, candidates
 from greybox_id.recording import Recording
+from greybox_id.reports.text.fit import as_dict as summary
 from greybox_id.scores.metrics import predictions, score
 
 PUBLISHED = {

@@ -88,7 +88,7 @@ def _led(problems: list[MotionProblem], p: Array) -> tuple[float, int]:
     for stated in problems:
         whole = stated.horizon is None
         solution = gauss_newton(
-            stated, stated.unknowns(p), search="damp", max_steps=100 if whole else SHORT_STEPS,
+            stated, stated.unknowns(p), search="levenberg_marquardt", max_steps=100 if whole else SHORT_STEPS,
             tolerance=1e-10 if whole else 1e-3, negligible=0.0 if whole else 1e-3,
         )  # fmt: skip
         p, steps = stated.shared(solution.x), steps + solution.steps

@@ -29,11 +29,12 @@ class Combined:
     about: str
 
 
-def reach(dof: Array | float) -> Array:
-    """How many standard deviations a 95 % interval reaches to either side: Student's t."""
+def reach(dof: Array | float, quantile: float = CONFIDENCE) -> Array:
+    """How many standard deviations an interval reaches to either side, by Student's t, up to an upper quantile."""
     dof = np.asarray(dof, dtype=float)
     finite = np.isfinite(dof)
-    return np.where(finite, special.stdtrit(np.where(finite, np.maximum(dof, 1.0), 1.0), CONFIDENCE), Z)
+    known = Z if quantile == CONFIDENCE else float(special.ndtri(quantile))
+    return np.where(finite, special.stdtrit(np.where(finite, np.maximum(dof, 1.0), 1.0), quantile), known)
 
 
 def combined(combination: Combination, model: Model, covariance: Array, dof: Mapping[str, Array]) -> Combined:

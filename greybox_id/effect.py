@@ -14,12 +14,13 @@ from .errors import BadModel
 from .memory_model import MemoryModel
 from .model import Model
 from .motion_model import MotionModel
+from .origin import origin_of
 from .parameter import Parameter
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Effect:
     """A named transform from model to model.
 
@@ -37,6 +38,15 @@ class Effect:
     typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
     gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
     group : steering, drive, tyres, body, road, sensors or timing.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> delay = gb.effects.steering_delay
+    >>> delay
+    Effect steering_delay: pure delay of the steering command [s], nothing changes at 0
+    >>> (gb.models.lateral() + delay.at(0.03)).effects
+    ('steering_delay',)
     """
 
     name: str
@@ -50,6 +60,19 @@ class Effect:
     typical: float = 1.0
     gradual: bool = True
     group: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("parameter", "memory_parameter"):
+            own = getattr(self, name)
+            if own is not None and own.null is None and own.shape == ():
+                object.__setattr__(self, name, replace(own, null=float(own.array)))
+
+    def __repr__(self) -> str:
+        own = self.parameter
+        unit = "" if own.unit == "1" else f" [{own.unit}]"
+        null = "" if own.null is None else f", nothing changes at {own.null:g}"
+        at = "" if own.null is None or float(own.array) == own.null else f"; here {float(own.array):g}"
+        return f"Effect {self.name}: {own.about}{unit}{null}{at}{' (fixed)' if own.fixed else ''}"
 
     def __call__(self, model: AnyModel) -> AnyModel:
         """Put the effect on a model and on those of its parts that it concerns."""
@@ -67,6 +90,27 @@ class Effect:
     def at(self, value: float) -> Effect:
         """The same effect at another magnitude, held there when fitting."""
         return self._with(lambda parameter: replace(parameter.with_value(value), fixed=True))
+
+    def free(self, start: float | None = None) -> Effect:
+        """The same effect, estimated when fitting.
+
+        Parameters
+        ----------
+        start : magnitude that estimation starts from, in the unit of `parameter`; `typical` unless given, since at
+            their null many effects have no derivative to follow.
+
+        Raises
+        ------
+        BadInput : `start` lies outside the bounds.
+
+        Examples
+        --------
+        >>> import greybox_id as gb
+        >>> (gb.models.lateral() + gb.effects.steering_delay.free(start=0.03))["steering_delay"].fixed
+        False
+        """
+        value = self.typical if start is None else start
+        return self._with(lambda parameter: replace(parameter.with_value(value), fixed=False))
 
     def starting_at(self, value: float) -> Effect:
         """The same effect with another magnitude to start a fit from."""
@@ -102,4 +146,6 @@ class Effect:
             assert self.apply_to_memory is not None
             assert isinstance(with_parameters, MemoryModel)
             changed = self.apply_to_memory(with_parameters)
-        return replace(changed, effects=(*model.effects, self.name))  # type: ignore[return-value]
+        origin = origin_of(self.apply, self.apply_to_memory)
+        origins = {**model.origins, self.name: origin} if origin is not None else model.origins
+        return replace(changed, effects=(*model.effects, self.name), origins=origins)  # type: ignore[return-value]

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from .errors import BadInput, nearest
+from .guard import option_of, permit, protect
+from .scratch import SET_ASIDE, scratch_name
+
+AT_CWD, EXCHANGE = -100, 2
+"""AT_FDCWD, and RENAME_EXCHANGE of Linux, which macOS calls RENAME_SWAP."""
+SMALL = 1 << 20
+"""Bytes of a parameter or tyre file at most: those in use have some kilobytes."""
+_batch: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("batch", default=None)
 
 
 def cache_folder() -> Path:
@@ -20,10 +32,10 @@ def cache_folder() -> Path:
     return Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "greybox-id")
 
 
-def write_atomically(path: Path, text: str) -> Path:
-    """Write a text beside its target, then replace that. Raises `BadInput` where that is not allowed."""
-    with replacing(path) as beside:
-        beside.write_text(text, encoding="utf-8")
+def write_atomically(path: Path, text: str, *, continued: bool = False) -> Path:
+    """Write a text beside its target, then replace that, as `replacing` does. Raises `BadInput` where it may not."""
+    with replacing(path, continued=continued) as beside:
+        beside.write_text(text, encoding="utf-8", newline="\n")
     return path
 
 
@@ -43,26 +55,187 @@ def near_file(path: Path) -> str:
     return f" Did you mean {path.parent / found}?" if found is not None else ""
 
 
+def small_file(path: str | Path, what: str) -> bytes:
+    """The bytes of a file that a command reads, of 1 MB at most.
+
+    Raises
+    ------
+    BadInput : it cannot be read, or is larger than a file of that kind is.
+    """
+    protect(path)
+    file = Path(path)
+    try:
+        with file.open("rb") as opened:
+            held = opened.read(SMALL + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
+        raise BadInput(f"{path}: the {what} cannot be read ({reason}).{near_file(file)} Check the path.") from error
+    if len(held) > SMALL:
+        raise BadInput(f"{path}: larger than {SMALL >> 20} MB; that is no {what}.")
+    return held
+
+
 def ensure_writable(folder: Path) -> None:
     """Raise `BadInput` if nothing can be written to a folder, which is made; better before long work than after."""
-    with replacing(folder / ".greybox") as beside:
+    with writable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        beside = scratch_name(folder)
         beside.touch()
-    (folder / ".greybox").unlink(missing_ok=True)
+        beside.unlink()
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A file beside the target to write to; it replaces the target when all went well, else it is gone."""
-    try:
+def replacing(path: Path, *, continued: bool = False) -> Iterator[Path]:
+    """A file beside the target to write to; it replaces the target when all went well, else it is gone.
+
+    Within `at_once` it replaces the target when everything is written.
+
+    Parameters
+    ----------
+    path : the target.
+    continued : whether what is there was read by who writes, to carry on with it; else the guard is asked.
+
+    Raises
+    ------
+    BadInput : it cannot be written, or the guard forbids it.
+    """
+    with writable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
-        os.close(handle)
-        beside = Path(name)
+        beside = scratch_name(path.parent, path.suffix)
+        beside.touch(0o600)
+        waits = False
         try:
             yield beside
+            if not continued:
+                permit(beside, path)
             beside.chmod(0o644)
-            beside.replace(path)
+            _onto_disk(beside)
+            batch = _batch.get()
+            if batch is None:
+                beside.replace(path)
+                _onto_disk(path.parent)
+            else:
+                batch.append((beside, path))
+                waits = True
         finally:
+            if not waits:
+                beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def at_once() -> Iterator[None]:
+    """Files written meanwhile take their places together at the end; the first one written does so last.
+
+    A folder that would hold nothing else is replaced as a whole, in one step. Others get their files one after the
+    other, within microseconds; the first one, which says what the others are, is the last.
+    """
+    batch: list[tuple[Path, Path]] = []
+    token = _batch.set(batch)
+    try:
+        yield
+        for folder in dict.fromkeys(target.parent for _, target in reversed(batch)):
+            files = [(beside, target) for beside, target in reversed(batch) if target.parent == folder]
+            with writable(folder):
+                if not _swapped(folder, files):
+                    for beside, target in files:
+                        beside.replace(target)
+                _onto_disk(folder)
+    finally:
+        _batch.reset(token)
+        for beside, _ in batch:
             beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder beside the target to write to; it takes the target's place in one step when all went well.
+
+    Raises
+    ------
+    BadInput : it cannot be written.
+    """
+    with writable(folder):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        beside = scratch_name(folder.parent)
+        made = beside / "new"
+        made.mkdir(parents=True)
+        try:
+            yield made
+            for file in made.rglob("*"):
+                _onto_disk(file)
+            _take_place(made, folder, beside / SET_ASIDE)
+            _onto_disk(folder.parent)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
+
+
+@contextmanager
+def writable(path: Path) -> Iterator[None]:
+    """Turn what the system says against writing into a sentence that names the option to change."""
+    try:
+        yield
     except OSError as error:
-        raise BadInput(f"{path} cannot be written: {error.strerror}. Name another place with --out.") from error
+        raise BadInput(
+            f"{path} cannot be written: {error.strerror or error}. Name another place with {option_of(path)}."
+        ) from error
+
+
+def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:
+    """Replace a folder that holds nothing but the files' targets; False where it holds more, or cannot be."""
+    targets = {target.name for _, target in files}
+    scratch = {beside.name for beside, _ in files}
+    held = {own.name for own in os.scandir(folder)}
+    if not held - scratch or held - targets - scratch or folder.is_symlink() or folder.absolute() == Path.cwd():
+        return False
+    beside = scratch_name(folder.parent)
+    made = beside / "new"
+    made.mkdir(parents=True)
+    try:
+        shutil.copystat(folder, made)
+        for own, target in files:
+            os.link(own, made / target.name)
+        _onto_disk(made)
+        return _exchanged(made, folder)
+    except OSError:  # no hard links here, or no right to the folder above
+        return False
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _take_place(made: Path, folder: Path, aside: Path) -> None:
+    """Put a new folder where one may be already."""
+    if not folder.exists():
+        made.rename(folder)
+    elif not _exchanged(made, folder):
+        aside.mkdir()
+        folder.rename(aside / folder.name)
+        try:
+            made.rename(folder)
+        except OSError:
+            (aside / folder.name).rename(folder)
+            raise
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Exchange two folders in one step, where the system and the file system can."""
+    with suppress(AttributeError, OSError):
+        system = ctypes.CDLL(None, use_errno=True)
+        if sys.platform.startswith("linux"):
+            return int(system.renameat2(AT_CWD, bytes(one), AT_CWD, bytes(other), EXCHANGE)) == 0
+        if sys.platform == "darwin":
+            return int(system.renamex_np(bytes(one), bytes(other), EXCHANGE)) == 0
+    return False
+
+
+def _onto_disk(path: Path) -> None:
+    """Have a file's content, or a folder's names, survive the machine's loss of power."""
+    if sys.platform == "win32":
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # file systems that know no such thing
+            raise
+    finally:
+        os.close(handle)

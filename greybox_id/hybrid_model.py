@@ -1,13 +1,13 @@
-"""Known physics, and a recurrent network in place of what is not known.
+"""Known physics, and a network in place of what is not known.
 
     def physics(x, u, p, z):
         F_yf = stiffness(z[0]) * alpha_f                  # z: what the network says, of order one
         ...
         return {"v_y": a_y - u.v_x * x.yaw_rate, ...}, {"F_yf": F_yf, "a_y": a_y, ...}
 
-At every sample the network reads features of states and inputs, remembers what it has read before, and says z; the
-physics make states' derivatives and named quantities of it. Only outputs of the physics are compared with a recording:
-what the network says, the tyres' forces for example, is never measured.
+At every sample the network reads features of states and inputs, a recurrent one remembers what it has read before, and
+says z; the physics make states' derivatives and named quantities of it. Only outputs of the physics are compared with a
+recording: what the network says, the tyres' forces for example, is never measured.
 
 Source: "Tire cornering stiffness estimation using hybrid modeling", Sec. 2 and 3.2, Fig. 2.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Literal
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
@@ -38,7 +39,7 @@ class Carried:
 
 
 @dataclass(frozen=True)
-class Network:
+class RecurrentNetwork:
     """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
 
         h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
@@ -68,7 +69,46 @@ class Network:
         return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
+class FeedForwardNetwork:
+    """Layers without a memory, and a linear one on top.
+
+        h_l = activation(W_l h_(l-1) + b_l),    z = W_out h_last + b_out
+
+    Attributes
+    ----------
+    features : numbers it reads.
+    hidden : units of each hidden layer.
+    outputs : numbers it says.
+    activation : of the hidden layers.
+    mirrored : for each feature, whether it changes its sign in a mirror. Where that is given, z(f) - z(mirrored f) is
+        what the network says: what it learns of a left turn holds of a right one.
+    """
+
+    features: int
+    hidden: tuple[int, ...]
+    outputs: int
+    activation: Literal["tanh", "relu"] = "tanh"
+    mirrored: tuple[bool, ...] = ()
+    skip: bool = False
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Parameter name -> its shape."""
+        found: dict[str, tuple[int, ...]] = {}
+        before = self.features
+        for number, units in enumerate(self.hidden, 1):
+            found |= {f"W_{number}": (units, before), f"b_{number}": (units,)}
+            before = units
+        return found | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+
+
+Integrator = Literal["euler", "ab2", "rk4"]
+"""How states follow from one sample to the next: Euler's step, Adams and Bashforth's of second order, or the classical
+Runge-Kutta step, which asks the network four times."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
 class HybridModel(Model):
     """Physics with a network inside.
 
@@ -76,7 +116,7 @@ class HybridModel(Model):
     ----------
     states : in order.
     commands : inputs that are held between rows where a recording says that commands are.
-    network : its size; its weights are parameters by the names of `Network.shapes`.
+    network : its size; its weights are parameters by the names of its `shapes`.
     features : (x, u, p) -> what the network reads, each of order one.
     physics : see `Physics`. Outputs are states or quantities by name.
     estimates : quantities that an estimator is asked for, name -> SI unit.
@@ -85,13 +125,14 @@ class HybridModel(Model):
     least : input -> its smallest value at which the physics hold.
     sample_time : s; recordings must have it.
     substeps : of each sample, that time is cut into.
+    integrator : how states follow; a recurrent network goes with "ab2".
     window, warm_up : rows that are predicted from one start in training, and how many of them are not compared: until
         the network has something to remember and the start is forgotten.
     """
 
     states: tuple[Carried, ...]
     commands: tuple[str, ...] = ()
-    network: Network
+    network: RecurrentNetwork | FeedForwardNetwork
     features: Callable[[Namespace, Namespace, Namespace], Sequence[Symbol]]
     physics: Physics
     estimates: Mapping[str, str]
@@ -100,6 +141,7 @@ class HybridModel(Model):
     least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     sample_time: float
     substeps: int = 1
+    integrator: Integrator = "ab2"
     window: int = 60
     warm_up: int = 20
 
@@ -111,6 +153,16 @@ class HybridModel(Model):
             raise BadModel(
                 f"Model {self.name}: of a window of {self.window} rows {self.warm_up} to warm up leave none to compare."
             )
+
+    @property
+    def recurrent(self) -> bool:
+        """Whether the network has a memory."""
+        return isinstance(self.network, RecurrentNetwork)
+
+    @property
+    def remembered(self) -> int:
+        """Numbers that the network's layers carry from row to row."""
+        return sum(self.network.hidden) if self.recurrent else 0
 
     def read(self, name: str, recording: Recording) -> Array | None:
         """A state or output as recorded, or as it follows from what is; None where it cannot."""

@@ -57,7 +57,7 @@ class SampledSensor:
     weights: Callable[[Namespace, float], Sequence[Symbol]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class MemoryModel(Model):
     """Equations over windows of past inputs.
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Self
 
-from .errors import BadModel
+from .errors import BadModel, near
+from .origin import Origin, origin_of
 from .parameter import Array, Parameter, pack, unpack
 
 Symbol = Any
@@ -42,7 +44,7 @@ class Combination:
     scaled_by: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Model:
     """What every model is known by.
 
@@ -59,6 +61,20 @@ class Model:
     effects : names of the effects added to it.
     together : sentences on parameters that the equations let appear only in combinations.
     combinations : quantities to report beside the parameters.
+    origins : name of an effect that greybox-id does not ship -> where its equations come from.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> model = gb.models.lateral(vehicle="roboracer") + gb.effects.steering_delay.free(start=0.03)
+    >>> model
+    Model lateral + steering_delay: single-track vehicle at a measured speed, two degrees of freedom
+      inputs   steer, v_x
+      outputs  v_y, yaw_rate, a_y
+      free     m, I_z, l_f, l_r, B_f, C_f, D_f, B_r, C_r, D_r, steering_delay
+      fixed    h_cg, track_f, track_r, E_f, S_h_f, S_v_f, E_r, S_h_r, S_v_r
+    >>> float(model["steering_delay"].value)
+    0.03
     """
 
     name: str
@@ -72,6 +88,20 @@ class Model:
     effects: tuple[str, ...] = ()
     together: tuple[str, ...] = ()
     combinations: tuple[Combination, ...] = ()
+    origins: Mapping[str, Origin] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __repr__(self) -> str:
+        names = {
+            "inputs": self.inputs,
+            "outputs": self.outputs,
+            "free": tuple(p.name for p in self.parameters if not p.fixed),
+            "fixed": tuple(p.name for p in self.parameters if p.fixed),
+        }
+        lines = [f"  {title:8} {_listed(own)}" for title, own in names.items() if own]
+        return "\n".join([f"Model {' + '.join((self.name, *self.effects))}: {self.about}", *lines])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
     def __post_init__(self) -> None:
         names = [parameter.name for parameter in self.parameters]
@@ -83,8 +113,12 @@ class Model:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        names = ", ".join(parameter.name for parameter in self.parameters)
-        raise BadModel(f"Model {self.name} has no parameter {name!r}; it has {names}.")
+        names = [parameter.name for parameter in self.parameters]
+        raise BadModel(f"Model {self.name} has no parameter {name!r}; it has {', '.join(names)}.{near(name, names)}")
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Itself: nothing in it changes, and functions and read-only mappings have no copies."""
+        return self
 
     def __contains__(self, name: object) -> bool:
         return any(parameter.name == name for parameter in self.parameters)
@@ -92,6 +126,11 @@ class Model:
     def __add__(self, effect: Callable[[Self], Self]) -> Self:
         """The model with an effect."""
         return effect(self)
+
+    @property
+    def origin(self) -> Origin | None:
+        """Where the equations come from; None for models that greybox-id ships."""
+        return origin_of(*(getattr(self, own, None) for own in ("dynamics", "equations", "physics")))
 
     @property
     def size(self) -> int:
@@ -112,3 +151,12 @@ class Model:
         new = {parameter.name: parameter for parameter in parameters}
         kept = tuple(new.pop(parameter.name, parameter) for parameter in self.parameters)
         return replace(self, parameters=kept + tuple(new.values()))
+
+
+MOST_LISTED = 12
+"""Names in a line of a model's `repr`."""
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    more = len(names) - MOST_LISTED
+    return ", ".join(names[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")

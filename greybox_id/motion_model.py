@@ -46,6 +46,12 @@ class State:
     scale : how large it typically is; how loosely an unmeasured start is known.
     start : what it is taken to be when a run starts and it is not measured: a number, or a function of
         (x, u, p), where x holds the states that were measured (others at zero).
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.State("yaw_rate", "rad/s", scale=0.5).start
+    0.0
     """
 
     name: str
@@ -90,6 +96,22 @@ class Relaxation:
     time_constant: Callable[[Quantities], Symbol]
 
 
+@dataclass(frozen=True)
+class Validity:
+    """Where equations hold; elsewhere they only stay finite, and readings tell nothing of their parameters.
+
+    Attributes
+    ----------
+    signal : an input or an output.
+    least : they hold where its absolute value is at least so much, in its unit.
+    outputs : of which this is so.
+    """
+
+    signal: str
+    least: float
+    outputs: tuple[str, ...]
+
+
 Alteration = tuple[str, Callable[[Symbol, Quantities], Symbol]]
 """Name of a parameter, input or quantity, and (its value, q) -> its altered value."""
 
@@ -100,7 +122,7 @@ Shift = Callable[[Namespace], Symbol]
 """Parameters -> s."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class MotionModel(Model):
     """Equations of motion.
 
@@ -121,6 +143,23 @@ class MotionModel(Model):
     latencies : output -> by how much its reading is late. Several on one output add up.
     passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
         reads q.before and converges over a few passes.
+    validity : where the equations hold; fits leave out other readings.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> model = gb.MotionModel(
+    ...     name="turner",
+    ...     about="yaw rate that lags behind its kinematic value",
+    ...     states=(gb.State("yaw_rate", "rad/s"),),
+    ...     inputs=("steer", "v_x"),
+    ...     outputs=("yaw_rate",),
+    ...     parameters=(gb.Parameter("L", "m", 0.33, (0.1, 1.0)), gb.Parameter("lag", "s", 0.1, (0.01, 1.0))),
+    ...     dynamics=lambda x, u, p, q: {"yaw_rate": (u.v_x * u.steer / p.L - x.yaw_rate) / p.lag},
+    ... )
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> bool(0.1 < gb.fit(model, lap).params["L"] < 1.0)
+    True
     """
 
     states: tuple[State, ...]
@@ -136,6 +175,7 @@ class MotionModel(Model):
     sensors: tuple[Sensor, ...] = ()
     latencies: tuple[tuple[str, Shift], ...] = ()
     passes: int = 1
+    validity: tuple[Validity, ...] = ()
 
     @property
     def names(self) -> frozenset[str]:

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Prior:
-    """What was believed before the recording was seen: independent Gaussians, and their smoothness.
+    """What is known before the recording is seen: independent Gaussians, and their smoothness.
 
     Attributes
     ----------
@@ -28,6 +28,12 @@ class Prior:
         differences; None along an axis leaves it free.
     strength : name of the strength that scales this prior and is chosen by cross-validation; empty if
         the prior is knowledge and no tuning knob.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.Parameter("B_f", "1/rad", 6.0, prior=gb.Prior(sd=3.0, mean=6.0)).prior.sd
+    3.0
     """
 
     sd: ArrayLike
@@ -46,13 +52,21 @@ class Parameter:
     unit : SI unit in pint's spelling, "1" when there is none.
     value : nominal value, a number or an array.
     bounds : lowest and highest admissible value of every entry.
-    prior : belief before the data; None for none.
+    prior : what is known before the data; None for none.
     fixed : whether fitting leaves it alone.
     scope : "model", one value for everything; "run", one value per unbroken run (a nuisance such as a
         timing offset); new runs take the mean over the training runs.
     about : meaning, for people.
     source : where the nominal value comes from.
     axes : for local models, the signal along each leading axis of the value and its centres, in the SI unit.
+    null : of the magnitude of an effect, the value at which it changes nothing; None for all other parameters.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> I_z = gb.Parameter("I_z", "kg m^2", 0.05, bounds=(0.005, 0.5), about="yaw inertia")
+    >>> float(I_z.with_value(0.04).value)
+    0.04
     """
 
     name: str
@@ -65,6 +79,7 @@ class Parameter:
     about: str = ""
     source: str = ""
     axes: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    null: float | None = None
 
     def __post_init__(self) -> None:
         value = np.array(self.value, dtype=float)
@@ -94,7 +109,7 @@ class Parameter:
         return self.array.size
 
     def with_value(self, value: ArrayLike) -> Parameter:
-        """The same parameter at another value of the same shape; what was believed of it before stays where it was."""
+        """The same parameter at another value of the same shape; its prior stays where it was."""
         new = np.asarray(value, dtype=float)
         if new.shape != self.shape:
             raise BadInput(f"Parameter {self.name} has shape {self.shape}; a value of shape {new.shape} was given.")

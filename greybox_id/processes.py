@@ -7,19 +7,29 @@ back plain results. Where a system does not fork safely, work is done here, one 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import active_children, get_context
-from typing import Any, Generic, TypeVar
+from types import FrameType
+from typing import Any, Generic, TypeVar, cast
 
 Result = TypeVar("Result")
 FORKS = sys.platform.startswith("linux")
 """Whether processes can be forked; elsewhere libraries of the system forbid it."""
+
+SOON = 0.01
+"""Seconds after which an interrupt that would have been lost is tried again."""
+
+INTERRUPTS = (signal.SIGINT, signal.SIGALRM) if FORKS else ()
+"""What Ctrl-C sends, at first and where it would have been lost."""
 
 _child: dict[str, Any] = {"work": None, "working": False, "stopped": False}
 """What a forked process does, whether it is at it, and whether it is to begin nothing more."""
@@ -79,6 +89,107 @@ def side_by_side(
     return done
 
 
+def elsewhere(work: Callable[[], Result]) -> Result:
+    """The result of some work, done by a process of its own that Ctrl-C ends at once, whatever library is at work.
+
+    Parameters
+    ----------
+    work : its result, or the exception it ends with, is sent between processes.
+    """
+    if not FORKS:
+        return work()
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        _hand_in(work, writing)
+    os.close(writing)
+    try:
+        with os.fdopen(reading, "rb") as pipe:
+            handed = pipe.read()
+    except BaseException:
+        os.kill(child, signal.SIGKILL)
+        raise
+    finally:
+        os.waitpid(child, 0)
+    if not handed:  # it was killed
+        return work()
+    done, result = pickle.loads(handed)  # of this process's own child, through a pipe nobody else has
+    if not done:
+        raise result
+    return cast(Result, result)
+
+
+def _hand_in(work: Callable[[], Any], writing: int) -> None:
+    """Do the work in a process of its own, and end it."""
+    try:
+        for number in (signal.SIGINT, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_DFL)
+        try:
+            found = pickle.dumps((True, work()))
+        except Exception as error:
+            found = pickle.dumps((False, error))
+        with os.fdopen(writing, "wb") as pipe:
+            pipe.write(found)
+    finally:
+        os._exit(0)
+
+
+def interrupt(frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, or do so a moment later where it would be lost.
+
+    Interrupts that reach Python while CasADi calls it, to convert arguments, or while an object is cleared away, are
+    swallowed there. While a solver of CasADi's runs they are taken for a wish to stop.
+
+    Parameters
+    ----------
+    frame : where the signal came.
+    """
+    if hasattr(signal, "setitimer") and _would_be_lost(frame):
+        _interrupt_soon()
+        return
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def interrupts_return() -> Iterator[None]:
+    """Meanwhile, an interrupt raised where exceptions end unheard comes again a moment later.
+
+    Such places are callbacks of weak references: the interpreter's imports have some.
+    """
+    heard = sys.unraisablehook
+
+    def hear(raised: Any) -> None:
+        if issubclass(raised.exc_type, KeyboardInterrupt) and hasattr(signal, "setitimer"):
+            _interrupt_soon()
+        else:
+            heard(raised)
+
+    sys.unraisablehook = hear
+    try:
+        yield
+    finally:
+        sys.unraisablehook = heard
+
+
+def _interrupt_soon() -> None:
+    signal.signal(signal.SIGALRM, lambda _, frame: interrupt(frame))
+    signal.setitimer(signal.ITIMER_REAL, SOON)
+
+
+def _would_be_lost(frame: FrameType | None) -> bool:
+    if frame is not None and _of_casadi(frame) and frame.f_code.co_name in ("call", "__call__"):
+        return False
+    while frame is not None:
+        if _of_casadi(frame) or frame.f_code.co_name == "__del__":
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _of_casadi(frame: FrameType) -> bool:
+    return frame.f_globals.get("__name__") == "casadi.casadi"
+
+
 def _here(
     done: Done[Result], work: Callable[[int], Result], count: int, told: Callable[[int, Result], bool] | None
 ) -> None:
@@ -96,8 +207,11 @@ def _forked(
 ) -> None:
     context = get_context("fork")
     with ProcessPoolExecutor(min(jobs, count), mp_context=context, initializer=_begin, initargs=(work,)) as pool:
-        waiting = {pool.submit(_do, number): number for number in range(count)}
+        waiting: dict[Future[tuple[Result, float]], int] = {}
         try:
+            with _waiting():
+                for number in range(count):
+                    waiting[pool.submit(_do, number)] = number
             for own in as_completed(waiting):
                 number = waiting[own]
                 _take(done, number, own)
@@ -113,6 +227,23 @@ def _forked(
                     _take(done, number, late)
                 except (BrokenProcessPool, KeyboardInterrupt):
                     done.interrupted = True
+
+
+@contextmanager
+def _waiting() -> Iterator[None]:
+    """Meanwhile, interrupts wait: one that came between fork and list would leave a process nobody knows of."""
+    if threading.current_thread() is not threading.main_thread():  # it gets none
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: came.append(number)) for number in INTERRUPTS}
+    try:
+        yield
+    finally:
+        for number, heard in before.items():
+            signal.signal(number, heard)
+        for first in came[:1]:
+            signal.raise_signal(first)
 
 
 def _take(done: Done[Result], number: int, own: Future[tuple[Result, float]]) -> None:
@@ -134,11 +265,12 @@ def _begin(work: Callable[[int], Any]) -> None:
     signal.signal(signal.SIGUSR1, _interrupted)
 
 
-def _interrupted(*_: object) -> None:
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    del number
     _child["stopped"] = True
     if _child["working"]:
         _child["working"] = False
-        raise KeyboardInterrupt
+        interrupt(frame)
 
 
 def _do(number: int) -> tuple[Any, float]:
@@ -146,6 +278,28 @@ def _do(number: int) -> tuple[Any, float]:
         raise KeyboardInterrupt
     clock, _child["working"] = time.process_time(), True
     try:
-        return _child["work"](number), time.process_time() - clock
+        with interrupts_return():
+            return _child["work"](number), time.process_time() - clock
     finally:
         _child["working"] = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # what was to be interrupted has ended
+
+
+class Pace:
+    """How long a number of like pieces of work are still going to take, by those that are done."""
+
+    def __init__(self, pieces: int) -> None:
+        self._pieces, self._began = pieces, time.monotonic()
+
+    def left(self, done: int) -> str:
+        """In words, with a comma before them; empty where nothing is known yet."""
+        if not 0 < done < self._pieces:
+            return ""
+        seconds = (time.monotonic() - self._began) / done * (self._pieces - done)
+        return f", about {duration(seconds)} left"
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words: 99 s, 3 min 05 s."""
+    whole = round(seconds)
+    return f"{whole} s" if whole < 100 else f"{whole // 60} min {whole % 60:02d} s"

@@ -18,6 +18,7 @@ class DataRecord:
     name, path, sha256, columns : provenance of the file.
     samples, runs : rows and unbroken runs.
     duration : s.
+    between, where : which part of the file it is; empty for all.
     """
 
     role: str
@@ -28,6 +29,8 @@ class DataRecord:
     samples: int
     runs: int
     duration: float
+    between: str = ""
+    where: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class Stage:
     certificate : Ipopt's word, None where it was not asked.
     ended_at : free single numbers by name, where each start ended, in the order of `starts`; empty where that was not
         kept.
+    fallbacks : sentences on other ways that were tried because the first one ended badly, and what they gave.
     """
 
     model: str
@@ -99,6 +103,12 @@ class Stage:
     cross_validation_seconds: float
     certificate: Certificate | None = None
     ended_at: tuple[Mapping[str, float], ...] = ()
+    fallbacks: tuple[str, ...] = ()
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it ended at an optimum: Ipopt says so or, where it was not asked, the solver's own tolerance."""
+        return self.converged if self.certificate is None else self.certificate.confirmed
 
 
 def data_record(recording: Recording, role: str) -> DataRecord:
@@ -106,5 +116,5 @@ def data_record(recording: Recording, role: str) -> DataRecord:
     source = recording.source
     return DataRecord(
         role, recording.name, source.path, source.sha256, source.columns,
-        len(recording), len(recording.runs), recording.duration,
+        len(recording), len(recording.runs), recording.duration, source.between, source.where,
     )  # fmt: skip

@@ -5,19 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import BadInput
+from .condition import holds
+from .errors import BadInput, near_or_all
 from .signals import SIGNALS, unit_of
+from .units import to_si
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
 JITTER_TOLERANCE = 0.5
 """A step in time counts as a join when it differs from the usual step by more than this share of it."""
+MOST_SHOWN = 12
+"""Signals that a recording's `repr` names."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +37,14 @@ class Source:
     path : the file as the user named it; empty for a recording made in memory.
     sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
     columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
+    between, where : which part of the file it is, as `Recording.between` and `Recording.where` were asked.
     """
 
     path: str = ""
     sha256: str = ""
     columns: str = ""
+    between: str = ""
+    where: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,7 +67,7 @@ class Resampled:
     largest: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Time and named signals in SI units, split into unbroken runs.
 
@@ -72,6 +83,16 @@ class Recording:
         straight to the next one.
     resampled : signals that had a clock of their own and were brought onto `time`, and what that costs.
     notes : what else reading did to the file that a person should know, as sentences.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.Recording("lap", time=[0.0, 0.1, 0.2], signals={"v_x": [3.0, 3.1, 3.2], "steer": [0.0, 0.1, 0.1]})
+    >>> lap
+    Recording lap: 3 rows in 1 run, 0.2 s at 10 Hz
+      v_x [m/s], steer [rad]
+    >>> float(lap["v_x"].mean().round(2))
+    3.1
     """
 
     name: str
@@ -101,6 +122,19 @@ class Recording:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        shown = [f"{name} [{self.unit(name)}]" for name in list(self.signals)[:MOST_SHOWN]]
+        more = len(self.signals) - len(shown)
+        rate = f" at {1 / self.sample_time:.4g} Hz" if self.sample_time > 0 else ""
+        runs = "1 run" if len(self.runs) == 1 else f"{len(self.runs)} runs"
+        return (
+            f"Recording {self.name}: {len(self)} rows in {runs}, {self.duration:.4g} s{rate}\n"
+            f"  {', '.join(shown)}{f' and {more} more' if more > 0 else ''}"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
     def __contains__(self, name: object) -> bool:
         return name in self.signals
 
@@ -111,6 +145,96 @@ class Recording:
                 f"Map a column of the file to {name} in the column map."
             )
         return self.signals[name]
+
+    @classmethod
+    def from_pandas(
+        cls,
+        table: pd.DataFrame,
+        units: Mapping[str, str] | None = None,
+        *,
+        time: str = "time",
+        name: str = "table",
+        hold: Literal["zero", "linear"] = "zero",
+    ) -> Recording:
+        """A recording from a table in memory.
+
+        Parameters
+        ----------
+        table : (n, columns) a row per sample; columns are called as the signals they are (`v_x`, `yaw_rate`, `steer`
+            ...). Columns that hold no numbers are left out, unless `units` names them.
+        units : column -> unit of its values, such as "deg/s" or "km/h"; SI where nothing is said. For a column that is
+            no signal, its unit.
+        time : column that holds the time; "s" unless `units` says otherwise. Where there is none, the table's index.
+        name : short name for tables and figures.
+        hold : what commands do between rows: "zero" or "linear".
+
+        Returns
+        -------
+        Recording
+            Signals (n,) in SI units. Runs end where time stops running on in its usual step.
+
+        Raises
+        ------
+        BadInput
+            A unit does not measure what its column is, `units` names a column that there is not, or there is no time.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> import greybox_id as gb
+        >>> table = pd.DataFrame({"time": [0.0, 0.1, 0.2], "yaw_rate": [0.0, 90.0, 180.0]})
+        >>> gb.Recording.from_pandas(table, units={"yaw_rate": "deg/s"})["yaw_rate"].round(3)
+        array([0.   , 1.571, 3.142])
+        """
+        if not hasattr(table, "columns") or not hasattr(table, "index"):
+            raise BadInput(f"table: a pandas DataFrame is needed, not {type(table).__name__}.")
+        said = dict(units or {})
+        columns = {str(own): table[own] for own in table.columns}
+        for own in said:
+            if own not in columns and own != time:
+                raise BadInput(f"units: {name} has no column {own!r}.{near_or_all(own, columns)}")
+        clock = columns.pop(time, None)
+        if clock is None and time != "time":
+            raise BadInput(f"time: {name} has no column {time!r}.{near_or_all(time, columns)}")
+        instants = _numbers(table.index if clock is None else clock, time, name)
+        factor = to_si(said.get(time, "s"), "s").factor
+        signals, extra = {}, {}
+        for own, values in columns.items():
+            if own not in said and getattr(values.dtype, "kind", "O") not in "iufb":
+                continue
+            target = SIGNALS[own].unit if own in SIGNALS else None
+            try:
+                found = to_si(said.get(own, target or "1"), target)
+            except BadInput as error:
+                raise BadInput(f"units[{own!r}]: {error}.") from error
+            signals[own] = found.factor * _numbers(values, own, name) + found.offset
+            if own not in SIGNALS:
+                extra[own] = found.unit
+        return cls(name=name, time=factor * instants, signals=signals, extra_units=extra, hold=hold)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per sample: time, run (from 1), and every signal in its SI unit.
+
+        Returns
+        -------
+        pandas.DataFrame
+            (n, 2 + signals); units are in its `attrs["units"]`, by column.
+
+        Examples
+        --------
+        >>> import greybox_id as gb
+        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+        >>> lap.to_pandas()[["time", "run", "v_x"]].shape == (len(lap), 3)
+        True
+        """
+        import pandas as pd
+
+        run = np.zeros(len(self), dtype=int)
+        for number, (start, stop) in enumerate(self.runs, 1):
+            run[start:stop] = number
+        table = pd.DataFrame({"time": self.time, "run": run, **self.signals})
+        table.attrs["units"] = {"time": "s", **{own: self.unit(own) for own in self.signals}}
+        return table
 
     def unit(self, name: str) -> str:
         """SI unit of a signal of this recording."""
@@ -134,7 +258,16 @@ class Recording:
         if lacking:
             raise BadInput(
                 f"{self.name} lacks {', '.join(lacking)}, which {purpose} needs; it has {', '.join(self.signals)}. "
-                "Map the columns that hold them in the column map (--columns)."
+                "Map the columns that hold them in the column map (‹columns›)."
+            )
+
+    def must_run(self) -> None:
+        """Raise `BadInput` where no two rows follow each other in time: nothing moves in such a recording."""
+        if not self.sample_time > 0:
+            rows = "a single row" if len(self) == 1 else f"{len(self)} rows of which none follows another in time"
+            raise BadInput(
+                f"{self.name} has {rows}: is its time reversed, or the same throughout? Check it with greybox data "
+                "check, and name the column of its clock in the column map (‹columns›)."
             )
 
     def each_run(self) -> Iterator[Recording]:
@@ -150,6 +283,48 @@ class Recording:
             time=self.time[start:stop],
             signals={name: values[start:stop] for name, values in self.signals.items()},
             runs=tuple((a, b) for a, b in inside if b > a),
+        )
+
+    def between(self, start: float | None = None, stop: float | None = None) -> Recording:
+        """The rows from one time to another, s, both included; None for an open end.
+
+        Raises
+        ------
+        BadInput
+            No row lies there.
+        """
+        low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
+        asked = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
+        kept = self._kept((self.time >= low) & (self.time <= high), f"between {asked} s")
+        return replace(kept, source=replace(kept.source, between=asked))
+
+    def where(self, condition: str) -> Recording:
+        """The rows at which a condition on signals and `time` holds, as `condition.holds` understands it.
+
+        Rows at which a signal that it names is missing are left out. A run ends where rows are left out.
+
+        Raises
+        ------
+        BadInput
+            The condition cannot be understood, or holds nowhere.
+        """
+        kept = self._kept(holds(condition, {**self.signals, "time": self.time}), f"where {condition}")
+        return replace(kept, source=replace(kept.source, where=condition))
+
+    def _kept(self, rows: NDArray[np.bool_], words: str) -> Recording:
+        if not np.any(rows):
+            span = f"; time runs from {np.nanmin(self.time):g} to {np.nanmax(self.time):g} s" if len(self) else ""
+            raise BadInput(f"{self.name} has no row {words}{span}. Ask for another part.")
+        runs, count = [], np.concatenate(([0], np.cumsum(rows)))
+        for start, stop in self.runs:
+            edges = np.flatnonzero(np.diff(np.concatenate(([False], rows[start:stop], [False])).astype(int))) + start
+            runs += [(int(count[a]), int(count[b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        return replace(
+            self,
+            time=self.time[rows],
+            signals={name: values[rows] for name, values in self.signals.items()},
+            runs=tuple(runs),
+            notes=(*self.notes, f"{np.count_nonzero(rows)} of {len(self)} rows are those {words}."),
         )
 
     def with_signals(self, **signals: Array) -> Recording:
@@ -201,3 +376,10 @@ def _frozen(values: object) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def _numbers(values: object, column: str, where: str) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where}: column {column!r} holds something that is no number ({error}).") from error

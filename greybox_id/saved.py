@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from . import __version__
 from .errors import BadInput
+from .guard import protect
 from .json_data import checksum, plain, read_json, without_nan
 
 FORMAT, VERSION, CHECKSUM = "format", "format_version", "checksum"
@@ -50,14 +51,15 @@ class Kind:
         Parameters
         ----------
         path : the file.
-        made : makes it of the plain data; `KeyError`, `TypeError`, `ValueError` and `AttributeError` of it mean that
-            the data are not those of such a file.
+        made : makes it of the plain data; `LookupError`, `ArithmeticError`, `TypeError`, `ValueError` and
+            `AttributeError` of it mean that the data are not those of such a file.
 
         Raises
         ------
         BadInput : the file is something else, is damaged, or was written by another version.
         """
         file = Path(path)
+        protect(file)
         body = read_json(file)
         if not isinstance(body, dict) or body.get(FORMAT) != self.format:
             raise BadInput(f"{file} is not {self.what} of greybox-id; make one with {self.command}.")
@@ -71,7 +73,7 @@ class Kind:
             raise BadInput(f"{file} is damaged: its content does not match its checksum. Restore it, or {self.again}.")
         try:
             return made(body)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, ArithmeticError, TypeError, ValueError, AttributeError) as error:
             raise BadInput(f"{file} is damaged: {error}. Restore it, or {self.again}.") from error
 
 

@@ -41,6 +41,7 @@ SIGNALS: dict[str, Signal] = {
         Signal("motor_current", "A", "motor current, negative brakes"),
         Signal("drive_force", "N", "drive force command, negative brakes"),
         Signal("ax_cmd", "m/s^2", "commanded longitudinal acceleration"),
+        Signal("throttle", "1", "throttle command, 1 full, negative brakes"),
         Signal("road_slope", "rad", "road slope, uphill positive"),
         Signal("roll", "rad", "roll angle", mirrors=True),
         Signal("pitch", "rad", "pitch angle"),
@@ -53,8 +54,10 @@ SIGNALS: dict[str, Signal] = {
     )
 }
 
-COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd")
+COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd", "throttle")
 """What a driver or a controller asks for: it may rightly stay constant, rest at zero, stop at an end or be held."""
+SD = "sd_"
+"""What the name of a signal's standard deviation begins with, where it is known row by row."""
 ANGLES_AROUND = ("yaw",)
 """Angles that begin anew after a full turn."""
 

@@ -20,6 +20,12 @@ class Stated:
     sd : how well it is known, one standard deviation; None where nothing is said.
     min, max : what it can be at all; None where nothing is said.
     source : who says so.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.Stated(1457.2, sd=4.4, source="scale").plain
+    False
     """
 
     value: float | None = None

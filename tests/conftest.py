@@ -25,6 +25,27 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.skip(reason="slow; run with --slow"))
 
 
+@pytest.fixture(scope="module")
+def _uncompiled():
+    """Small problems are solved sooner than C is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GREYBOX_COMPILE", "0")
+        yield
+
+
+@pytest.fixture
+def nothing_stays_known():
+    """Models and effects of one's own that a test lets be known are unknown after it."""
+    from greybox_id.models import registry
+
+    tables = (registry.MODELS, registry.EFFECTS)
+    before = [dict(table) for table in tables]
+    yield
+    for table, own in zip(tables, before, strict=True):
+        table.clear()
+        table.update(own)
+
+
 @pytest.fixture
 def real_data() -> Path:
     """Folder of the real recordings, from the environment variable GREYBOX_DATA."""

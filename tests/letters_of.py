@@ -1,34 +1,41 @@
 """Where the letters of a drawn figure stand: boxes told from its SVG, to find those that are cut or meet."""
 
+import re
+from functools import cache
 from xml.etree import ElementTree
 
-from greybox_id.reports.plot.letters import width
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 
 SVG = "{http://www.w3.org/2000/svg}"
+TYPE = FontProperties(family=["STIXGeneral", "DejaVu Sans"])
+
+
+@cache
+def width(words, size):
+    """How wide words are, points."""
+    return TextPath((0.0, 0.0), words, size, prop=TYPE).get_extents().x1
 
 
 def boxes(svg):
     """(words, (left, top, right, bottom)) of every text, points, and the figure's width and height."""
     root = ElementTree.fromstring(svg)
     _, _, wide, high = (float(own) for own in root.get("viewBox").split())
-    return list(_texts(root, 0.0, 0.0)), (wide, high)
+    return [_box(text) for text in root.iter(f"{SVG}text")], (wide, high)
 
 
-def _texts(element, left, top):
-    for child in element:
-        if child.tag == f"{SVG}svg":
-            yield from _texts(child, left + float(child.get("x")), top + float(child.get("y")))
-        elif child.tag == f"{SVG}text":
-            words, size = "".join(child.itertext()), float(child.get("font-size"))
-            x, y = left + float(child.get("x")), top + float(child.get("y"))
-            long = width(words, size) / 1.03
-            before = {"start": 0.0, "middle": long / 2, "end": long}[child.get("text-anchor")]
-            if "rotate" in child.get("transform", ""):
-                yield words, (x - 0.7 * size, y - long + before, x + 0.2 * size, y + before)
-            else:
-                yield words, (x - before, y - 0.7 * size, x - before + long, y + 0.2 * size)
-        elif child.tag == f"{SVG}g" and child.get("transform") is None:
-            yield from _texts(child, left, top)
+def _box(text):
+    words, style, transform = "".join(text.itertext()), text.get("style"), text.get("transform", "")
+    size = float(re.search(r"font-size: ([\d.]+)px", style)[1])
+    moved = re.search(r"translate\((\S+) (\S+)\)", transform)
+    x, y = (float(own) for own in (moved.groups() if moved else (text.get("x"), text.get("y"))))
+    anchor = re.search(r"text-anchor: (\w+)", style)
+    long = width(words, size)
+    before = {"start": 0.0, "middle": long / 2, "end": long}[anchor[1] if anchor else "start"]
+    if "rotate(-90" in transform:
+        return words, (x - 0.7 * size, y - long + before, x + 0.2 * size, y + before)
+    assert "rotate" not in transform
+    return words, (x - before, y - 0.7 * size, x - before + long, y + 0.2 * size)
 
 
 def troubles(svg, room=1.5):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from greybox_id.gap import Closure, Errors, Gap, Limit, Ranked, Strip, Where
+from greybox_id.gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
 
 UNITS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "a_x": "m/s^2", "a_y": "m/s^2"}
 NOISE = {"v_x": 0.02, "v_y": 0.03, "yaw_rate": 0.012, "a_x": 0.15, "a_y": 0.15}
@@ -121,10 +121,18 @@ def clear(**changes):
         not_excited={"mass_change": "0.12", "steering_rate_limit": "1.9 rad/s", "aero_drag": "0.05 N s²/m²"},
         absorbed=("front_stiffness",),
         advice=(),
+        moved=(Moved("l_f", "m", 1.19, 0.02, 1.233),),
         strip=strip(),
         limits=LIMITS,
+        budget=Budget((Share("steering_delay", 0.84, 0.76, 0.9),), Share("unnamed", 0.16, 0.1, 0.24), ("lap8",), True),
+        unnamed=Unnamed(0.004, 0.003, 0.02, 0.01, 0.3, 0.4, 21.0, ("B_f", 1.8), {"yaw_rate": 1.02, "a_y": 0.99}),
     )
-    return replace(gap, **changes)
+    found = replace(gap, **changes)
+    if found.budget is None:
+        return found
+    judged = found.held_out or found.gap
+    shared = replace(found.budget, recordings=judged.recordings, held_out=found.held_out is not None)
+    return replace(found, budget=shared)
 
 
 def aliased():

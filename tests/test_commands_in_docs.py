@@ -6,11 +6,12 @@ import re
 import shlex
 import sys
 from contextlib import suppress
+from pathlib import Path
 from unittest.mock import MagicMock
 
 import click
 import pytest
-from documents import DOCS
+from documents import DOCS, fenced
 
 from greybox_id.cli import greybox as root
 
@@ -35,7 +36,13 @@ class Parsed(Exception):
 
 
 @pytest.mark.parametrize("words", list(lines("greybox")))
-def test_greybox_knows_what_a_page_asks_of_it(words):
+def test_greybox_knows_what_a_page_asks_of_it(words, tmp_path, monkeypatch, nothing_stays_known):
+    monkeypatch.chdir(tmp_path)
+    for file, name in re.findall(r"(\w+\.py):(\w+)", " ".join(words)):
+        shown = [
+            own.text for page in ("own_model.md", "own_effect.md") for own in fenced((DOCS / page).read_text("utf-8"))
+        ]
+        Path(file).write_text(next(own for own in shown if f"{name} = " in own and "import" in own), encoding="utf-8")
     command, context = root, click.Context(root, info_name="greybox")
     while isinstance(command, click.Group) and words:
         name, *words = words

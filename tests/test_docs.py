@@ -6,8 +6,9 @@ from ast import literal_eval
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
-from documents import DOCS, page, run_page
+from documents import DOCS, fenced, page, run_page
 
 PACKAGE = DOCS.parent / "greybox_id"
 
@@ -15,7 +16,8 @@ PACKAGE = DOCS.parent / "greybox_id"
 @pytest.fixture(autouse=True)
 def _in_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GREYBOX_CONFIG", raising=False)
+    for name in ("GREYBOX_CONFIG", "GREYBOX_COMPILE"):  # as a reader has it, whatever fixtures of a session are up
+        monkeypatch.delenv(name, raising=False)
 
 
 @pytest.mark.slow
@@ -37,6 +39,25 @@ def test_a_model_of_ones_own_is_fitted_and_read_back():
 def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
     without, with_effect = run_page("own_effect.md")["errors"].values()
     assert with_effect < 0.82 * without
+
+
+def test_the_readmes_python_runs():
+    mpl.use("Agg")
+    first, *others = [own.text for own in fenced(page("../README.md"))]
+    names = {}
+    exec(compile(first, "README.md", "exec"), names)
+    assert 0.02 < names["fit"].params["steering_delay"] < 0.2
+    assert Path("run/fit.json").exists()
+    assert others
+
+
+@pytest.mark.slow
+def test_all_of_the_readmes_python_runs():
+    mpl.use("Agg")
+    names = run_page("../README.md")
+    assert "C_alpha_f_sd" in names["track"]
+    assert Path("car/car.c").exists()
+    assert Path("lap.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_the_mathematics_hold():

@@ -90,7 +90,9 @@ def test_effects_and_what_is_held_come_back_as_they_were(tmp_path, model):
 def test_numbers_that_are_not_finite_do_not_break_the_file(tmp_path):
     stage = made().stages[0]
     odd = replace(stage, certificate=replace(stage.certificate, gradient=float("nan")), starts=(1.0, float("inf")))
-    metrics = {"validate": {"published": {"a_x": {"rmse": float("nan"), "fvu": float("-inf")}}}}
+    metrics = {
+        "validate": {"published": {"a_x": {"rmse": float("nan"), "rmse_sd": float("nan"), "fvu": float("-inf")}}}
+    }
     before = made(stages=(odd,), metrics=metrics, sd={"F": np.full((2, 2, 5), np.inf)})
     path = before.save(tmp_path / "fit.json")
     json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
@@ -235,5 +237,5 @@ def test_notes_tell_what_is_held_at_a_bound_or_hardly_told():
     ).notes()
     assert notes["r"] == "held"
     assert notes["c_r"] == "at its bound"
-    assert notes["m"].startswith("mostly prior")
+    assert notes["m"].startswith("weakly identifiable")
     assert "c_l" not in notes

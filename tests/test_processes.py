@@ -4,16 +4,22 @@ import os
 import signal
 import threading
 import time
+import weakref
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import active_children
 
+import casadi as cs
 import numpy as np
 import pytest
 
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.engine.compiler import CannotCompile
 from greybox_id.fitting import How, fit
 from greybox_id.models.registry import build, prepared
-from greybox_id.processes import FORKS, apart, side_by_side
+from greybox_id.processes import FORKS, apart, elsewhere, interrupt, interrupts_return, side_by_side
 
 forks = pytest.mark.skipif(not FORKS, reason="this system does not fork safely")
 
@@ -73,6 +79,28 @@ def test_an_interrupt_before_anything_is_done_is_one():
 
 
 @forks
+@pytest.mark.parametrize("early", [True, False])
+def test_an_interrupt_while_processes_are_begun_ends_them_too(early, monkeypatch):
+    submit = ProcessPoolExecutor.submit
+
+    def interrupted(*call):
+        if early:
+            signal.raise_signal(signal.SIGINT)
+        begun = submit(*call)
+        signal.raise_signal(signal.SIGINT)
+        return begun
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", interrupted)
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(lambda _: time.sleep(60.0), 4, 2)
+    for child in active_children():
+        child.join(20)
+    assert not active_children()
+    assert time.monotonic() - begun < 30
+
+
+@forks
 @pytest.mark.parametrize("name", ["kinematic", "msnn_lat"])
 def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
     lap = read(shipped("racer_train"), "roboracer").rows(0, 500)
@@ -85,3 +113,74 @@ def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
     assert together.strengths == alone.strengths
     assert together.tried == alone.tried
     assert together.cpu_seconds > 0.2 * alone.cpu_seconds  # of other processes too
+
+
+def test_what_is_done_elsewhere_is_handed_over():
+    assert (elsewhere(os.getpid) != os.getpid()) == FORKS
+
+    def fails():
+        raise CannotCompile("There is no C for it.")
+
+    with pytest.raises(CannotCompile, match="no C for it"):
+        elsewhere(fails)
+
+
+@contextmanager
+def interrupted(after):
+    """An interrupt so many seconds later, as the command takes it."""
+    before = signal.signal(signal.SIGUSR2, lambda _, frame: interrupt(frame))
+    waiting = threading.Timer(after, os.kill, (os.getpid(), signal.SIGUSR2))
+    waiting.start()
+    try:
+        with interrupts_return():
+            yield
+    finally:
+        waiting.join()
+        signal.signal(signal.SIGUSR2, before)
+
+
+@forks
+def test_what_is_done_elsewhere_ends_with_an_interrupt(monkeypatch):
+    children, fork = [], os.fork
+    monkeypatch.setattr(os, "fork", lambda: children.append(fork()) or children[-1])
+    begun = time.monotonic()
+    with interrupted(0.2), pytest.raises(KeyboardInterrupt):
+        elsewhere(lambda: time.sleep(60))
+    assert time.monotonic() - begun < 30
+    (child,) = children
+    with pytest.raises(ChildProcessError):  # it is not left behind
+        os.waitpid(child, os.WNOHANG)
+
+
+def pause(seconds):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        pass
+
+
+class Slow:
+    def __SX__(self):
+        pause(0.3)
+        return cs.SX(1)
+
+
+class SlowToGo:
+    def __del__(self):
+        pause(0.3)
+
+
+def seen_to_go():
+    class Plain:
+        pass
+
+    plain = Plain()
+    watched = weakref.ref(plain, lambda _: pause(0.3))
+    del plain
+    return watched
+
+
+@forks
+@pytest.mark.parametrize("work", [lambda: cs.sin(Slow()), lambda: SlowToGo() and None, seen_to_go])
+def test_interrupts_are_not_lost_where_python_swallows_them(work):
+    with interrupted(0.1), pytest.raises(KeyboardInterrupt):
+        _ = work(), pause(1.0)

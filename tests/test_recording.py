@@ -128,3 +128,25 @@ def test_a_missing_signal_is_named_with_those_that_are_there():
 def test_units_are_si_and_own_channels_keep_theirs():
     recording = Recording("r", np.arange(2.0), {"v_x": np.zeros(2), "heat": np.zeros(2)}, extra_units={"heat": "K"})
     assert (recording.unit("v_x"), recording.unit("heat"), recording.unit("else")) == ("m/s", "K", "1")
+
+
+def test_a_part_between_two_times_keeps_its_runs():
+    recording = Recording("r", np.array([0.0, 1, 2, 3, 0, 1, 2]), {"v_x": np.arange(7.0)}, runs=((0, 4), (4, 7)))
+    part = recording.between(1.0, 2.0)
+    np.testing.assert_array_equal(part["v_x"], [1, 2, 5, 6])
+    assert part.runs == ((0, 2), (2, 4))
+    assert part.source.between == "1:2"
+    np.testing.assert_array_equal(recording.between(stop=1.0)["v_x"], [0, 1, 4, 5])
+    with pytest.raises(BadInput, match="no row between 9: s; time runs from 0 to 3 s"):
+        recording.between(9.0)
+
+
+def test_a_run_ends_where_a_condition_leaves_rows_out():
+    recording = Recording("r", np.arange(6.0), {"v_x": np.array([9.0, 9, 1, 9, np.nan, 9])})
+    part = recording.where("v_x > 5 and time < 5")
+    np.testing.assert_array_equal(part.time, [0, 1, 3])
+    assert part.runs == ((0, 2), (2, 3))
+    assert part.source.where == "v_x > 5 and time < 5"
+    assert "3 of 6 rows are those where v_x > 5" in part.notes[0]
+    with pytest.raises(BadInput, match="no row where v_x > 10"):
+        recording.where("v_x > 10")

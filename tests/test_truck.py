@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from truck import CANDIDATES, errors, fitted
-from truck_inputs import EVERY, _bridged, prepared, raw
 
+from greybox_id.bench.truck_grey_boxes import CANDIDATES, errors, fitted
+from greybox_id.bench.truck_inputs import EVERY, _bridged, prepared, raw
 from greybox_id.solvers.gauss_newton import Status
 
 MOST_STEPS = 25

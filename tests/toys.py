@@ -16,6 +16,9 @@ TINY = {
     "msnn_lat": TINY_LAT,
     "msnn_long": TINY_LONG,
     "msnn_full": {"lat": TINY_LAT, "long": TINY_LONG},
+    "gnn": {"neurons": 3, "gamma": 4},
+    "msnn_bench_lat": {"q": 4},
+    "msnn_bench_long": {"gamma": 3},
     "msnn_full_plus": {"lat": TINY_LAT, "long": {**TINY_LONG, "speed_window": True}},
 }
 """Settings that keep every model of the registry small."""

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from track import Track
 from wishes import Wishes
 
 from greybox_id.errors import BadInput
@@ -19,6 +18,7 @@ from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
 from greybox_id.motion_model import MotionModel
+from greybox_id.racing.track import RaceTrack
 
 Row = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class CDriver:
     """
 
     def __init__(
-        self, model: MotionModel, period: float, track: Track, wishes: Wishes, v_x: float, folder: Path
+        self, model: MotionModel, period: float, track: RaceTrack, wishes: Wishes, v_x: float, folder: Path
     ) -> None:
         self.seconds: list[float] = []
         self.failures = 0

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from prediction import Prediction
 from program import Linear, Program
-from track import Track
 from wishes import Wishes
+
+from greybox_id.racing.track import RaceTrack
 
 Row = NDArray[np.float64]
 Grid = NDArray[np.float64]
@@ -46,7 +47,7 @@ class Controller:
     failures : decisions at which the quadratic program was not solved, and the plan before was carried on.
     """
 
-    def __init__(self, prediction: Prediction, track: Track, wishes: Wishes, v_x: float, s: float = 0.0) -> None:
+    def __init__(self, prediction: Prediction, track: RaceTrack, wishes: Wishes, v_x: float, s: float = 0.0) -> None:
         self.prediction, self.track, self.wishes = prediction, track, wishes
         self.seconds: list[float] = []
         self.failures = 0

@@ -7,45 +7,43 @@ from pathlib import Path
 
 import numpy as np
 from lap import Lap
-from track import Track
 
 from greybox_id.files import write_atomically
-from greybox_id.reports.plot.figure import Figure, Panel
-from greybox_id.reports.plot.marks import Curve
-from greybox_id.reports.plot.palette import BLUE, DASHED, INK, ORANGE, PALE, Line
-from greybox_id.reports.plot.scale import Axis
+from greybox_id.racing.track import RaceTrack
+from greybox_id.reports.figures.sheet import Sheet
+from greybox_id.reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, look
 
 LINES = {
-    "true": Line(INK, width=2.2, words="true effects"),
-    "closed": Line(BLUE, DASHED, 1.4, "closed"),
-    "nominal": Line(ORANGE, width=1.1, words="nominal"),
+    "true": look(INK, 2.2, "true effects"),
+    "closed": look(BLUE, 1.4, "closed", dashes=DASHED),
+    "nominal": look(ORANGE, 1.1, "nominal"),
 }
-WANTED, EDGE = Line(PALE, width=1.6, words="wanted"), Line(PALE, width=0.7)
+WANTED, EDGE = look(PALE, 1.6, "wanted"), look(PALE, 0.7)
 
 
-def draw(track: Track, laps: Mapping[str, Lap], folder: Path) -> None:
+def draw(track: RaceTrack, laps: Mapping[str, Lap], folder: Path) -> None:
     """Write `map.svg` and `race.svg`: laps on a track, and along it."""
-    sides = [side * track.half_width for side in (-1, 1)]
-    edges = [Curve(track.x - e * np.sin(track.yaw), track.y + e * np.cos(track.yaw), EDGE) for e in sides]
-    paths = [Curve(laps[name].x, laps[name].y, line) for name, line in LINES.items()]
-    seen = Panel((*edges, *paths), Axis("x [m]"), Axis("y [m]"), equal=True)
-    write_atomically(folder / "map.svg", Figure(((seen,),), (260.0,)).svg("laps on the track"))
+    seen = Sheet((260.0,))
+    ax = seen.first()
+    edges = [side * track.half_width for side in (-1, 1)]
+    for e in edges:
+        ax.plot(track.x - e * np.sin(track.yaw), track.y + e * np.cos(track.yaw), **EDGE)
+    for name, line in LINES.items():
+        ax.plot(laps[name].x, laps[name].y, **line)
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
+    write_atomically(folder / "map.svg", seen.svg("laps on the track"))
 
-    off = [Curve(own.s, 1e3 * own.e_y, LINES[name]) for name, own in _in_order(laps)]
-    off += [Curve(track.s, np.full(len(track.s), 1e3 * e), EDGE) for e in sides]
-    speed = [
-        Curve(own.s, track.line("speed", own.s)[0] + own.speed_error, LINES[name]) for name, own in _in_order(laps)
-    ]
-    use = [Curve(own.s, own.use, LINES[name]) for name, own in _in_order(laps)]
-    along = Axis("along the track [m]")
-    rows = (
-        (Panel(tuple(off), along, Axis("lateral error [mm]")),),
-        (Panel((Curve(track.s, track.speed, WANTED), *speed), along, Axis("speed [m/s]")),),
-        (Panel(tuple(use), along, Axis("grip used [1]")),),
-    )
-    figure = Figure(rows, (90.0, 90.0, 90.0), joined=True)
-    write_atomically(folder / "race.svg", figure.svg("lateral error, speed and use of grip along the track"))
-
-
-def _in_order(laps: Mapping[str, Lap]) -> list[tuple[str, Lap]]:
-    return [(name, laps[name]) for name in LINES]
+    along = Sheet((90.0, 90.0, 90.0), joined=True)
+    off, speed, use = along.grid[:, 0]
+    for e in edges:
+        off.plot(track.s, np.full(len(track.s), 1e3 * e), **EDGE)
+    speed.plot(track.s, track.speed, **WANTED)
+    for name, line in LINES.items():
+        own = laps[name]
+        off.plot(own.s, 1e3 * own.e_y, **line)
+        speed.plot(own.s, track.line("speed", own.s)[0] + own.speed_error, **line)
+        use.plot(own.s, own.use, **line)
+    off.set_ylabel("lateral error [mm]")
+    speed.set_ylabel("speed [m/s]")
+    use.set(xlabel="along the track [m]", ylabel="grip used [1]")
+    write_atomically(folder / "race.svg", along.svg("lateral error, speed and use of grip along the track"))

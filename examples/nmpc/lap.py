@@ -8,9 +8,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from track import Track
 
 from greybox_id.datasets.virtual_vehicle import SteppedCar, VirtualCar
+from greybox_id.racing.track import RaceTrack
 
 Row = NDArray[np.float64]
 
@@ -80,8 +80,8 @@ class Lap:
 
 
 def lap(
-    car: VirtualCar, effects: Mapping[str, float], forms: str, seed: int, track: Track, driver: Driver, period: float,
-    until: float = np.inf,
+    car: VirtualCar, effects: Mapping[str, float], forms: str, seed: int, track: RaceTrack, driver: Driver,
+    period: float, until: float = np.inf,
 ) -> Lap:  # fmt: skip
     """Drive a lap, or until a distance along it; states and place are measured without noise.
 

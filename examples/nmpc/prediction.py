@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from greybox_id.export.equations import Equations
 from greybox_id.motion_model import MotionModel
+from greybox_id.racing.stage import BEND, moved_along
 
 Row = NDArray[np.float64]
 Symbol = Any
-
-BEND = ("curvature", "bends", "s_0")
-"""What a stage is told of its path: curvature [1/m] at s_0 [m], and its change along s [1/m^2]."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ class Prediction:
             moved.append(given[:-1])
         after = equations.step(x, cs.vertcat(*acting) * units, equations.values, T)
         named = [self.motion.index(name) for name in ("v_x", "v_y", "yaw_rate")]
-        along = _along(path, [x[k] for k in named], [after[k] for k in named], bend, T)
+        along = moved_along(path, [x[k] for k in named], [after[k] for k in named], bend, T)
         return cs.Function("stage", [z, rates, bend], [cs.vertcat(after, along, *moved)])
 
     def _slips(self, model: MotionModel, units: Row) -> cs.Function:
@@ -99,20 +97,3 @@ class Prediction:
 def _arrival(late: float, period: float) -> Arrival:
     periods = int(late / period + 1e-9)
     return Arrival(periods, max(late / period - periods, 0.0))
-
-
-def _along(path: Symbol, before: list[Symbol], after: list[Symbol], bend: Symbol, T: float) -> Symbol:
-    """s, e_y and e_psi after a period in which the motion changes evenly: one step of the Runge-Kutta method."""
-
-    def rates(now: Symbol, share: float) -> Symbol:
-        v_x, v_y, yaw_rate = ((1 - share) * a + share * b for a, b in zip(before, after, strict=True))
-        s, e_y, e_psi = cs.vertsplit(now)
-        curvature = bend[0] + bend[1] * (s - bend[2])
-        s_rate = (v_x * cs.cos(e_psi) - v_y * cs.sin(e_psi)) / (1 - curvature * e_y)
-        return cs.vertcat(s_rate, v_x * cs.sin(e_psi) + v_y * cs.cos(e_psi), yaw_rate - curvature * s_rate)
-
-    k1 = rates(path, 0.0)
-    k2 = rates(path + T / 2 * k1, 0.5)
-    k3 = rates(path + T / 2 * k2, 0.5)
-    k4 = rates(path + T * k3, 1.0)
-    return path + T / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

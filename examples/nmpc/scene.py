@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from track import Track, track
 from wishes import Wishes
 
 from greybox_id.cli.gap import gap
@@ -26,6 +25,7 @@ from greybox_id.datasets.virtual_vehicle import (
 from greybox_id.exam.make import write_recording
 from greybox_id.models.registry import model_of, with_effects
 from greybox_id.motion_model import MotionModel
+from greybox_id.racing.track import RaceTrack, Usage, track
 
 PERIOD = 0.02
 """s, between commands."""
@@ -78,12 +78,12 @@ class Scene:
         return {name: EFFECTS[name].at(side * EFFECTS[name].sizes(size, kind)[1]) for name, side in self.pair.items()}
 
     @cached_property
-    def track(self) -> Track:
+    def track(self) -> RaceTrack:
         """The track, with speeds that the vehicle can drive as it really is: they are the same for every model."""
         size, wheelbase = self.stated.size, self.stated.size.length
         weaker = self.effects.get("grip_scale", 1.0) / self.effects.get("mass_change", 1.0)
         limits = (USAGE * weaker * own for own in (size.grip, size.drive, size.brake))
-        return track(NARROWEST * wheelbase, HALF_WIDTH * wheelbase, *limits, size.top_speed)
+        return track(NARROWEST * wheelbase, HALF_WIDTH * wheelbase, Usage(*limits, size.top_speed))
 
     @cached_property
     def wishes(self) -> Wishes:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ..recording import Recording
+from ..signals import SD
 from .consistency import check_consistency
 from .delays import check_delays
 from .duplicates import check_duplicates
-from .finding import Finding, Severity, Where, distrusted
+from .finding import Finding, FoundAt, Severity, distrusted
+from .mapping_faults import check_mapping
 from .pairs import pairs
 from .reading import check_reading
 from .rest import check_rest
-from .time import check_time
+from .time import check_time, sample_time_believable
 from .values import check_values
 
-__all__ = ["Finding", "Severity", "Where", "check", "distrusted"]
+__all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
 
 
 def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]:
@@ -29,8 +33,11 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
     list of Finding
         Empty if nothing is noteworthy. `distrusted(findings)` tells whether the recording can be used as it is.
     """
+    measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
+    recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
-    if recording.sample_time > 0:  # false also where no two rows follow each other
+    if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
+        findings += check_mapping(recording)
         found = pairs(recording)
         findings += [*check_duplicates(recording), *check_rest(recording)]
         findings += [*check_consistency(recording, found, wheelbase), *check_delays(recording, found)]

@@ -77,7 +77,7 @@ def _agreement(parts: list[tuple[Array, Array]]) -> Agreement:
         return Agreement(0.0, float("nan"), float(len(x)))
     correlation = float(np.mean(x * y))
     gain = x_scale / y_scale * (1.0 if correlation >= 0 else -1.0)
-    return Agreement(correlation, gain, _independent(x, y, np.cumsum([len(part[0]) for part in parts])))
+    return Agreement(correlation, gain, independent_samples(x, y, np.cumsum([len(part[0]) for part in parts])))
 
 
 def standard(values: Array) -> tuple[Array, float]:
@@ -99,7 +99,7 @@ def _tame(values: Array) -> Array:
     return np.clip(values, low, high)
 
 
-def _independent(x: Array, y: Array, ends: NDArray[np.int_]) -> float:
+def independent_samples(x: Array, y: Array, ends: NDArray[np.int_]) -> float:
     """Bartlett's number of independent samples for the correlation of two autocorrelated standard series."""
     total = 1.0
     for lag in range(1, max(2, len(x) // 3)):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..recording import Recording
 from .agreement import Agreement, agreement, run_agreements
-from .finding import Finding, Severity, Where, listed, runs_words
+from .finding import Finding, FoundAt, Severity, listed, runs_words
 from .pairs import Pair
 
 GAIN_RANGE = (0.5, 2.0)
@@ -76,7 +76,7 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
                 f"On one side stand {listed(left)}, on the other {listed(right)}; set sign = -1 for the wrong side."
             )
         findings.append(
-            Finding("sign", Severity.DISTRUST, Where(pair.nodes[0]), sentence, agreed.correlation,
+            Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,
                     1 / np.sqrt(agreed.independent - 3))
         )  # fmt: skip
     return findings
@@ -111,7 +111,7 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
         "or v_y was measured behind the rear axle."
     )
     error = 1 / np.sqrt(agreed.independent - 3)
-    return [Finding("sign", Severity.WARNING, Where("v_y"), sentence, agreed.correlation, error)]
+    return [Finding("sign", Severity.WARNING, FoundAt("v_y"), sentence, agreed.correlation, error)]
 
 
 def _slow_share(recording: Recording) -> NDArray[np.bool_] | None:
@@ -133,7 +133,7 @@ def _turned_runs(recording: Recording, found: list[Pair]) -> list[Finding]:
         if len(turned) == len(certain):
             continue  # all alike: told for the whole recording
         if turned:
-            where = Where(pair.nodes[0], turned[0] if len(turned) == 1 else None)
+            where = FoundAt(pair.nodes[0], turned[0] if len(turned) == 1 else None)
             sentence = (
                 f"{pair.left} and {pair.right} contradict each other in sign in {runs_words(turned)}, "
                 "though they agree elsewhere: a sensor was mounted or wired the other way round."
@@ -150,7 +150,7 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
             low, high = GAIN_RANGE
             if not low < gain < high:
                 sentence = f"{pair.left} is {gain:.3g} times {pair.right}, where 1 is due: {_blame(pair, gain)}"
-                place = Where(pair.nodes[0])
+                place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):
             length = 1 / gain
@@ -164,7 +164,7 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
                     f"to {longest:.3g} m: {_blame(pair, gain * likely, wheelbase is None)}"
                 )
                 error = length / np.sqrt(agreed.independent)
-                findings.append(Finding("unit", Severity.DISTRUST, Where("steer"), sentence, length, error, "m"))
+                findings.append(Finding("unit", Severity.DISTRUST, FoundAt("steer"), sentence, length, error, "m"))
     return findings
 
 
@@ -196,5 +196,5 @@ def _limits(recording: Recording) -> list[Finding]:
             if size > limit:
                 unit = recording.unit(name)
                 sentence = f"{name} reaches {size:.3g} {unit} (99th percentile of its size): {why}"
-                findings.append(Finding("unit", Severity.DISTRUST, Where(name), sentence, size, None, unit))
+                findings.append(Finding("unit", Severity.DISTRUST, FoundAt(name), sentence, size, None, unit))
     return findings

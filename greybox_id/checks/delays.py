@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..recording import Recording
-from .finding import Finding, Severity, Where, listed
+from .finding import Finding, FoundAt, Severity, listed
 from .lag import Lag, estimate_lag
 from .pairs import Pair
 from .values import ZERO_SHARE, zero_share
@@ -72,7 +72,7 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
             f"({abs(usual) * ms:.0f} ± {error * ms:.0f} ms; {runs}), {why}."
         )
         severity = Severity.WARNING if pair.kinematic else Severity.NOTE
-        findings.append(Finding("delay", severity, Where(pair.nodes[0]), sentence, usual * dt, error * dt, "s"))
+        findings.append(Finding("delay", severity, FoundAt(pair.nodes[0]), sentence, usual * dt, error * dt, "s"))
     return findings
 
 
@@ -110,7 +110,7 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
             f"{abs(distance) * ms:.0f} ± {error * ms:.0f} ms from their middle. "
         )
         sentence += BLUNT if blunt else "No model with one delay fits both; estimate it for each run."
-        where = Where(pair.nodes[0], number)
+        where = FoundAt(pair.nodes[0], number)
         severity = Severity.WARNING if blunt else Severity.DISTRUST
         findings.append(Finding("run_delay", severity, where, sentence, distance * dt, error * dt, "s"))
     return findings
@@ -134,4 +134,4 @@ def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, flo
         sentence += "With so many it is the vehicle's response or a dead zone in the steering rather than the clock."
     severity = Severity.DISTRUST if pair.kinematic else Severity.WARNING
     apart, error = odd[max(odd, key=lambda number: abs(odd[number][0]))]
-    return Finding("run_delay", severity, Where(pair.nodes[0]), sentence, apart * dt, error * dt, "s")
+    return Finding("run_delay", severity, FoundAt(pair.nodes[0]), sentence, apart * dt, error * dt, "s")

@@ -7,7 +7,7 @@ import numpy as np
 from ..recording import Recording
 from ..signals import SIGNALS
 from .agreement import agreement, run_agreements
-from .finding import Finding, Severity, Where, runs_words
+from .finding import Finding, FoundAt, Severity, runs_words
 
 SAME = 0.9
 """From this correlation on, in one run at least, a channel of the same unit is taken for a copy of the signal."""
@@ -53,10 +53,10 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
         sentence = (
             f"{extra} is {signal} with the opposite sign (correlation {whole.correlation:.2f}); set its sign = -1."
         )
-        findings.append(Finding("sign", Severity.WARNING, Where(extra), sentence, whole.correlation))
+        findings.append(Finding("sign", Severity.WARNING, FoundAt(extra), sentence, whole.correlation))
     elif turned:
         sentence = f"{extra} has the opposite sign of {signal} in {runs_words(turned)}."
-        findings.append(Finding("sign", Severity.WARNING, Where(extra), sentence, float(len(turned))))
+        findings.append(Finding("sign", Severity.WARNING, FoundAt(extra), sentence, float(len(turned))))
     off = [n for n, a in each.items() if abs(a.correlation) < DIFFERENT]
     if off:
         low = min(each[n].correlation for n in off)
@@ -65,7 +65,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
             "though it does elsewhere: use one of them, not both."
         )
         findings.append(
-            Finding("duplicate", Severity.WARNING, Where(extra, off[0] if len(off) == 1 else None), sentence, low)
+            Finding("duplicate", Severity.WARNING, FoundAt(extra, off[0] if len(off) == 1 else None), sentence, low)
         )
     scales = {
         n: abs(a.gain) for n, a in each.items() if a.beyond_chance and not GAIN_RANGE[0] < abs(a.gain) < GAIN_RANGE[1]
@@ -76,7 +76,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
             f"{extra} is {scales[worst]:.3g} times {signal} in {runs_words(scales)}, where 1 is due: "
             f"check its unit (the column map says {unit}) or its calibration."
         )
-        findings.append(Finding("unit", Severity.WARNING, Where(extra), sentence, scales[worst]))
+        findings.append(Finding("unit", Severity.WARNING, FoundAt(extra), sentence, scales[worst]))
     return findings
 
 

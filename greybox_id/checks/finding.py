@@ -10,7 +10,14 @@ from ..recording import Recording
 
 
 class Severity(Enum):
-    """How much a finding matters, mildest first."""
+    """How much a finding matters, mildest first.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> [own.value for own in gb.Severity]
+    ['note', 'warning', 'distrust']
+    """
 
     NOTE = "note"
     """Good to know; nothing need be done."""
@@ -21,7 +28,7 @@ class Severity(Enum):
 
 
 @dataclass(frozen=True)
-class Where:
+class FoundAt:
     """The place of a finding.
 
     Attributes
@@ -48,11 +55,18 @@ class Finding:
     sentence : for people, with numbers and units.
     value, uncertainty, unit : the number the finding rests on, its standard uncertainty (None if it has none, as for
         a count) and unit.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.Recording("lap", time=[0.0, 0.1, 0.2, 0.9, 1.0], signals={"v_x": [3.0, 3.1, 3.2, 3.9, 4.0]})
+    >>> [finding.severity.value for finding in gb.check(lap)][0]
+    'distrust'
     """
 
     kind: str
     severity: Severity
-    where: Where
+    where: FoundAt
     sentence: str
     value: float | None = None
     uncertainty: float | None = None

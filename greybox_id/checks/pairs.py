@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ..recording import Array, Recording
@@ -90,36 +91,67 @@ def pairs(recording: Recording) -> list[Pair]:
     return found + _over_ground(r)
 
 
-def _over_ground(r: Recording) -> list[Pair]:
-    """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
-    places = []
+@dataclass(frozen=True)
+class Ground:
+    """Positions that a course and a speed over ground are had from.
+
+    Attributes
+    ----------
+    words : the channels, for people.
+    channels : their names.
+    east, north : (n,) m, or x and y of a map.
+    seconds : duration of the chords, s.
+    shortest : length of a chord, m, below which it has no direction.
+    """
+
+    words: str
+    channels: tuple[str, str]
+    east: Array
+    north: Array
+    seconds: float
+    shortest: float
+
+    def twice_smoothed(self, r: Recording, values: Array) -> Array:
+        """A series smoothed as the difference of two chords is."""
+        return smooth(r, smooth(r, values, self.seconds), self.seconds)
+
+    def follows(self, r: Recording, yaw_rate: Array) -> NDArray[np.bool_]:
+        """Where the course keeps up with a yaw rate: past half a turn within a chord it comes round the other way."""
+        gentle: NDArray[np.bool_] = self.twice_smoothed(r, np.abs(yaw_rate)) * self.seconds < SHARPEST
+        return gentle
+
+
+def grounds(r: Recording) -> list[Ground]:
+    """All positions of a recording."""
+    found = []
     if all(name in r and np.isfinite(r[name]).any() for name in ("latitude", "longitude")):
         north = np.radians(r["latitude"]) * EARTH
         east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
         # Receivers know their place to about a metre: the course needs a chord of several metres.
-        places.append(("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
-    if "x" in r and "y" in r:
-        places.append(("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
+        found.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
+    if all(name in r and np.isfinite(r[name]).any() for name in ("x", "y")):
+        found.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
+    return found
+
+
+def _over_ground(r: Recording) -> list[Pair]:
+    """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
     found = []
-    for words, channels, east, north, seconds, shortest in places:
-        if not (np.isfinite(east).any() and np.isfinite(north).any()):
-            continue
-        turn, speed = _course(r, east, north, seconds, shortest)
-        node, course = f"course over ground ({words})", f"the course over ground ({words})"
+    for place in grounds(r):
+        turn, speed = course_and_speed(r, place)
+        words, channels = place.words, place.channels
+        node, along = f"course over ground ({words})", f"the course over ground ({words})"
         if "yaw_rate" in r:
-            turned = smooth(r, smooth(r, r["yaw_rate"], seconds), seconds)
-            # Past half a turn within one chord a course comes round the other way.
-            gentle = smooth(r, smooth(r, np.abs(r["yaw_rate"]), seconds), seconds) * seconds < SHARPEST
-            turned = np.where(gentle, turned, np.nan)
-            found.append(_coarse("yaw_rate", course, ("yaw_rate", node), ("yaw_rate", *channels), turned, turn))
+            turned = np.where(place.follows(r, r["yaw_rate"]), place.twice_smoothed(r, r["yaw_rate"]), np.nan)
+            found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), turned, turn))
         elif "steer" in r and "v_x" in r:
-            turned = smooth(r, smooth(r, r["v_x"] * r["steer"], seconds), seconds)
+            turned = place.twice_smoothed(r, r["v_x"] * r["steer"])
             involved = ("v_x", "steer", *channels)
             found.append(
-                replace(_coarse("v_x · steer", course, ("steer", node), involved, turned, turn), kinematic=False)
+                replace(_coarse("v_x · steer", along, ("steer", node), involved, turned, turn), kinematic=False)
             )
         if "v_x" in r:
-            pace, ground = smooth(r, np.abs(r["v_x"]), seconds), f"the speed over ground ({words})"
+            pace, ground = smooth(r, np.abs(r["v_x"]), place.seconds), f"the speed over ground ({words})"
             found.append(
                 _coarse("|v_x|", ground, ("v_x", f"speed over ground ({words})"), ("v_x", *channels), pace, speed)
             )
@@ -133,9 +165,10 @@ def _coarse(
     return Pair(left, right, nodes, channels, left_values, right_values, smoothing=0.0, lag_smoothing=None)
 
 
-def _course(r: Recording, east: Array, north: Array, seconds: float, shortest: float) -> tuple[Array, Array]:
-    """Turn rate of the course, rad/s, and speed, m/s, from chords of the given duration."""
-    half = max(1, int(round(seconds / 2 / r.sample_time)))
+def course_and_speed(r: Recording, place: Ground) -> tuple[Array, Array]:
+    """Turn rate of the course, rad/s, and speed, m/s, from chords."""
+    east, north = place.east, place.north
+    half = max(1, int(round(place.seconds / 2 / r.sample_time)))
     course, chord = np.full(len(r), np.nan), np.full(len(r), np.nan)
     turn = np.full(len(r), np.nan)
     spans = []
@@ -149,7 +182,7 @@ def _course(r: Recording, east: Array, north: Array, seconds: float, shortest: f
     if not spans or not np.isfinite(chord).any():
         return turn, chord
     usual = float(np.nanquantile(chord, 0.95))
-    sound = chord > max(shortest, 0.2 * usual)
+    sound = chord > max(place.shortest, 0.2 * usual)
     course = np.where(sound, course, np.nan)
     duration = 2 * half * r.sample_time
     for start, stop in spans:

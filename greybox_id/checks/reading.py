@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..recording import Recording
-from .finding import Finding, Severity, Where
+from .finding import Finding, FoundAt, Severity
 
 SMALL = 0.05
 """An error beyond this share of the signal's own scatter is more than a note."""
@@ -13,14 +13,14 @@ SMALL = 0.05
 
 def check_reading(recording: Recording) -> list[Finding]:
     """Findings about signals that were resampled, and the notes that reading left."""
-    findings = [Finding("reading", Severity.NOTE, Where("file"), note) for note in recording.notes]
+    findings = [Finding("reading", Severity.NOTE, FoundAt("file"), note) for note in recording.notes]
     for name, how in recording.resampled.items():
         unit = recording.unit(name)
         what = "a straight line between readings" if how.method == "linear" else "held until the next"
         sentence = f"read at {how.rate:.4g} Hz on the clock of {how.clock}, {what}; "
         if not np.isfinite(how.error):
             sentence += "too few readings to tell what that costs."
-            findings.append(Finding("resampled", Severity.WARNING, Where(name), sentence))
+            findings.append(Finding("resampled", Severity.WARNING, FoundAt(name), sentence))
             continue
         values = recording[name][np.isfinite(recording[name])]
         scatter = float(np.std(values)) if values.size else 0.0
@@ -29,5 +29,5 @@ def check_reading(recording: Recording) -> list[Finding]:
         )
         sentence += f"; {name} itself scatters by {scatter:.2g} {unit}."
         severity = Severity.NOTE if how.error <= SMALL * scatter else Severity.WARNING
-        findings.append(Finding("resampled", severity, Where(name), sentence, how.error, None, unit))
+        findings.append(Finding("resampled", severity, FoundAt(name), sentence, how.error, None, unit))
     return findings

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..recording import Recording
-from .finding import Finding, Severity, Where
+from .finding import Finding, FoundAt, Severity
 
 REST_SHARE = 0.003
 """At rest means slower than 0.3 % of the top speed ..."""
@@ -37,7 +37,7 @@ def check_rest(recording: Recording) -> list[Finding]:
             f"{name} reads {offset:+.3g} ± {error:.1g} {unit} at rest ({seconds:.1f} s in {len(stretches)} "
             f"stand{'s' if len(stretches) > 1 else ''}): {cause}."
         )
-        findings.append(Finding("offset", Severity.WARNING, Where(name), sentence, offset, error, unit))
+        findings.append(Finding("offset", Severity.WARNING, FoundAt(name), sentence, offset, error, unit))
     return findings
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..recording import Recording
-from .finding import Finding, Severity, Where, file_row, file_rows, runs_words
+from .finding import Finding, FoundAt, Severity, file_row, file_rows, runs_words
 
 RESTART_SECONDS = 1.0
 """Time that falls by less than this, and by fewer than RESTART_SAMPLES, is no new recording: rows are out of order."""
@@ -14,6 +14,18 @@ JITTER_SHARE = 0.05
 """Steps that scatter by more than 5 % of the usual step blur delays by as much."""
 BROKEN_SHARE = 0.02
 """Joins at more than 2 % of the rows leave runs of under 50 rows: that is irregular sampling, not joined recordings."""
+
+STEPS = (5e-5, 2.0)
+"""s between rows of a vehicle's recording: 20 kHz to one reading in two seconds, from which no motion is told."""
+UNITS = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0), ("day", 86_400.0))
+"""What time may be in where it is called seconds, in s."""
+USUAL_STEPS, MIDDLE_STEP = (0.5e-3, 1.0), 0.02
+"""s; the unit that gives such a step is named, of several the one whose step is nearest to the middle."""
+
+
+def sample_time_believable(step: float) -> bool:
+    """Whether a vehicle's motion may have been recorded with such a step, s."""
+    return bool(STEPS[0] <= step <= STEPS[1])
 
 
 def check_time(recording: Recording) -> list[Finding]:
@@ -27,7 +39,16 @@ def check_time(recording: Recording) -> list[Finding]:
     if not np.isfinite(dt) or dt <= 0:
         sentence = "time never runs on from one row to the next; check which column holds it."
         return [*findings, _clock("still", Severity.DISTRUST, sentence, np.arange(0))]
-    starts = [start for start, _ in recording.runs[1:]]
+    if not sample_time_believable(dt):
+        believable = {own: dt * size for own, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}
+        likely = min(believable, key=lambda own: abs(np.log(believable[own] / MIDDLE_STEP)), default="")
+        remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
+        sentence = (
+            f"time steps by {dt:.3g} s from row to row ({1 / dt:.3g} Hz), and no vehicle's motion is recorded so; "
+            f"{remedy} under [time] in the column map."
+        )
+        findings.append(Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s"))
+    starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a part's gaps are asked for
     steps = {row: float(time[row] - time[row - 1]) for row in starts if np.isfinite(time[row - 1 : row + 1]).all()}
     still = [row for row, step in steps.items() if step == 0]
     disordered = [r for r, s in steps.items() if s < 0 and -s < RESTART_SECONDS and -s < RESTART_SAMPLES * dt]
@@ -91,12 +112,12 @@ def _jitter(recording: Recording, dt: float) -> list[Finding]:
         f"{f' (also in {runs_words(n for n in found if n != worst)})' if len(found) > 1 else ''}: "
         "delays cannot be told more finely than that."
     )
-    return [Finding("jitter", Severity.WARNING, Where("time", worst), sentence, found[worst])]
+    return [Finding("jitter", Severity.WARNING, FoundAt("time", worst), sentence, found[worst])]
 
 
 def _clock(
     kind: str, severity: Severity, sentence: str, rows: object, value: float | None = None, unit: str = "1"
 ) -> Finding:
     return Finding(
-        kind, severity, Where("time", rows=tuple(np.asarray(rows, dtype=int).tolist())), sentence, value, unit=unit
+        kind, severity, FoundAt("time", rows=tuple(np.asarray(rows, dtype=int).tolist())), sentence, value, unit=unit
     )

@@ -7,14 +7,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from ..recording import Array, Recording
-from ..signals import COMMANDS
+from ..signals import ANGLES_AROUND, COMMANDS
 from .agreement import standard
-from .finding import Finding, Severity, Where, file_rows
+from .finding import Finding, FoundAt, Severity, file_rows
+from .pairs import smooth
 
 NEEDED = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "motor_current", "drive_force")
 """Channels that models are driven by or fitted to: a hole in one of them is a hole in the result."""
 TURNING = ("steer", "yaw_rate", "a_y", "v_y", "yaw", "sideslip")
 """When one of these moves, the others move with it."""
+LEAST_MOTION, LEAST_TURN = 0.05, 0.5
+"""rad/s, m/s, m/s^2 or rad by which a channel's mean over MOTION_SECONDS must change before it counts as moving, and
+rad by which yaw must, for no vehicle drives straight on for ever ..."""
+MOTION_SECONDS, NOISE_LEFT = 1.0, 5.0
+"""... and so many times what its noise leaves of it: steps that are noise alone average out."""
 HELD_SHARE = 0.2
 """Noise-free repeats in more than a fifth of the steps: the channel is updated more slowly than the rows say."""
 ZERO_SHARE = 0.2
@@ -54,14 +60,14 @@ def _missing(recording: Recording, name: str, values: Array) -> list[Finding]:
     severity = Severity.DISTRUST if name in NEEDED else Severity.WARNING
     what = "all" if rows.size == len(values) else f"{rows.size} of {len(values)}"
     sentence = f"{name} is missing or not finite in {what} rows ({file_rows(recording, rows)})."
-    return [Finding("missing", severity, Where(name, rows=tuple(rows.tolist())), sentence, float(rows.size))]
+    return [Finding("missing", severity, FoundAt(name, rows=tuple(rows.tolist())), sentence, float(rows.size))]
 
 
 def _constant(recording: Recording, name: str, value: float) -> Finding:
-    moving = [n for n in TURNING if n in recording and n != name and _moves(recording[n])] if name in TURNING else []
+    moving = [n for n in TURNING if n != name and _moves(recording, n)] if name in TURNING else []
     if name == "v_x" and value == 0.0:
-        moving = [n for n in ("yaw_rate", "a_y", "a_x", "x") if n in recording and _moves(recording[n])]
-    elif name == "a_x" and "v_x" in recording and _moves(recording["v_x"]):
+        moving = [n for n in ("yaw_rate", "a_y", "a_x", "x") if _moves(recording, n)]
+    elif name == "a_x" and _moves(recording, "v_x"):
         moving = ["v_x"]
     elif name == "steer" and value != 0.0:
         moving = []  # a circle at constant steering angle is a manoeuvre
@@ -71,13 +77,26 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
     return Finding(
         "dead" if dead else "constant",
         Severity.DISTRUST if dead and name in NEEDED else Severity.WARNING if dead else Severity.NOTE,
-        Where(name), sentence, value, unit=recording.unit(name),
+        FoundAt(name), sentence, value, unit=recording.unit(name),
     )  # fmt: skip
 
 
-def _moves(values: Array) -> bool:
-    good = values[np.isfinite(values)]
-    return good.size > 2 and bool(np.ptp(good) > 0.05)  # rad, rad/s or m/s^2: more than noise, offsets and road camber
+def _moves(recording: Recording, name: str) -> bool:
+    """Whether a channel says that the vehicle does something: more than noise, offsets and road camber."""
+    if name not in recording or not recording.sample_time > 0:
+        return False
+    values = recording[name].copy()
+    for start, stop in recording.runs if name in ANGLES_AROUND else ():
+        if np.isfinite(values[start:stop]).all():
+            values[start:stop] = np.unwrap(values[start:stop])
+    slow = smooth(recording, values, MOTION_SECONDS)
+    slow = slow[np.isfinite(slow)]
+    steps = np.diff(values[np.isfinite(values)])
+    least = LEAST_TURN if name in ANGLES_AROUND else LEAST_MOTION
+    if slow.size < 3 or not slow.max() - slow.min() > least:
+        return False
+    noise = 1.48 * float(np.median(np.abs(steps))) / np.sqrt(2 * max(MOTION_SECONDS / recording.sample_time, 1.0))
+    return bool(np.std(slow) > NOISE_LEFT * noise)
 
 
 def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
@@ -92,7 +111,7 @@ def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
     else:
         sentence += "a dead zone, an input not used, or a sensor that rests."
     severity = Severity.WARNING if awake or name not in COMMANDS else Severity.NOTE
-    return [Finding("dead_zone", severity, Where(name), sentence, share)]
+    return [Finding("dead_zone", severity, FoundAt(name), sentence, share)]
 
 
 def zero_share(recording: Recording, name: str) -> float:
@@ -112,7 +131,7 @@ def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
         f"about {rate:.3g} new values a second in rows at {1 / recording.sample_time:.3g} Hz."
     )
     severity = Severity.WARNING if name in NEEDED and name not in COMMANDS else Severity.NOTE
-    return [Finding("held", severity, Where(name), sentence, share)]
+    return [Finding("held", severity, FoundAt(name), sentence, share)]
 
 
 def _steps(recording: Recording, name: str, values: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -153,7 +172,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
         sentence += "the command is at its stop." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
         rows = tuple(np.flatnonzero(values == level).tolist())
-        findings.append(Finding("clipped", severity, Where(name, rows=rows), sentence, float(level), unit=unit))
+        findings.append(Finding("clipped", severity, FoundAt(name, rows=rows), sentence, float(level), unit=unit))
     return findings
 
 
@@ -191,7 +210,7 @@ def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
     sentence = f"{name}: {rows.size} {plural} neighbours: {', '.join(where)}{more}; "
     sentence += f"{file_rows(recording, rows)}. Leave such rows out."
     numbers = {_run(recording, int(row)) for row in rows}
-    place = Where(name, numbers.pop() if len(numbers) == 1 else None, tuple(rows.tolist()))
+    place = FoundAt(name, numbers.pop() if len(numbers) == 1 else None, tuple(rows.tolist()))
     return [Finding("outlier", Severity.WARNING, place, sentence, float(rows.size))]
 
 

@@ -41,6 +41,12 @@ class Choices:
     start: Sequence[str] = ()
     per_run: Sequence[str] = ()
 
+    @property
+    def named(self) -> frozenset[str]:
+        """The parameters that anything is said of."""
+        said = (*self.fix, *self.free, *self.prior, *self.start, *self.per_run)
+        return frozenset(own.partition("=")[0].strip() for own in said)
+
 
 def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
     """The model with what is said of its parameters.
@@ -55,37 +61,37 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
     def current(name: str, option: str, *against: str) -> Parameter:
         own = changed.get(name) or _parameter(model, name, option)
         if said.get(name) in against:
-            raise BadInput(f"{option} {name} and {said[name]} {name} exclude each other; leave one of them away.")
+            raise BadInput(f"{option} {name} and {said[name]} {name} exclude each other; omit one of them.")
         said[name] = option
         return own
 
     for name in choices.free:
-        changed[name] = replace(current(name, "--free"), fixed=False)
+        changed[name] = replace(current(name, "‹free›"), fixed=False)
     for pair in choices.prior:
-        name, text = named(pair, "NAME=MEAN±SD, as in --prior B_f=6±3")
-        own = current(name, "--prior")
-        told = belief(text, own.unit, f"--prior {name}")
+        name, text = named(pair, "NAME=MEAN±SD, as in ‹prior› B_f=6±3")
+        own = current(name, "‹prior›")
+        told = belief(text, own.unit, f"‹prior› {name}")
         if told.sd is None:
-            raise BadInput(f"--prior {pair}: how well is it known? Write NAME=MEAN±SD (or +-), or --fix {pair}.")
-        moved = _at(own, told.value, "--prior")
+            raise BadInput(f"‹prior› {pair}: how well is it known? Write NAME=MEAN±SD (or +-), or ‹fix› {pair}.")
+        moved = _at(own, told.value, "‹prior›")
         changed[name] = replace(moved, prior=Prior(told.sd, mean=told.value), fixed=False)
     for pair in choices.start:
-        name, text = named(pair, "NAME=VALUE, as in --start I_z=0.05")
-        own = current(name, "--start")
-        changed[name] = _at(own, number(text, own.unit, f"--start {name}"), "--start")
+        name, text = named(pair, "NAME=VALUE, as in ‹start› I_z=0.05")
+        own = current(name, "‹start›")
+        changed[name] = _at(own, number(text, own.unit, f"‹start› {name}"), "‹start›")
         if own.fixed:
-            raise BadInput(f"--start {name}: {model.name} holds it; add --free {name}, or hold it there: --fix {pair}.")
+            raise BadInput(f"‹start› {name}: {model.name} holds it; add ‹free› {name}, or hold it there: ‹fix› {pair}.")
     for pair in choices.fix:
         name = pair.partition("=")[0].strip()
-        own = current(name, "--fix", "--free", "--prior", "--start")
+        own = current(name, "‹fix›", "‹free›", "‹prior›", "‹start›")
         if "=" in pair:
-            _, text = named(pair, "NAME or NAME=VALUE, as in --fix m=3.5kg")
-            own = _at(own, number(text, own.unit, f"--fix {name}"), "--fix")
+            _, text = named(pair, "NAME or NAME=VALUE, as in ‹fix› m=3.5kg")
+            own = _at(own, number(text, own.unit, f"‹fix› {name}"), "‹fix›")
         changed[name] = replace(own, fixed=True, prior=None)
     for name in choices.per_run:
-        own = current(name, "--per-run", "--fix")
+        own = current(name, "‹per_run›", "‹fix›")
         if own.fixed:
-            raise BadInput(f"--per-run {name}: {model.name} holds it; add --free {name}.")
+            raise BadInput(f"‹per_run› {name}: {model.name} holds it; add ‹free› {name}.")
         changed[name] = replace(own, scope="run")
     return _replaced(model, changed)
 
@@ -98,12 +104,12 @@ def magnitudes(written: Sequence[str]) -> Magnitudes:
         if name not in EFFECTS:
             raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)} All of them: greybox effects.")
         if name in found:
-            raise BadInput(f"--with {name} is there twice; leave one of them away.")
+            raise BadInput(f"‹effects› {name} is there twice; omit one of them.")
         if not equals:
             found[name] = None
             continue
-        told = belief(value, EFFECTS[name].parameter.unit, f"--with {name}")
-        found[name] = told.value if told.sd is None else Stated(told.value, told.sd, source="--with")
+        told = belief(value, EFFECTS[name].parameter.unit, f"‹effects› {name}")
+        found[name] = told.value if told.sd is None else Stated(told.value, told.sd, source="given")
     return found
 
 
@@ -131,8 +137,8 @@ def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
     if free and isinstance(model, MemoryModel):
         unit = EFFECTS[free[0]].parameter.unit
         raise BadInput(
-            f"--with {free[0]}: {model.name} is a model with memory, in which effects are held; say at what magnitude, "
-            f"in {unit}: --with {free[0]}=VALUE."
+            f"‹effects› {free[0]}: {model.name} is a model with memory, in which effects are held; say at what "
+            f"magnitude, in {unit}: ‹effects› {free[0]}=VALUE."
         )
 
 
@@ -140,12 +146,12 @@ def noise_of(written: Sequence[str], model: Model) -> dict[str, float]:
     """Standard deviations of outputs' readings, NAME=SD[unit]."""
     found = {}
     for pair in written:
-        name, text = named(pair, "NAME=SD, as in --noise yaw_rate=0.01")
+        name, text = named(pair, "NAME=SD, as in ‹noise› yaw_rate=0.01")
         if name not in model.outputs:
-            raise BadInput(f"--noise {name}: {model.name} has no output {name}.{near_or_all(name, model.outputs)}")
-        found[name] = number(text, unit_of(name), f"--noise {name}")
+            raise BadInput(f"‹noise› {name}: {model.name} has no output {name}.{near_or_all(name, model.outputs)}")
+        found[name] = number(text, unit_of(name), f"‹noise› {name}")
         if not 0 < found[name] < float("inf"):
-            raise BadInput(f"--noise {pair}: a standard deviation is a number above zero.")
+            raise BadInput(f"‹noise› {pair}: a standard deviation is a number above zero.")
     return found
 
 
@@ -154,12 +160,12 @@ def state_values(written: Sequence[str], model: Any) -> dict[str, float]:
     units = {state.name: state.unit for state in model.states}
     found = {}
     for pair in written:
-        name, text = named(pair, "NAME=VALUE, as in --start-state v_x=10")
+        name, text = named(pair, "NAME=VALUE, as in ‹start_state› v_x=10")
         if name not in units:
-            raise BadInput(f"--start-state {name}: {model.name} has no state {name}.{near_or_all(name, units)}")
-        found[name] = number(text, units[name], f"--start-state {name}")
+            raise BadInput(f"‹start_state› {name}: {model.name} has no state {name}.{near_or_all(name, units)}")
+        found[name] = number(text, units[name], f"‹start_state› {name}")
         if not abs(found[name]) < float("inf"):
-            raise BadInput(f"--start-state {pair}: a state is a finite number.")
+            raise BadInput(f"‹start_state› {pair}: a state is a finite number.")
     return found
 
 
@@ -181,8 +187,8 @@ def wanted_model(
     if name is not None:
         return name, dict(settings), believed(effects, vehicle)
     if own is None:
-        what = f"{vehicle.path or vehicle.name} names no model" if vehicle is not None else "no model is named"
-        raise BadInput(f"Which model? {what[0].upper()}{what[1:]}; add --model, one of {', '.join(MODELS)}.")
+        what = f"Vehicle {vehicle.path or vehicle.name} names no model" if vehicle is not None else "No model is named"
+        raise BadInput(f"Which model? {what}; add ‹model›, one of {', '.join(MODELS)}.")
     return own.name, {**own.settings, **settings}, {**own.effects, **believed(effects, vehicle)}
 
 
@@ -190,7 +196,7 @@ def _parameter(model: Model, name: str, option: str) -> Parameter:
     if name in model:
         return model[name]
     if name in EFFECTS:
-        raise BadInput(f"{option} {name}: {model.name} lacks this effect; add it with --with {name}.")
+        raise BadInput(f"{option} {name}: {model.name} lacks this effect; add it with ‹effects› {name}.")
     names = [parameter.name for parameter in model.parameters]
     raise BadInput(
         f"{option} {name}: {model.name} has no parameter {name}.{near_or_all(name, names)} All of them: greybox models "

@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from math import isfinite
 
-from ..datasets.units import to_si
 from ..errors import BadInput
+from ..units import to_si
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf(?:inity)?"
 _WRITTEN = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.IGNORECASE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..checks.agreement import agreement
@@ -11,23 +11,17 @@ from ..checks.consistency import GIVEN_WHEELBASE
 from ..checks.pairs import pairs
 from ..datasets.vehicle_file import shipped_vehicles
 from ..errors import BadInput
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.registry import MODELS, build, candidates
+from ..models.vehicles import with_size
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..signals import unit_of
 from ..vehicle import Vehicle
 from .parameters import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
 
-VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm"}
+VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm", "dart": "dart"}
 """Column map -> the shipped vehicle whose recordings it reads."""
-FOR_MOTION = ("--horizon", "--start-from", "--robust", "--noise")
-FOR_MEMORY = ("--early-stopping", "--strength")
-"""Options that make sense for one kind of model only."""
-
-
 FAR_OFF = 3.0
 """A force per unit that is off by more than this factor belongs to another signal."""
 
@@ -62,31 +56,24 @@ class Wanted:
         name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
         return self._chosen(build(name, settings, effects, self.vehicle), effects)
 
+    def or_single_track(self) -> Wanted:
+        """The same; of a vehicle that names no model, a single track."""
+        is_open = self.name is None and self.vehicle is not None and self.vehicle.model is None
+        return replace(self, name="single_track") if is_open else self
+
     def _chosen(self, model: Model, effects: Magnitudes) -> Model:
         free_effects_suit(model, effects)
-        return with_choices(started(model, effects), self.choices)
-
-
-def must_suit_options(model: Model, given: Sequence[str]) -> None:
-    """Raise `BadInput` for options that make no sense for this kind of model."""
-    memory = isinstance(model, MemoryModel)
-    for option in given:
-        if isinstance(model, HybridModel) and option != "--noise":
-            raise BadInput(
-                f"{option} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that "
-                "are held out. Leave it away."
-            )
-        if memory and option in FOR_MOTION:
-            raise BadInput(f"{option} is for equations of motion; {model.name} is a model with memory. Leave it away.")
-        if not memory and option in FOR_MEMORY:
-            raise BadInput(
-                f"{option} is for models with memory, whose weights have priors to be strengthened; {model.name} is "
-                "made of equations of motion. Leave it away."
-            )
+        chosen = with_choices(started(model, effects), self.choices)
+        return chosen if self.vehicle is not None else with_size(chosen, self.choices.named)
 
 
 def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
-    """Raise `BadInput` where a recording lacks an input of a motion model, and name the models that it would do for."""
+    """Raise `BadInput` where time does not run in a recording, or where it lacks an input of a motion model.
+
+    The models that a recording would do for are named.
+    """
+    for recording in recordings:
+        recording.must_run()
     if not isinstance(model, MotionModel):
         return
     for recording in recordings:
@@ -97,10 +84,10 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
         would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
         wanted = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
-        instead = f" It would do for {' and '.join(would_do)} (--model)." if would_do else ""
+        instead = f" It would do for {' and '.join(would_do)} (‹model›)." if would_do else ""
         raise BadInput(
             f"{recording.name} lacks {wanted}, which {model.name} needs; it has {', '.join(recording.signals)}. "
-            f"Map the columns that hold them in the column map (--columns).{instead}"
+            f"Map the columns that hold them in the column map (‹columns›).{instead}"
         )
 
 
@@ -111,10 +98,12 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     found = []
     maps = {recording.source.columns for recording in recordings}
     shipped = [VEHICLES_OF_MAPS[name] for name in sorted(maps) if name in VEHICLES_OF_MAPS]
-    suggested = next((f" (--vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), "")
+    suggested = next(
+        (f" (the vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), ""
+    )
     if vehicle is None:
         start = f"{model.name} starts from {_size(model)}"
-        found.append(f"No vehicle is named: {start}. Name one with --vehicle{suggested}.")
+        found.append(f"No vehicle is named: {start}. Name one{suggested}.")
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)
         for recording in recordings:
@@ -143,7 +132,7 @@ def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
             unit = unit_of(signal)
             return [
                 f"{recording.name} holds {signal} in {unit}, one unit of which is about {wanted[signal]:.4g} N, but "
-                f"the model has force_per_unit = {stated:.4g} N: say --fix force_per_unit={wanted[signal]:.4g}, or "
+                f"the model has force_per_unit = {stated:.4g} N: fix force_per_unit at {wanted[signal]:.4g}, or "
                 "name another signal in the column map."
             ]
     return []

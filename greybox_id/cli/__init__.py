@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 import click
 
 from .. import __version__
 from ..errors import GreyboxError
-from .commands import LazyGroup
+from .commands import LazyGroup, option_called
 from .defaults import defaults_of
+from .terminal import NotTaken, clean, drop_output, interrupts, streams, tell
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -25,28 +30,67 @@ def greybox(ctx: click.Context) -> None:
     greybox gap lap.csv --vehicle car.toml --columns my_car.toml --report gap.pdf
     greybox export run/fit.json --target c --out car
 
-    Each command has examples in its --help. What is always the same goes into greybox.toml in the working folder, or
+    Each command has examples in its --help. Defaults live in greybox.toml in the working folder, or
     into the file that $GREYBOX_CONFIG names: a table for a command, a key for an option, as in [fit] model = "lateral".
     """  # fmt: skip
     ctx.default_map = defaults_of(ctx)
 
 
 def main() -> None:
-    """Entry point: bad input ends with a sentence and exit code 2, Ctrl-C with 130."""
+    """Entry point: bad input ends with a sentence and exit code 2, Ctrl-C with 130.
+
+    What libraries warn of is not for users: they cannot act on it. What they must know, the commands say.
+    """
+    with warnings.catch_warnings(), streams(), interrupts() as sent:
+        warnings.showwarning = _unsaid  # type: ignore[assignment]
+        try:
+            _run(sent)
+            if sent:  # what was known is kept
+                _end("interrupted", INTERRUPTED)
+        except Exception as error:
+            _fail(error, bool(sent))
+        except KeyboardInterrupt:
+            _end("interrupted", INTERRUPTED)
+
+
+def _unsaid(*_: object) -> None:
+    """Where warnings go; filters that make errors of them still do."""
+
+
+def _run(sent: list[int]) -> None:
+    """Run the command; what standard output does not take is told, but for a reader that has seen enough."""
+    code: str | int | None = 0
     try:
-        greybox(prog_name="greybox", standalone_mode=False)
-    except GreyboxError as error:
-        _end(str(error), 2)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(2)
-    except (click.Abort, KeyboardInterrupt):
-        _end("interrupted", 130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
+        try:
+            greybox(prog_name="greybox", standalone_mode=False)
+        except SystemExit as end:
+            code = end.code
+        sys.stdout.flush()
+    except NotTaken as error:
+        drop_output()
+        if not isinstance(error.reason, BrokenPipeError):
+            _end(f"standard output cannot be written: {error.reason.strerror}.", 2)
+    if code and not sent:
+        sys.exit(code)
+
+
+def _fail(error: Exception, interrupted: bool) -> None:
+    """End with what a person is told of an error.
+
+    After an interrupt whatever goes wrong came of it: libraries make errors of their own of one that reaches them,
+    while they are imported for instance.
+    """
+    if interrupted or isinstance(error, click.Abort):
+        _end("interrupted", INTERRUPTED)
+    if isinstance(error, GreyboxError):
+        _end(error.said(option_called), 2)
+    if not isinstance(error, click.ClickException):
+        raise error
+    vars(error)["message"] = clean(error.message)
+    error.show()
+    sys.exit(2)
 
 
 def _end(sentence: str, code: int) -> None:
-    click.echo(f"greybox: {sentence}", err=True)
+    tell(f"greybox: {sentence}")
     sys.exit(code)

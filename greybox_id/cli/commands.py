@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from importlib import import_module
 from keyword import iskeyword
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from ..errors import near_or_all
+from ..guard import guarding
+from .paths import guarded
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Recordings": {
@@ -21,22 +24,34 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "fit": ("fit", "Fit a model to recordings."),
         "validate": ("validate", "Score a fit on recordings."),
         "profile": ("profile", "Follow the likelihood along parameters of a fit."),
+        "sample": ("sample", "Draw from the posterior of a fit's parameters."),
         "predict": ("predict", "Predict a recording with a fit."),
         "simulate": ("predict", "Simulate a fit or a model freely on a recording's inputs."),
+        "grid": ("grid", "Fit many structures of a model with memory, and choose one."),
+        "adapt": ("adapt", "Adapt a fit to a car that may have changed, by some seconds of it."),
         "report": ("report", "Write what was found as a report, with figures."),
     },
     "Gap": {
-        "gap": ("gap", "Say where a simulation departs from the vehicle, and why."),
+        "gap": ("gap", "Say where a simulation deviates from the vehicle, and why."),
+        "design": ("design", "Design the manoeuvre to be driven next, so that it tells most."),
         "exam": ("exam", "Examine the diagnosis of gaps blindly, on sealed truths."),
     },
-    "Watch": {
+    "Fleet": {
+        "fleet": ("fleet", "Run thousands of recordings of many vehicles; population, outliers, drift."),
+    },
+    "Race": {
+        "loop": ("loop", "Let a learned driver adapt to its vehicle, through what gap names."),
+        "serve": ("serve", "Serve vehicles that send rows, and learn policies for them."),
+    },
+    "Estimate": {
         "track": ("track", "Track sideslip, tyres and forces along a recording."),
     },
-    "Hand on": {
+    "Deploy": {
         "export": ("export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),
         "import": ("import_", "Make a fit of a network that nnodely saved."),
     },
     "This tool": {
+        "bench": ("bench", "Make the tables of published papers again."),
         "completion": ("completion", "Print what makes a shell complete commands, options and names."),
     },
 }
@@ -44,9 +59,22 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
 
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 
+OTHERWISE = {"validation": "validate", "effects": "with", "settings": "set"}
+"""Arguments of functions whose options have other names."""
 
-class Group(click.Group):
-    """Commands under a name, one of which may have been meant."""
+
+def option_called(argument: str) -> str:
+    """The option that says what an argument of a function says."""
+    return f"--{OTHERWISE.get(argument, argument).replace('_', '-')}"
+
+
+class CommandGroup(click.Group):
+    """Commands under a name, one of which may have been meant; those that write can be told to overwrite."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command of that name."""
+        command = super().get_command(ctx, cmd_name)
+        return None if command is None else guarded(command)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -58,7 +86,7 @@ class Group(click.Group):
         return super().resolve_command(ctx, args)
 
 
-class LazyGroup(Group):
+class LazyGroup(CommandGroup):
     """All commands under their headings; a command's module is loaded when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -72,7 +100,12 @@ class LazyGroup(Group):
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
         command = getattr(import_module(f".{COMMANDS[cmd_name][0]}", __package__), name)
         assert isinstance(command, click.Command)
-        return command
+        return guarded(command)
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run a command; nothing that it reads is written over, nor anything of another kind."""
+        with guarding():
+            return super().main(*args, **extra)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names and options that begin so; no module is loaded for it."""

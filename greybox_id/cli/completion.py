@@ -17,18 +17,19 @@ LOADED = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
-def names(known: Collection[str], files: str = "") -> Complete:
+def names(known: Collection[str] | Callable[[], Collection[str]], files: str = "") -> Complete:
     """What completes an option that takes one of the known names, or a file of the working folder.
 
     Parameters
     ----------
-    known : the names.
+    known : the names, or what tells them when they are wanted.
     files : ending of files that the option takes as well, such as .toml; empty where it takes none.
     """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         del ctx, param
-        found = [name for name in known if name.startswith(incomplete)]
+        there = known() if callable(known) else known
+        found = [name for name in there if name.startswith(incomplete)]
         if files:
             found += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
         return [CompletionItem(name) for name in found]

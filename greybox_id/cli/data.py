@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,14 +14,14 @@ from rich.text import Text
 
 from ..checks import Finding, Severity, check, distrusted
 from ..datasets.formats import WRITTEN, write
-from ..datasets.read import read
-from ..errors import BadInput
 from ..files import write_atomically
+from ..joining import join_files
+from ..processes import Pace
 from ..recording import Recording
-from .commands import Group
+from .commands import CommandGroup
 from .map_output import map_target, proposal_as_dict, show_proposal
-from .options import columns_option, json_option
-from .output import console, print_json
+from .options import columns_option, json_option, part_asked, read_part
+from .output import console, print_json, progress, working
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
 wheelbase_option = click.option(
@@ -32,7 +31,7 @@ MOST_ROWS = 20
 """Row numbers given for one finding in the JSON output; their count is there in full."""
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def data() -> None:
     """Check, map and convert recordings before anything is fitted to them.
 
@@ -54,9 +53,15 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
     """  # fmt: skip
-    results = [(recording, check(recording, wheelbase)) for recording in (read(file, columns) for file in files)]
+    results, pace = [], Pace(len(files))
+    with progress() as say:
+        for k, file in enumerate(files):
+            say(f"reading {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
+            recording = read_part(file, columns)
+            say(f"checking {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
+            results.append((recording, check(recording, wheelbase)))
     if as_json:
-        click.echo(json.dumps({"files": [as_dict(*result) for result in results]}, indent=2, ensure_ascii=False))
+        print_json({"files": [as_dict(*result) for result in results]})
     else:
         for recording, findings in results:
             show(recording, findings, console())
@@ -66,10 +71,9 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
 @data.command("map")
 @click.argument("file", metavar="FILE", type=click.Path())
 @click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
-@click.option("--overwrite", is_flag=True, help="Replace what --out names, if it is there.")
 @wheelbase_option
 @json_option
-def map_command(file: str, out: str | None, overwrite: bool, wheelbase: float | None, as_json: bool) -> None:
+def map_command(file: str, out: str | None, wheelbase: float | None, as_json: bool) -> None:
     """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
 
     \b
@@ -77,8 +81,9 @@ def map_command(file: str, out: str | None, overwrite: bool, wheelbase: float | 
     """
     from ..mapping import as_toml, propose
 
-    target = map_target(out, overwrite) if out else None
-    proposal = propose(file, wheelbase)
+    target = map_target(out) if out else None
+    with working(f"looking at {file}"):
+        proposal = propose(file, wheelbase)
     if target:
         write_atomically(target, as_toml(proposal, target.stem))
     if as_json:
@@ -98,10 +103,10 @@ def convert_command(file: str, columns: str, out: str, as_json: bool) -> None:
     \b
     greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
     """
-    recording, target = read(file, columns), Path(out)
-    if target.exists() and target.samefile(file):
-        raise BadInput(f"{out} is the file that is read; name another one with --out.")
-    write(recording, target)
+    target = Path(out)
+    with working(f"converting {file}"):
+        recording = read_part(file, columns)
+        write(recording, target)
     further = {name: recording.unit(name) for name in recording.extra_units}
     if as_json:
         print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "extra": further})
@@ -111,6 +116,41 @@ def convert_command(file: str, columns: str, out: str, as_json: bool) -> None:
     if further:
         named = ", ".join(f"{name} [{unit}]" for name, unit in further.items())
         screen.print(f"         no canonical names, map them under [extra]: {named}")
+
+
+@data.command("join")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
+@columns_option
+@click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
+@json_option
+def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) -> None:
+    """Join FILEs of one drive, one topic or sensor each with a clock of its own, as one recording.
+
+    Where two files carry the same signal, the offset between their clocks is estimated from it; others are taken at
+    their stamps.
+
+    \b
+    greybox data join imu.csv odom.csv commands.csv --columns my_car.toml --out lap7.parquet
+    """  # fmt: skip
+    target = Path(out)
+    with working(f"joining {len(files)} files"):
+        recording, offsets = join_files(files, columns)
+        recording = part_asked(recording)
+        write(recording, target)
+    if as_json:
+        told = [
+            {
+                "file": offset.file, "against": offset.against, "signal": offset.signal or None,
+                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd), "taken_off": offset.taken_off,
+            }
+            for offset in offsets
+        ]  # fmt: skip
+        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "offsets": told})
+        return
+    screen = console()
+    screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")
+    for note in recording.notes:
+        screen.print(f"         {note}")
 
 
 def show(recording: Recording, findings: Sequence[Finding], out: Console) -> None:

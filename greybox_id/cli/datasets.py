@@ -11,13 +11,13 @@ from rich.table import Table
 from ..datasets.fetch import fetch, folder_of
 from ..datasets.made import MADE, make
 from ..datasets.public import PUBLIC, PublicDataset, public
-from .commands import Group
+from .commands import CommandGroup
 from .completion import names
 from .options import json_option
-from .output import console, print_json, progress
+from .output import console, print_json, progress, working
 
 
-@click.group(cls=Group)
+@click.group(cls=CommandGroup)
 def datasets() -> None:
     """Fetch public recordings from their authors, or make synthetic ones.
 
@@ -88,7 +88,8 @@ def make_command(name: str, out: str, seed: int | None, as_json: bool) -> None:
     \b
     greybox datasets make virtual_lap --seed 7 --out recordings
     """  # fmt: skip
-    paths = make(name, Path(out), seed)
+    with working(f"making {name}"):
+        paths = make(name, Path(out), seed)
     if as_json:
         print_json({"name": name, "seed": seed, "files": [str(path) for path in paths]})
         return

@@ -26,13 +26,16 @@ from click.core import ParameterSource
 
 from ..errors import BadInput, near_or_all
 from ..files import near_file
+from ..guard import protect
 from .commands import COMMANDS
+from .own import MARK
+from .terminal import tell
 
 FILE = "greybox.toml"
 VARIABLE = "GREYBOX_CONFIG"
 
 
-NAMES_CODE = ("diagnoser",)
+NAMES_CODE = ("diagnoser", "own")
 """Options that are never taken from a file: who changes into a folder does not want what is there to be run."""
 
 
@@ -57,7 +60,7 @@ def defaults_of(ctx: click.Context) -> dict[str, Any]:
     assert isinstance(ctx.command, click.Group)
     command = ctx.command.get_command(ctx, called)
     assert command is not None
-    click.echo(f"defaults from {file}", err=True)
+    tell(f"defaults from {file}")
     return {called: _of_command(ctx, command, table[called], f"{file}: [{called}]")}
 
 
@@ -84,6 +87,7 @@ def _written(option: click.Option, value: Any) -> list[str]:
 
 
 def _read(file: Path) -> Mapping[str, Any]:
+    protect(file)
     try:
         return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
     except OSError as error:
@@ -106,6 +110,10 @@ def _of_command(ctx: click.Context, command: click.Command, table: Any, where: s
         if key in NAMES_CODE:
             raise BadInput(
                 f"{where}: {key} names code to run, which a file in a folder may not; say --{key} when you mean it."
+            )
+        if any(isinstance(own, str) and MARK in own for own in (value if isinstance(value, list) else [value])):
+            raise BadInput(
+                f"{where}: {key} names a file to run, which a file in a folder may not; say --{key} yourself."
             )
         option = options[key]
         found[str(option.name)] = _value(ctx, option, value, f"{where} {key}")

@@ -8,15 +8,26 @@ from typing import Any
 
 import click
 
-from .commands import Group
+from ..errors import BadInput
+from .commands import CommandGroup
 from .options import json_option
 from .output import console, print_json, progress
+from .terminal import tell
 
 DIAGNOSER = f"{__name__}:diagnose_case"
 """What sits the examination, unless another function is named."""
+FOREIGN = (200, 70, 25, 30)
+"""Foreign cases: nulls, singles, pairs, outside the vocabulary."""
+ASKED = {
+    "clean": ("cases", "nulls"),
+    "workshop": ("cases", "nulls"),
+    "foreign": ("nulls", "singles", "pairs", "outside", "family"),
+    "injected": ("singles", "data"),
+}
+"""Tier -> the options that say what its cases are to be."""
 
 
-@click.group(name="exam", cls=Group)
+@click.group(name="exam", cls=CommandGroup)
 def exam() -> None:
     """Examine the diagnosis of gaps blindly: make cases, diagnose them, open the answers once.
 
@@ -38,18 +49,36 @@ def exam() -> None:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
 @click.option(
     "--tier",
-    type=click.Choice(["clean", "workshop"]),
+    type=click.Choice(["clean", "workshop", "foreign", "injected"]),
     default="clean",
     show_default=True,
-    help="Exact vehicle files, nominal forms and white noise; or tolerances, other forms, coloured noise, outliers.",
+    help="Exact vehicle files, nominal forms and white noise; tolerances, other forms, coloured noise, outliers; "
+    "vehicles of foreign simulators; or real recordings, altered.",
 )
-@click.option("--cases", type=click.IntRange(min=0), default=60, show_default=True, help="With something the matter.")
-@click.option("--nulls", type=click.IntRange(min=0), help="With nothing; default: a sixth of the others.")
+@click.option("--cases", type=click.IntRange(min=0), help="With an effect withheld; default: 60. Not for foreign.")
+@click.option("--nulls", type=click.IntRange(min=0), help="With none; default: a sixth of the others, foreign: 200.")
+@click.option("--singles", type=click.IntRange(min=0), help="Foreign, injected: with one effect; default: 70.")
+@click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected: the real recordings.")
+@click.option("--pairs", type=click.IntRange(min=0), help="Foreign: with two; default: 25.")
+@click.option("--outside", type=click.IntRange(min=0), help="Foreign: with one outside the vocabulary; default: 30.")
+@click.option("--family", "families", multiple=True, metavar="NAME", help="Foreign: simulators, or a set of them.")
 @click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def make_command(
-    out: Path, seed: int, tier: Any, cases: int, nulls: int | None, real: Path | None, jobs: int, as_json: bool
+    out: Path,
+    seed: int,
+    tier: Any,
+    cases: int | None,
+    nulls: int | None,
+    singles: int | None,
+    data: Path | None,
+    pairs: int | None,
+    outside: int | None,
+    families: tuple[str, ...],
+    real: Path | None,
+    jobs: int,
+    as_json: bool,
 ) -> None:
     """Make cases, and seal their answers apart from them; carries on where it was stopped.
 
@@ -57,16 +86,42 @@ def make_command(
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
+    greybox exam make --tier foreign --seed 7 --out exam_foreign
     """  # fmt: skip
+    asked: dict[str, Any] = {
+        "cases": cases,
+        "nulls": nulls,
+        "singles": singles,
+        "data": data,
+        "pairs": pairs,
+        "outside": outside,
+    }
+    asked["family"] = families or None
+    if strangers := [f"--{name}" for name, own in asked.items() if own is not None and name not in ASKED[tier]]:
+        goes = ", ".join(f"--{name}" for name in ASKED[tier])
+        raise BadInput(f"{', '.join(strangers)} does not go with --tier {tier}; with it go {goes}.")
     with progress() as say:
         if real is not None:
             from ..exam.real import make_real
 
             made = make_real(out, real, say)
+        elif tier == "foreign":
+            from ..exam.make import make_foreign
+            from ..exam.plan import Counts
+
+            wanted = zip((nulls, singles, pairs, outside), FOREIGN, strict=True)
+            how_many = Counts(*(most if own is None else own for own, most in wanted))
+            made = make_foreign(out, seed, how_many, families, jobs, say)
+        elif tier == "injected":
+            from ..exam.injected import make_injected
+
+            if data is None:
+                raise BadInput("--tier injected alters real recordings; name their folder with --data.")
+            made = make_injected(out, data, seed, FOREIGN[1] if singles is None else singles, say)
         else:
             from ..exam.make import make
 
-            made = make(out, seed, tier, cases, nulls, jobs, say)
+            made = make(out, seed, tier, 60 if cases is None else cases, nulls, jobs, say)
     if as_json:
         print_json(asdict(made) | {"folder": str(made.folder)})
         return
@@ -129,7 +184,7 @@ def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bo
     with progress() as say:
         body, again = score(folder, say, jobs=jobs, noted=noted)
     if again:
-        click.echo(f"these answers were opened already, {body['opened']}; this is the score of then", err=True)
+        tell(f"these answers were opened already, {body['opened']}; this is the score of then")
     if as_json:
         print_json(body | {"opened_before": again})
         return

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ..api.handing_over import identifier, moving
 from ..choices.parameters import Choices, Magnitudes, magnitudes, with_choices
-from ..choices.wanted import Wanted
 from ..errors import BadInput
 from ..export.subject import Subject
-from ..export.verb import TARGETS, cautions
+from ..export.verb import ALONE, TARGETS, cautions, origins
 from ..export.verb import export as export_model
-from ..fit import load
 from ..model import Model
-from ..models.registry import build, with_effects
+from ..models.registry import with_effects
+from ..racing.export import TARGETS as POLICY_TARGETS
+from ..racing.export import PolicySubject, export_policy
+from ..racing.policy import POLICY, load_policy
 from ..reports.numbers import pretty_unit
+from ..reports.text.screen import plain
+from ..saved import format_of
 from .completion import names
 from .defaults import command_line
+from .fit_file import fit_of
 from .model_options import simulated_model_options, wanted
 from .options import json_option
-from .output import console, plain, print_json
+from .output import console, end_by, print_json, working
+from .own import own_option
+from .terminal import tell
 
 
 @click.command(name="export")
@@ -43,6 +48,7 @@ from .output import console, plain, print_json
 @click.option(
     "--name", "called", metavar="NAME", help="What files and functions are called; after FOLDER unless given."
 )
+@own_option
 @json_option
 def export(
     fit_file: str | None,
@@ -55,51 +61,70 @@ def export(
     fix: tuple[str, ...],
     **asked: Any,
 ) -> None:
-    """Write FIT, or a model made from options, as code for a controller.
+    """Write FIT, or a model made from options, as code or parameter files for other tools.
+
+    A policy's file in the place of FIT is written as C or ONNX.
 
     \b
     greybox export run/fit.json --target c --out car
     greybox export --vehicle car_closed.toml --target casadi --out car
     greybox export --vehicle roboracer --with steering_delay=30ms --target c --out racer
+    greybox export --vehicle full_size_car --with steering_lag=50ms --target fmu --out car
     """  # fmt: skip
     command = command_line()
-    name = called or _identifier(out)
+    if Path(out).suffix in (".fmu", ".tir", ".yaml", ".mat", ".zip") and Path(out).suffix != ALONE.get(target):
+        raise BadInput(f"{out}: a target writes a folder; name one with --out, such as {Path(out).with_suffix('')}.")
+    name = called or identifier(out)
+    if fit_file is not None and Path(fit_file).is_file() and format_of(fit_file) == POLICY.format:
+        if any(asked.values()) or effects or fix or parameters != "free":
+            raise click.UsageError("A policy is exported as it is: omit the options of models.")
+        _policy(PolicySubject(load_policy(fit_file), name, fit_file, command), target, out, as_json)
+        return
     if fit_file is not None:
         if any(asked.values()):
             raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
-        fit = load(fit_file, build)
+        fit = fit_of(fit_file)
         model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(fix=fix))
-        subject = Subject(model, name, _moving(model, parameters), fit, fit_file, command)
+        subject = Subject(model, name, moving(model, parameters), fit, fit_file, command)
     else:
         if not any(asked.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        meant = _or_single_track(wanted(**asked, effects=effects, fix=fix))
+        meant = wanted(**asked, effects=effects, fix=fix).or_single_track()
         model = meant.model()
         source = asked["vehicle"] or model.name
-        subject = Subject(model, name, _moving(model, parameters), None, source, command, meant.vehicle)
+        subject = Subject(model, name, moving(model, parameters), None, source, command, meant.vehicle)
+    verdict = subject.fit.verdict if subject.fit is not None else None
     for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
-        click.echo(f"warning: {sentence}", err=True)
-    written = export_model(subject, target, out)
+        tell(f"warning: {sentence}")
+    with working(f"writing {out}"):
+        written = export_model(subject, target, out)
     if as_json:
-        print_json({"target": target, "name": name, "model": model.name, "written": [str(file) for file in written]})
+        print_json(
+            {
+                "target": target,
+                "name": name,
+                "model": model.name,
+                "written": [str(file) for file in written],
+                "keys": [own.plain() for own in origins(subject, target)],
+            }
+        )
+    else:
+        console().print(f"{model.name} for {target}: {TARGETS[target]}")
+        for file in written:
+            console().print(f"written  {file}")
+    end_by(verdict)
+
+
+def _policy(subject: PolicySubject, target: str, out: str, as_json: bool) -> None:
+    with working(f"writing {out}"):
+        written = export_policy(subject, target, out)
+    if as_json:
+        files = [str(file) for file in written]
+        print_json({"target": target, "name": subject.name, "model": "policy", "written": files, "keys": []})
         return
-    console().print(f"{model.name} for {target}: {TARGETS[target]}")
+    console().print(f"policy for {target}: {POLICY_TARGETS[target]}")
     for file in written:
         console().print(f"written  {file}")
-
-
-def _or_single_track(asked: Wanted) -> Wanted:
-    """What is wanted; of a vehicle that names no model, a single track."""
-    open_to_us = asked.name is None and asked.vehicle is not None and asked.vehicle.model is None
-    return replace(asked, name="single_track") if open_to_us else asked
-
-
-def _moving(model: Model, asked: str) -> tuple[str, ...] | None:
-    if asked == "all":
-        return None
-    if asked == "free":
-        return tuple(p.name for p in model.parameters if not p.fixed)
-    return tuple(name.strip() for name in asked.split(",") if name.strip())
 
 
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:
@@ -110,11 +135,3 @@ def _assumed(model: Model, stated: Magnitudes) -> list[str]:
         for name, magnitude in stated.items()
         if magnitude is None
     ]
-
-
-def _identifier(folder: str) -> str:
-    """A folder's name as far as it can name functions of C."""
-    found = re.sub(r"\W+", "_", Path(folder).resolve().name.lower(), flags=re.ASCII).strip("_")
-    if not found:
-        raise BadInput(f"No function can be called after the folder {folder}; name them with --name.")
-    return found if found[0].isalpha() else f"model_{found}"

@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..choices.parameters import noise_of
-from ..choices.wanted import doubts, must_be_recorded, must_suit_options
-from ..datasets.read import read
-from ..engine.motion.shooting import Starts
-from ..files import ensure_writable
-from ..fitting import How, Solver
-from ..fitting import fit as fit_model
-from ..motion_model import MotionModel
-from ..recording import join
-from ..scores.prediction import must_suit
 from .defaults import command_line
-from .fit_output import show, summary
 from .model_options import model_options, wanted
-from .options import columns_option, jobs_option, json_option
-from .output import console, print_json, progress
+from .options import calibrate_option, columns_option, jobs_option, json_option, read_part
+from .output import console, end_by, print_json, progress, show
+
+if TYPE_CHECKING:
+    from ..engine.motion.shooting import Starts
+    from ..fitting import Solver
+    from ..fitting.pretraining import Span
 
 
 @click.command(name="fit")
@@ -36,6 +30,7 @@ from .output import console, print_json, progress
     type=click.Path(),
     help="A recording to score on; it chooses nothing, but for --early-stopping.",
 )
+@calibrate_option
 @click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name.")
 @click.option(
     "--horizon",
@@ -72,6 +67,19 @@ from .output import console, print_json, progress
     show_default=True,
     help="auto: Gauss-Newton finds, Ipopt certifies.",
 )
+@click.option(
+    "--pretrain",
+    metavar="FILE",
+    help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first.",
+)
+@click.option("--pretrain-points", type=int, default=20_000, show_default=True, help="Points at which it does.")
+@click.option(
+    "--pretrain-range",
+    type=click.Choice(["data", "box"]),
+    default="data",
+    show_default=True,
+    help="On rows of the recordings, or on a box 1.3 times as wide.",
+)
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
 @jobs_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
@@ -80,6 +88,7 @@ def fit(
     files: Sequence[str],
     columns: str,
     validation: str | None,
+    calibrate: str | None,
     out: str | None,
     horizon: float | None,
     start_from: Starts,
@@ -88,6 +97,9 @@ def fit(
     early_stopping: bool,
     strength: float | None,
     solver: Solver,
+    pretrain: str | None,
+    pretrain_points: int,
+    pretrain_range: Span,
     starts: int,
     jobs: int,
     seed: int,
@@ -100,33 +112,29 @@ def fit(
     greybox fit --model single_track lap1.csv lap2.csv --vehicle roboracer --columns roboracer
     greybox fit --model lateral lap.csv --vehicle car.toml --with steering_delay --fix m=3.5kg --prior B_f=6±3
     greybox fit --model msnn_full train.csv --columns roboracer --validate valid.csv --out run
+    greybox fit --model mlp_lateral lap1.csv lap2.csv lap3.csv --columns roboracer --pretrain lateral/fit.json
     greybox fit --model hybrid_force step*.csv sine*.csv --vehicle simrod --columns canonical
 
     Numbers may carry a unit; without one they are SI. Where weights of a model with memory are held to priors, how
     strongly is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength says
-    otherwise. Ctrl-C keeps the best so far.
+    otherwise. --calibrate timing aligns training runs by their delays, and scores the validation recording behind the
+    seconds that tell its runs' delays. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is not
+    usable; the verdict says why.
     """  # fmt: skip
+    from ..api.fitting import planned, pretraining  # not for --help: these load every model and the solvers
+    from ..choices.parameters import noise_of
+    from ..files import ensure_writable
+    from ..fitting import How
+    from ..guard import claim
+    from ..motion_model import MotionModel
+    from ..reports.text.fit import as_dict, parts
+
     if early_stopping and strength is not None:
         raise click.UsageError("--early-stopping and --strength exclude each other.")
-    if early_stopping and solver == "ipopt":
-        raise click.UsageError("--early-stopping watches Gauss-Newton's steps; leave --solver ipopt away.")
     if early_stopping and validation is None:
         raise click.UsageError("--early-stopping needs --validate RECORDING.")
     chosen = wanted(**asked)
-    given = {
-        "--horizon": horizon, "--start-from": start_from != "free", "--robust": robust, "--noise": noise,
-        "--early-stopping": early_stopping, "--strength": strength,
-    }  # fmt: skip
     nominal = chosen.model()  # what is wrong with it is better said before recordings are read than after
-    must_suit_options(nominal, [option for option, said in given.items() if said])
-    sensors = noise_of(noise, nominal)
-    recordings = [read(file, columns) for file in files]
-    validate = read(validation, columns) if validation is not None else None
-    seen = [*recordings, *([validate] if validate is not None else [])]
-    must_be_recorded(nominal, seen)
-    models = chosen.models(join(recordings, "training data"))
-    if horizon is not None:
-        must_suit(horizon, recordings)
     how = How(
         strengths="early stopping" if early_stopping else strength if strength is not None else "cross-validation",
         solver=solver,
@@ -136,23 +144,26 @@ def fit(
         horizon=horizon,
         start_from=start_from,
         robust=robust,
-        noise=sensors,
+        noise=noise_of(noise, nominal),
+        calibrate=calibrate,
     )
-    command = command_line()
-    target = Path(out or models[0].name) / "fit.json"
+    how.must_suit(nominal)
+    recordings = [read_part(file, columns) for file in files]
+    validate = read_part(validation, columns) if validation is not None else None
+    known = None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range)
+    plan = planned(chosen, nominal, recordings, validate, how, known)
+    target = Path(out or plan.models[0].name) / "fit.json"
+    claim(target, becomes=f"a fit of {plan.models[0].name}")
     ensure_writable(target.parent)
-    warnings = doubts(models[0], chosen.vehicle, recordings)
     with progress() as say:
-        for warning in warnings:
-            say(f"warning: {warning}")
-        result = fit_model(models, recordings, validate=validate, how=how, say=say, command=command)
+        result = plan.run(say, command_line())
     path = result.save(target)
-    vehicle = chosen.vehicle.name if chosen.vehicle is not None else ""
     if as_json:
-        print_json(summary(result) | {"vehicle": vehicle or None, "warnings": warnings, "written": str(path)})
-        return
-    show(result, vehicle)
-    figures = f"   figures and report: greybox report {path}"
-    console().print(f"\nwritten  {path}{figures}")
-    if isinstance(result.model, MotionModel):
-        console().print(f"         on other recordings: greybox validate {path}")
+        told = {"vehicle": plan.vehicle or None, "warnings": plan.warnings, "written": str(path)}
+        print_json(as_dict(result) | told)
+    else:
+        show(parts(result, plan.vehicle))
+        console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
+        if isinstance(result.model, MotionModel):
+            console().print(f"         on other recordings: greybox validate {path}")
+    end_by(result.verdict)

@@ -1,4 +1,4 @@
-"""`greybox gap`: where a simulation departs from the vehicle, which effect causes it, how much of it closes."""
+"""`greybox gap`: where a simulation deviates from the vehicle, which effect causes it, how much of it closes."""
 
 from __future__ import annotations
 
@@ -10,37 +10,57 @@ from typing import Any
 
 import click
 
-from .. import __version__
+from ..api.diagnosing import (
+    doubted,
+    made_with,
+    must_be_diagnosable,
+    must_be_stated,
+    must_differ,
+    must_have_gaps,
+    of_fit,
+)
 from ..choices.parameters import wanted_vehicle
-from ..choices.wanted import doubts, must_be_recorded
-from ..datasets.read import read
+from ..choices.wanted import must_be_recorded
 from ..errors import BadInput
-from ..fit import load
+from ..files import at_once
 from ..fitting import Say
 from ..gap import Gap
-from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
+from ..gap.changed import Changed, diagnose_change
+from ..gap.closed_vehicle import closed_vehicle
 from ..gap.diagnosis import diagnose
 from ..gap.kinds import Diagnosed
-from ..gap.memory_bench import must_suit
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
-from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
 from ..motion_model import MotionModel
-from ..provenance import data_record
 from ..recording import Recording
-from ..reports.gap.content import Made
 from ..vehicle import Vehicle
 from .completion import names
 from .defaults import command_line
-from .gap_files import stated_numbers, targets_of, warnings_of, without_vehicle, write
-from .gap_output import as_json_text, show
-from .options import VEHICLES, columns_option, json_option
+from .fit_file import fit_of
+from .gap_files import targets_of, warnings_of, without_vehicle, write
+from .gap_output import as_json_text, show, show_changed
+from .options import VEHICLES, columns_option, json_option, read_part
 from .output import console, progress
+from .own import named_model, own_option
+from .terminal import clean_json, tell
 
 
-@click.command(name="gap")
+class _Since(click.Command):
+    """A command whose --since takes every word up to the next option: AFTER.. --since BEFORE.. reads as it is said."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Write `--since a b` as `--since a --since b`."""
+        spread, taking = list[str](), False
+        for before, word in zip(["", *args], args, strict=False):
+            if word.startswith("-"):
+                taking = word == "--since"
+            elif taking and before != "--since":
+                spread.append("--since")
+            spread.append(word)
+        return super().parse_args(ctx, spread)
+
+
+@click.command(name="gap", cls=_Since)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
 @click.option(
     "--vehicle",
@@ -53,7 +73,8 @@ from .output import console, progress
     "--model",
     metavar="NAME",
     shell_complete=names(MODELS),
-    help="With --vehicle; default: the vehicle's own, else single_track.",
+    callback=named_model,
+    help="With --vehicle; default: the vehicle's own, else single_track. FILE.py:NAME is run.",
 )
 @columns_option
 @click.option(
@@ -63,11 +84,19 @@ from .output import console, progress
     type=click.Path(),
     help="A recording that chooses nothing, to say on how far the gap closes; repeatable.",
 )
+@click.option(
+    "--since",
+    multiple=True,
+    metavar="RECORDING...",
+    type=click.Path(),
+    help="Recordings from before: what changed since then, beyond how much they differ among themselves?",
+)
 @click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
 @click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
 @click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
+@own_option
 @json_option
 def gap(
     recordings: Sequence[str],
@@ -76,6 +105,7 @@ def gap(
     model: str | None,
     columns: str,
     held_out: Sequence[str],
+    since: Sequence[str],
     out: str | None,
     report: str | None,
     apply: str | None,
@@ -83,47 +113,45 @@ def gap(
     seed: int,
     as_json: bool,
 ) -> None:
-    """Say where the simulation of each RECORDING departs from the vehicle, why, and how much of that closes.
+    """Say where the simulation of each RECORDING deviates from the vehicle, why, and how much of that closes.
 
     \b
     greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv
     greybox gap lap7.csv --fit run/fit.json --columns roboracer --report gap.pdf
+    greybox gap wet1.csv --since dry1.csv dry2.csv --vehicle car.toml --held-out wet2.csv
     greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
     greybox simulate lap9.csv --vehicle car_closed.toml
 
     How far the gap closes is only known on recordings that chose nothing: name some with --held-out.
     """  # fmt: skip
-    targets = targets_of(out, report, apply, kept=[*recordings, *held_out, *filter(None, (vehicle, fit_file))])
+    targets = targets_of(out, report, apply)
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
     held_by_file = isinstance(asked.model, MotionModel)
     if not held_by_file:
         targets = without_vehicle(targets, asked.model.name, apply)
+    changed: Changed | None = None
     with progress() as say:
-        found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
-    made = Made(
-        vehicle=asked.vehicle.name,
-        command=command_line(),
-        seed=seed,
-        version=__version__,
-        data=(
-            *(data_record(own, "train") for own in asked.recordings),
-            *(data_record(own, "validate") for own in asked.held_out),
-        ),
-        settings=dict(asked.model.settings),
-        effects={name: float(asked.model[name].array) for name in asked.model.effects},
-        stated=stated_numbers(asked.vehicle, asked.model),
-    )
+        if since:
+            changed = _changed(asked, [read_part(file, columns or "canonical") for file in since], say)
+            found, asked = changed.gap, replace(asked, vehicle=changed.vehicle)
+        else:
+            found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
+    made = made_with(asked.model, asked.vehicle, asked.recordings, asked.held_out, seed, command_line())
     closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
     for warning in warnings_of(closed, found, apply, out):
-        click.echo(f"warning: {warning}", err=True)
+        tell(f"warning: {warning}")
     if as_json:
-        sys.stdout.write(as_json_text(found, made, [target for _, target in targets]))
+        sys.stdout.write(clean_json(as_json_text(found, made, [target for _, target in targets], changed)))
     else:
-        show(console(), found)
-    for kind, target in targets:
-        write(kind, target, found, closed, made)
-        if not as_json:
-            console().print(f"written  {target}")
+        if changed is not None:
+            show_changed(console(), changed)
+        else:
+            show(console(), found)
+    with at_once():
+        for kind, target in targets:
+            write(kind, target, found, closed, made)
+    for _, target in () if as_json else targets:
+        console().print(f"written  {target}")
     if check and found.gap_detected:
         sys.exit(1)
 
@@ -179,23 +207,9 @@ def _asked(
     nominal, stated = _nominal(vehicle, fit, model)
     if not recordings:
         raise BadInput("There is no recording to diagnose; name at least one file.")
-    own, others = ([read(file, columns or "canonical") for file in files] for files in (recordings, held_out))
-    must_be_recorded(nominal, [*own, *others])
-    if isinstance(nominal, MemoryModel):
-        must_suit(nominal, [*own, *others])
-    for recording in (*own, *others):
-        if not any(name in recording for name in nominal.outputs):
-            raise BadInput(
-                f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; "
-                "map the columns that hold them in the column map (--columns)."
-            )
-    seen = {recording.source.sha256: recording.source.path for recording in own}
-    for source in (recording.source for recording in others):
-        if source.sha256 in seen:
-            raise BadInput(
-                f"{source.path} is held out, but it is the same data as {seen[source.sha256]}, which is diagnosed; "
-                "hold another one out."
-            )
+    own, others = ([read_part(file, columns or "canonical") for file in files] for files in (recordings, held_out))
+    must_be_diagnosable(nominal, [*own, *others])
+    must_differ(own, others)
     return _Asked(nominal, stated, own, others)
 
 
@@ -206,29 +220,15 @@ def _nominal(
     if (vehicle is None) == (fit is None):
         more = "." if vehicle is None else "; not both."
         raise BadInput(f"Which simulation? Name the vehicle with --vehicle, or a fit with --fit{more}")
-    nominal: Model
     if fit is not None:
         if model is not None:
-            raise BadInput(f"--model {model}: a fit brings its own model; leave --model away, or name --vehicle.")
-        loaded = load(fit, build)
-        if isinstance(loaded.model, HybridModel):
-            raise BadInput(
-                f"{fit} is a fit of {loaded.model.name}; the gap of hybrid models is not looked for: their "
-                "network takes up what the equations lack. Name equations of motion or a model with memory."
-            )
-        nominal, stated = loaded.model, fitted_vehicle(loaded, str(fit))
-        assert isinstance(nominal, MotionModel | MemoryModel)
-        return nominal, stated
+            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle.")
+        return of_fit(fit_of(fit), str(fit))
     found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
     assert found is not None
     own = found.model is not None and model in (None, found.model.name)
-    nominal = model_of(found) if own or model is None else build(model, vehicle=found)
-    if not isinstance(nominal, MotionModel):
-        raise BadInput(
-            f"{nominal.name} is a model with memory, whose weights no vehicle states: fit it, and name the fit with "
-            "--fit; or name equations of motion with --model: single_track or lateral."
-        )
-    return nominal, found
+    nominal = must_be_stated(model_of(found) if own or model is None else build(model, vehicle=found))
+    return must_have_gaps(nominal), found
 
 
 def _found(asked: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
@@ -237,8 +237,15 @@ def _found(asked: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
     found = diagnose(
         asked.model, asked.recordings, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say, **options
     )
-    more = doubts(asked.model, asked.vehicle, asked.recordings)
-    return replace(found, doubts=(*found.doubts, *(sentence for sentence in more if sentence not in found.doubts)))
+    return doubted(found, asked.model, asked.vehicle, asked.recordings)
+
+
+def _changed(asked: _Asked, since: Sequence[Recording], say: Say) -> Changed:
+    """What changed since other recordings."""
+    must_be_recorded(asked.model, since)
+    return diagnose_change(
+        asked.model, asked.recordings, since, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say
+    )
 
 
 def _silent(line: str, passing: bool = False) -> None:

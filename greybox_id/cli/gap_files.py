@@ -10,25 +10,28 @@ from ..errors import BadInput
 from ..files import ensure_writable, write_atomically
 from ..gap import Gap
 from ..gap.closed_vehicle import no_place, not_held
-from ..gap.kinds import Diagnosed
-from ..models.effects import EFFECTS
-from ..reports.gap.content import Made, Number
+from ..guard import claim, option_of
+from ..reports.gap.content import Made
 from ..reports.gap.saved import as_text
 from ..vehicle import Vehicle
 
 IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
 """Kind of file -> its name in the folder of --out."""
+BECOMES = {
+    "json": "a gap",
+    "vehicle": "a vehicle file that greybox wrote",
+    "picture": "a figure",
+    "report": "a report",
+}
+"""Kind of file -> what the guard calls it."""
 
 
-def targets_of(
-    out: str | None, report: str | None, apply: str | None, kept: Sequence[str] = ()
-) -> list[tuple[str, Path]]:
+def targets_of(out: str | None, report: str | None, apply: str | None) -> list[tuple[str, Path]]:
     """What is to be written where, as (kind, file), checked before long work.
 
     Parameters
     ----------
     out, report, apply : options of these names.
-    kept : files that are read, which must not be written over.
 
     Raises
     ------
@@ -43,10 +46,9 @@ def targets_of(
         found.append(("report", Path(report) if report is not None else Path(out or "") / "gap.pdf"))
     if apply is not None:
         found.append(("vehicle", Path(apply)))
-    read = {Path(file).resolve() for file in kept}
-    for _, target in found:
-        if target.resolve() in read:
-            raise BadInput(f"{target} is read by this command and would be written over; name another place.")
+    for kind, target in found:
+        option = "‹apply›" if apply is not None and target == Path(apply) else option_of(target)
+        claim(target, option, BECOMES[kind])
     for folder in dict.fromkeys(target.parent for _, target in found):
         ensure_writable(folder)
     return found
@@ -60,23 +62,8 @@ def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str 
     BadInput : a vehicle file was asked for.
     """
     if apply is not None:
-        raise BadInput(f"{apply}: {no_place(model)} Leave --apply away.")
+        raise BadInput(f"{apply}: {no_place(model)} Omit --apply.")
     return [(kind, target) for kind, target in targets if kind != "vehicle"]
-
-
-def stated_numbers(vehicle: Vehicle, model: Diagnosed) -> tuple[Number, ...]:
-    """What is stated of a vehicle that its model has, and tolerances on effects."""
-    numbers = [
-        Number(name, own.value, own.sd, model[name].unit, own.source)
-        for name, own in vehicle.values.items()
-        if name in model and model[name].shape == ()
-    ]
-    tolerances = [
-        Number(name, own.value, own.sd, EFFECTS[name].parameter.unit, own.source)
-        for name, own in vehicle.effects.items()
-        if name in EFFECTS and own.sd is not None
-    ]
-    return (*numbers, *tolerances)
 
 
 def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made) -> None:

@@ -1,4 +1,4 @@
-"""`greybox import`: a network that nnodely saved becomes a fit."""
+"""`greybox import`: a network that nnodely saved becomes a fit, a vehicle of another tool a vehicle file."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from pathlib import Path
 
 import click
 
+from ..datasets.vehicle_text import as_plain, write_vehicle
 from ..errors import BadInput
-from ..exchange import Imported, import_network
+from ..exchange import Imported, ImportedVehicle, import_network, import_vehicle
+from ..exchange.vehicles import SUFFIXES
 from ..files import ensure_writable
 from ..fit import Fit
+from ..guard import claim
 from ..reports.numbers import counted, number, pretty_unit
 from ..signals import unit_of
 from .defaults import command_line
@@ -32,30 +35,61 @@ from .output import console, print_json
     help="What the network was trained with; default: the file's own.",
 )
 @click.option(
-    "--out", default=None, metavar="FILE", help="A .json file; default: fit.json in a folder of the model's name."
+    "--out",
+    default=None,
+    metavar="FILE",
+    help="A .json file for a network, by default fit.json in a folder of the model's name; a .toml file for a vehicle.",
 )
 @json_option
 def import_(network: str, inputs: str, sample_time: float | None, out: str | None, as_json: bool) -> None:
-    """Make a fit of NETWORK, a file of nnodely's saveModel that holds an MS-NN; nothing in the file is run.
+    """Make a fit of NETWORK, a file of nnodely's saveModel that holds an MS-NN, or a vehicle file of another tool's:
+    a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or CommonRoad. Nothing in it is run.
 
     \b
     greybox import trained/net.json --sample-time 0.05 --out run/fit.json
     greybox import trained/net.json --inputs v_x=omega,steer=handwheel,a_x=imu
-    """
+    greybox import vehicle_info.param.yaml --out car.toml
+    """  # fmt: skip
+    if Path(network).suffix.lower() in SUFFIXES:
+        if inputs or sample_time is not None:
+            raise click.UsageError("--inputs and --sample-time belong to networks; a vehicle has none.")
+        _vehicle(network, out, as_json)
+        return
     if out is not None and Path(out).suffix != ".json":
         raise BadInput(f"{out}: a fit is a .json file; name one with --out.")
     command = command_line()
     pairs = [pair.strip() for pair in inputs.split(",") if pair.strip()]
     found = import_network(network, pairs, sample_time, command)
     target = Path(out) if out is not None else Path(found.fit.model.name) / "fit.json"
-    if target.resolve() == Path(network).resolve():
-        raise BadInput(f"{target} is the network itself; name another file with --out.")
+    claim(target, becomes=f"a fit of {found.fit.model.name}")
     ensure_writable(target.parent)
     path = found.fit.save(target)
     if as_json:
         print_json(_summary(found) | {"written": str(path)})
     else:
         _show(found, path)
+
+
+def _vehicle(file: str, out: str | None, as_json: bool) -> None:
+    """Make a vehicle file of another tool's file."""
+    if out is not None and Path(out).suffix.lower() not in (".toml", ".json"):
+        raise BadInput(f"{out}: a vehicle file ends in .toml or .json; name one with --out.")
+    found = import_vehicle(file)
+    target = claim(Path(out) if out is not None else Path(f"{Path(file).name.partition('.')[0]}.toml"))
+    ensure_writable(target.parent)
+    path = write_vehicle(found.vehicle, target)
+    if as_json:
+        print_json({"kind": found.kind, "vehicle": as_plain(found.vehicle), "notes": found.notes, "written": str(path)})
+        return
+    _show_vehicle(found, path)
+
+
+def _show_vehicle(found: ImportedVehicle, path: Path) -> None:
+    out = console()
+    out.print(f"vehicle  {found.kind}: {', '.join(found.vehicle.values) or 'nothing but limits'}")
+    for note in found.notes:
+        out.print(f"note     {note}")
+    out.print(f"\nwritten  {path}   with a recording: greybox fit --model single_track --vehicle {path} RECORDING")
 
 
 def _show(found: Imported, path: Path) -> None:

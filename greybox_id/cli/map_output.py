@@ -10,20 +10,22 @@ from rich.table import Table
 from rich.text import Text
 
 from ..errors import BadInput
+from ..guard import claim
 from ..reports.numbers import counted
 
 if TYPE_CHECKING:
-    from ..mapping import Entry, Proposal
+    from ..mapping import MapEntry, Proposal
 
 
-def map_target(out: str, overwrite: bool) -> Path:
-    """Where a map is to be written. Raises `BadInput` for another kind of file, and for one that is there."""
+def map_target(out: str) -> Path:
+    """Where a map is to be written. Raises `BadInput` for another kind of file, and for one that is there.
+
+    A map that is there may have been edited, and no map is taken for one that may be replaced.
+    """
     target = Path(out)
     if target.suffix.lower() != ".toml":
         raise BadInput(f"{out}: a column map is a .toml file; name one with --out.")
-    if target.exists() and not overwrite:
-        raise BadInput(f"{out} is there already; name another file with --out, or say --overwrite.")
-    return target
+    return claim(target, becomes="a column map")
 
 
 def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
@@ -40,7 +42,7 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     if proposal.time is None:
         screen.print("no column looks like a time; say which one holds it")
     if proposal.others:
-        screen.print(f"taken for nothing: {', '.join(proposal.others)}")
+        screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
             screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
     for finding in proposal.findings:
@@ -65,7 +67,7 @@ def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
     }
 
 
-def _row(entry: Entry) -> tuple[str, str, str, str]:
+def _row(entry: MapEntry) -> tuple[str, str, str, str]:
     unit = entry.unit if entry.decided else " or ".join(entry.units or (entry.unit,)) or "?"
     if entry.divide_by != 1.0:
         unit += f" · {entry.divide_by:g}"
@@ -77,7 +79,7 @@ def _row(entry: Entry) -> tuple[str, str, str, str]:
     )
 
 
-def _as_dict(entry: Entry) -> dict[str, Any]:
+def _as_dict(entry: MapEntry) -> dict[str, Any]:
     return {
         "signal": entry.signal,
         "column": entry.column,

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Collection, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from ..choices.parameters import Choices, magnitudes, wanted_vehicle
-from ..choices.wanted import Wanted
-from ..models.effects import EFFECTS
-from ..models.registry import MODELS
+from ..models.names import MODEL_NAMES
 from .completion import names
 from .options import VEHICLES, settings_of
+from .own import named_effects, named_model
+
+if TYPE_CHECKING:
+    from ..choices.wanted import Wanted
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+
+def _effects() -> Collection[str]:
+    from ..models.effects import EFFECTS
+
+    return EFFECTS
+
+
 _MODEL = (
     click.option(
-        "--model", "name", metavar="NAME", shell_complete=names(MODELS),
-        help=f"One of {', '.join(MODELS)}; default: the vehicle's own.",
+        "--model", "name", metavar="NAME", shell_complete=names(MODEL_NAMES), callback=named_model,
+        help=f"One of {', '.join(MODEL_NAMES)}, or FILE.py:NAME, which is run; default: the vehicle's own.",
     ),
     click.option(
         "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,
@@ -31,8 +39,9 @@ _MODEL = (
     ),
 )  # fmt: skip
 _EFFECTS = click.option(
-    "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(EFFECTS),
-    help="Add an effect: free, held at a VALUE[unit], or free with a belief MEAN±SD[unit].",
+    "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(_effects),
+    callback=named_effects,
+    help="Add an effect or FILE.py:NAME: free, held at a VALUE[unit], or free with a prior MEAN±SD[unit].",
 )  # fmt: skip
 _FIX = click.option(
     "--fix", multiple=True, metavar="NAME[=VALUE]",
@@ -40,9 +49,7 @@ _FIX = click.option(
 )  # fmt: skip
 _ESTIMATED = (
     click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that is held otherwise."),
-    click.option(
-        "--prior", multiple=True, metavar="NAME=MEAN±SD", help="What is believed of a parameter: B_f=6±3 or B_f=6+-3."
-    ),
+    click.option("--prior", multiple=True, metavar="NAME=MEAN±SD", help="Prior of a parameter: B_f=6±3 or B_f=6+-3."),
     click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where a parameter's estimation starts."),
     click.option("--per-run", multiple=True, metavar="NAME", help="One value for each unbroken run."),
 )
@@ -70,6 +77,9 @@ def wanted(
     per_run: Sequence[str] = (),
 ) -> Wanted:
     """What these options ask for."""
+    from ..choices.parameters import Choices, magnitudes, wanted_vehicle  # not for --help: these load every model
+    from ..choices.wanted import Wanted
+
     choices = Choices(fix, free, prior, start, per_run)
     return Wanted(name, wanted_vehicle(vehicle), settings_of(settings), magnitudes(effects), choices)
 

@@ -18,14 +18,16 @@ from ..models.registry import MODELS, build
 from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..reports.numbers import pretty_unit
+from ..reports.text.screen import plain
 from ..signals import unit_of
 from .completion import names
 from .options import VEHICLES, json_option, settings_of
-from .output import console, plain, print_json
+from .output import console, print_json
+from .own import named_effect, named_model
 
 
 @click.command(name="models")
-@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS))
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS), callback=named_model)
 @click.option("--vehicle", metavar="VEHICLE", shell_complete=VEHICLES, help="Show a model with a vehicle's numbers.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
 @json_option
@@ -59,7 +61,7 @@ def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_js
 
 
 @click.command(name="effects")
-@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(EFFECTS))
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(EFFECTS), callback=named_effect)
 @json_option
 def effects(name: str | None, as_json: bool) -> None:
     """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to.

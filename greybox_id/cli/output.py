@@ -3,102 +3,94 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import click
-from rich.console import Console, JustifyMethod
-from rich.table import Table
+from rich.console import Console, RenderableType
+from rich.text import Text
 
-from ..reports.numbers import pretty_unit
-from ..signals import unit_of
+from ..json_data import finite
+from ..processes import duration
+from ..reports.text.screen import WIDTH, Screen, as_text
+from ..verdict import NOT_USABLE, Verdict
+from .terminal import clean_json, tell
 
 if TYPE_CHECKING:
     from ..fitting import Say
 
-WIDTH = 160
-"""Columns of tables that go to a file or a pipe."""
-
 
 def console() -> Console:
-    """Standard output for people; names and sentences may hold brackets, so there is no markup."""
-    found = Console(highlight=False, markup=False)
+    """Standard output for people."""
+    found = Screen()
     if not found.is_terminal:
         found.width = WIDTH
     return found
 
 
+def show(parts: Iterable[RenderableType]) -> None:
+    """Print what a result says; what goes to a file or a pipe is the text of its `summary()`."""
+    screen = console()
+    if not screen.is_terminal:
+        sys.stdout.write(as_text(parts) + "\n")
+        return
+    for part in parts:
+        screen.print(part)
+
+
 @contextmanager
 def progress() -> Iterator[Say]:
     """A live line on a terminal, plain lines elsewhere; all on standard error."""
-    errors = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    errors = Screen(errors=True, soft_wrap=True)
     if not errors.is_terminal:
 
         def plain(line: str, passing: bool = False) -> None:
             if not passing:
-                click.echo(line, err=True)
+                tell(line)
 
         yield plain
         return
-    with errors.status("starting") as status:
+    shown = _Live()
+    with errors.status(shown):
 
         def live(line: str, passing: bool = False) -> None:
-            status.update(line)
+            shown.words = line
             if not passing:
                 errors.print(line, style="dim")
 
         yield live
 
 
+@contextmanager
+def working(words: str) -> Iterator[None]:
+    """What is being done, and for how long already, while it is: on a terminal, and nothing elsewhere."""
+    with progress() as say:
+        say(words, passing=True)
+        yield
+
+
+class _Live:
+    """What is being done, and for how long already."""
+
+    def __init__(self) -> None:
+        self.words, self._began = "starting", time.monotonic()
+
+    def __rich__(self) -> Text:
+        return Text.assemble(self.words, (f"  {duration(time.monotonic() - self._began)}", "dim"))
+
+
+UNUSABLE = 3
+"""Exit code of a command that did what it was asked for, and whose fit is not usable."""
+
+
+def end_by(verdict: Verdict | None) -> None:
+    """End the command with the exit code that a verdict has."""
+    if verdict is not None and verdict.usability == NOT_USABLE:
+        sys.exit(UNUSABLE)
+
+
 def print_json(body: Mapping[str, Any]) -> None:
     """One JSON object on standard output; what is not a finite number becomes null."""
-    sys.stdout.write(json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def finite(value: Any) -> Any:
-    """Plain data without NaN and infinities, which JSON does not know: they become null."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: finite(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(inner) for inner in value]
-    return value
-
-
-def plain(value: float) -> str:
-    """A stated number, as it was stated."""
-    return f"{value:.6g}".replace("inf", "∞").replace("-", "−")
-
-
-PROTOCOL_WORDS = {
-    "honest": "one sample ahead, pooled, no window across a join",
-    "published": "as published: batches of 100, windows across joins",
-    "closed_loop": "free run on own predictions, pooled",
-    "free run": "free run of whole manoeuvres, pooled",
-}
-
-
-def errors_table(metrics: Mapping[str, Any]) -> Table:
-    """Errors by recording, protocol and output, each with its standard error and unit."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    titles: tuple[tuple[str, JustifyMethod], ...] = (
-        ("error", "left"),
-        ("protocol", "left"),
-        ("RMSE", "right"),
-        ("unit", "left"),
-        ("FVU", "right"),
-    )
-    for title, justify in titles:
-        table.add_column(title, header_style="dim", justify=justify)
-    for role, protocols in metrics.items():
-        for protocol, outputs in protocols.items():
-            for name, error in outputs.items():
-                sd = error["rmse_sd"]
-                rmse = f"{error['rmse']:.4f} ± " + (f"{sd:.4f}" if math.isfinite(sd) else "–")
-                unit = pretty_unit(unit_of(name))
-                table.add_row(f"{role} {name}", PROTOCOL_WORDS[protocol], rmse, unit, f"{error['fvu']:.4f}")
-    return table
+    sys.stdout.write(clean_json(json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False)) + "\n")

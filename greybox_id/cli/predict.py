@@ -8,31 +8,32 @@ from typing import Any
 
 import click
 import numpy as np
-import pandas as pd
 
 from ..choices.parameters import Choices, state_values, with_choices
 from ..choices.wanted import doubts_of_drive, must_be_recorded
-from ..datasets.read import read
-from ..errors import BadInput
-from ..files import replacing
-from ..fit import load
+from ..datasets.result_table import target_of, write_table
+from ..guard import claim
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
-from ..models.registry import build
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
+from ..reports.text.timing import timing_lines
 from ..scores.metrics import Prediction, as_dict, prediction_errors
 from ..scores.prediction import as_table, assumed
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs
+from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing
 from ..signals import unit_of
+from .fit_file import fit_of
 from .model_options import simulated_model_options, wanted
-from .options import columns_option, json_option
-from .output import console, print_json
+from .options import calibrate_option, columns_option, json_option, read_part
+from .output import console, print_json, working
+from .own import own_option
+from .terminal import tell
 
-SUFFIXES = (".csv", ".parquet")
+PREDICTIONS, SIMULATIONS = "a table of predictions", "a table of simulations"
 
 
 @click.command(name="predict")
@@ -45,23 +46,65 @@ SUFFIXES = (".csv", ".parquet")
     metavar="SECONDS",
     help="Equations of motion: every row from the readings so much earlier; default: a free run of every run.",
 )
+@click.option(
+    "--posterior",
+    metavar="FILE",
+    type=click.Path(),
+    help="Draws of greybox sample: the mean over them, and a 95 % band of readings.",
+)
+@calibrate_option
 @click.option("--open-loop", is_flag=True, help="Models with memory: measured inputs throughout, one sample ahead.")
-@click.option("--out", default="prediction.csv", show_default=True, metavar="FILE", help="A .csv or .parquet file.")
+@click.option(
+    "--out", default="prediction.csv", show_default=True, metavar="FILE", help="A .csv, .parquet, .mf4 or .mcap file."
+)
+@own_option
 @json_option
 def predict(
-    fit_file: str, file: str, columns: str, horizon: float | None, open_loop: bool, out: str, as_json: bool
+    fit_file: str,
+    file: str,
+    columns: str,
+    horizon: float | None,
+    posterior: str | None,
+    calibrate: str | None,
+    open_loop: bool,
+    out: str,
+    as_json: bool,
 ) -> None:
     """Predict RECORDING with FIT: so many seconds ahead, or freely from the start of each run.
 
     \b
     greybox predict run/fit.json lap7.csv --columns roboracer --horizon 0.5 --out lap7_predicted.csv
+    greybox predict msnn_full/fit.json lap7.csv --columns roboracer --calibrate timing
     """  # fmt: skip
-    target = target_of(out)
-    model = load(fit_file, build).model
-    recording = read(file, columns)
-    must_be_recorded(model, [recording])
-    found = predict_rows(model, recording, horizon, open_loop=open_loop)
-    write(as_table(model, recording, found, "predicted"), target)
+    target = claim(target_of(out), becomes=PREDICTIONS)
+    fit = fit_of(fit_file)
+    model = fit.model
+    more: dict[str, Any] = {}
+    seconds = calibrated_seconds(calibrate)
+    if seconds is not None and (posterior is not None or horizon is not None):
+        raise click.UsageError("--calibrate is for models with memory, which have no --posterior and no --horizon.")
+    if posterior is not None and open_loop:
+        raise click.UsageError("--open-loop is for models with memory, which have no --posterior.")
+    with working(f"predicting {file}"):
+        recording = read_part(file, columns)
+        must_be_recorded(model, [recording])
+        if seconds is not None:
+            timing = calibrated_timing(fit, recording, seconds)
+            assert isinstance(model, MemoryModel)
+            found = calibrated_predictions(model, recording, timing, open_loop=open_loop)
+            table, more = as_table(model, recording, found, "predicted"), {"timing": timing.as_dict()}
+        elif posterior is None:
+            found = predict_rows(model, recording, horizon, open_loop=open_loop)
+            table = as_table(model, recording, found, "predicted")
+        else:
+            from ..posterior.posterior import load_posterior
+            from ..posterior.predictive import banded_table, predictive_band
+
+            band = predictive_band(fit, load_posterior(posterior), recording, horizon)
+            found, table = band.mean, banded_table(model, recording, band)
+            covered = dict(zip(model.outputs, band.coverage().tolist(), strict=True))
+            more = {"posterior": {"file": posterior, "draws": band.draws, "level": band.level, "coverage": covered}}
+        write_table(table, target, PREDICTIONS)
     if isinstance(model, MotionModel):
         how = "free run" if horizon is None else f"{horizon:g} s ahead"
         told: dict[str, Any] = {"horizon": horizon}
@@ -71,7 +114,7 @@ def predict(
         assert isinstance(model, MemoryModel)
         told = {"loop": "open" if open_loop or model.feedback is None else "closed"}
         how = f"{told['loop']} loop"
-    _tell(model, recording, found, target, how, told, as_json)
+    _tell(model, recording, found, target, how, told | more, as_json)
 
 
 @click.command(name="simulate")
@@ -84,7 +127,10 @@ def predict(
     metavar="NAME=VALUE",
     help="A state at the start of every run; others start from the first row's readings.",
 )
-@click.option("--out", default="simulation.csv", show_default=True, metavar="FILE", help="A .csv or .parquet file.")
+@click.option(
+    "--out", default="simulation.csv", show_default=True, metavar="FILE", help="A .csv, .parquet, .mf4 or .mcap file."
+)
+@own_option
 @json_option
 def simulate(
     paths: Sequence[str],
@@ -97,11 +143,13 @@ def simulate(
 ) -> None:
     """Simulate every run of RECORDING freely on its inputs, with FIT or with a model made from options.
 
+    A vehicle that names no model is a single_track.
+
     \b
     greybox simulate run/fit.json lap7.csv --columns roboracer --out lap7_simulated.csv
     greybox simulate --model single_track --vehicle full_size_car --with steering_delay=30ms lap.csv
     """  # fmt: skip
-    target = target_of(out)
+    target = claim(target_of(out), becomes=SIMULATIONS)
     asks = any(asked.values())
     if len(paths) != (1 if asks else 2):
         raise click.UsageError(
@@ -109,37 +157,22 @@ def simulate(
             if asks
             else "Name a FIT and a RECORDING, or a RECORDING and --model NAME."
         )
-    model = wanted(**asked, fix=fix).model() if asks else _of_fit(paths[0], fix)
-    recording = read(paths[-1], columns)
+    model = wanted(**asked, fix=fix).or_single_track().model() if asks else _of_fit(paths[0], fix)
+    with working(f"reading {paths[-1]}"):
+        recording = read_part(paths[-1], columns)
     must_be_recorded(model, [recording])
     start = state_values(start_state, model)
     warnings = [*assumed(model, recording, start), *doubts_of_drive(model, [recording])]
     for warning in warnings:
-        click.echo(f"warning: {warning}", err=True)
-    found = simulate_runs(model, recording, start)
-    write(as_table(model, recording, found, "simulated"), target)
+        tell(f"warning: {warning}")
+    with working(f"simulating {recording.name}"):
+        found = simulate_runs(model, recording, start)
+        write_table(as_table(model, recording, found, "simulated"), target, SIMULATIONS)
     _tell(model, recording, found, target, "free run", {"start": start, "warnings": warnings}, as_json)
 
 
-def write(table: pd.DataFrame, target: Path) -> None:
-    """Write a table as the file's name says, atomically."""
-    with replacing(target) as beside:
-        if target.suffix == ".csv":
-            table.to_csv(beside, index=False)
-        else:
-            table.to_parquet(beside, index=False)
-
-
 def _of_fit(fit_file: str, fix: Sequence[str]) -> Model:
-    return with_choices(load(fit_file, build).model, Choices(fix=fix))
-
-
-def target_of(out: str) -> Path:
-    """Where a table is to be written. Raises `BadInput` for a kind of file that is not written."""
-    target = Path(out)
-    if target.suffix not in SUFFIXES:
-        raise BadInput(f"{out}: tables are written as {' or '.join(SUFFIXES)}; name such a file with --out.")
-    return target
+    return with_choices(fit_of(fit_file).model, Choices(fix=fix))
 
 
 def _tell(
@@ -155,5 +188,10 @@ def _tell(
     out.print(f"written  {target}: {counted(len(found.rows), 'row')} in {runs}, {how}")
     for name, error in errors.items():
         out.print(f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}")
+    for line in timing_lines(told["timing"]) if "timing" in told else ():
+        out.print(f"timing   {line}")
+    for name, share in told.get("posterior", {}).get("coverage", {}).items():
+        if np.isfinite(share):
+            out.print(f"         {name}: {100 * share:.1f} % of the readings within the 95 % band")
     if lost:
         out.print(f"         {counted(lost, 'row')} without a finite value of every output")

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..condition import span
 from ..errors import BadInput
+from ..files import at_once
 from ..fit import Fit, load
+from ..guard import claim
 from ..models.registry import build
-from ..provenance import DataRecord
 from ..recording import Recording
 from ..saved import format_of
-from .options import json_option
-from .output import console, print_json
+from .options import json_option, part
+from .output import console, print_json, working
+from .own import own_option
 
 if TYPE_CHECKING:
     from ..reports.document import Document
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 @click.option("--format", "kind", type=click.Choice(["pdf", "html"]), help="As the name of --out says; else pdf.")
 @click.option("--out", metavar="FILE", help="File to write; beside the first file unless given.")
 @click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
+@own_option
 @json_option
 def report(
     files: Sequence[str],
@@ -59,11 +63,12 @@ def report(
 
     target = Path(out) if out is not None else _beside([Path(file) for file in files], kind or "pdf")
     kind = kind_of(target, kind)
-    if target.resolve() in {Path(file).resolve() for file in files}:
-        raise BadInput(f"{target} is read by this command and would be written over; name another place with --out.")
-    document = _document([Path(file) for file in files], train, validate, columns)
-    target = write(document, target, kind)
-    written = write_drawings(document.drawings, figures) if figures else []
+    claim(target, becomes="a report")
+    with working(f"writing {target}"):
+        document = _document([Path(file) for file in files], train, validate, columns)
+        with at_once():
+            target = write(document, target, kind)
+            written = write_drawings(document.drawings, figures) if figures else []
     if as_json:
         verdict = [sentence for _, sentence in document.verdict]
         print_json({"report": str(target), "figures": [str(file) for file in written], "verdict": verdict})
@@ -113,14 +118,14 @@ OTHERS = {"greybox-gap": _of_gap, "greybox-track": _of_track}
 
 
 def _side_by_side(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
-    from ..reports.comparison import Named, comparison
+    from ..reports.comparison import NamedFit, comparison
 
     if len({file.resolve() for file in files}) < len(files):
         raise BadInput(f"{', '.join(map(str, files))}: one fit is named twice; name each once.")
     fits = [load(file, build) for file in files]
     return comparison(
         [
-            Named(name, fit, tuple(recordings_of(fit, file, train, validate, columns)))
+            NamedFit(name, fit, tuple(recordings_of(fit, file, train, validate, columns)))
             for name, fit, file in zip(_names(files), fits, files, strict=True)
         ]
     )
@@ -144,6 +149,7 @@ def recordings_of(
     option: str = "--{role}",
 ) -> list[Recording]:
     """The recordings of a fit, from where it found them or from where they have moved."""
+    from ..api.fit_result import found_again
     from ..datasets.read import read
 
     moved = {"train": list(train), "validate": [validate] if validate else []}
@@ -155,21 +161,11 @@ def recordings_of(
     found = []
     for record in fit.data:
         files = moved.get(record.role, [])
-        file = Path(files.pop(0)) if files else _where(record, fit_file, option.format(role=record.role))
-        found.append(read(file, columns or record.columns or "canonical"))
-    return found
-
-
-def _where(record: DataRecord, fit_file: Path, option: str) -> Path:
-    """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder."""
-    if not record.path:
-        raise BadInput(
-            f"{fit_file} was fitted to a recording made in memory ({record.name}), which no file holds; make its "
-            "report from Python with greybox_id.reports.pdf.report."
+        file = (
+            Path(files.pop(0))
+            if files
+            else found_again(record, fit_file, f"Name the file's new place with {option.format(role=record.role)}.")
         )
-    for place in (Path(record.path), fit_file.parent / record.path, fit_file.parent / Path(record.path).name):
-        if place.is_file():
-            return place
-    raise BadInput(
-        f"{record.path}, which {fit_file} was fitted with, is no longer there. Name the file's new place with {option}."
-    )
+        whole = read(file, columns or record.columns or "canonical")
+        found.append(part(whole, span(record.between) if record.between else None, record.where or None))
+    return found

@@ -8,22 +8,39 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from ..errors import BadInput, near
 from ..files import near_file
+from ..guard import protect
 from ..recording import Array
 from ..signals import SIGNALS
-from .units import to_si
+from ..units import to_si
 
 HOLDS = ("zero", "linear")
 SEPARATORS = (",", ";", "\t", "|")
-MAP_KEYS = ("name", "about", "source", "hold", "separator", "decimal", "time", "signals", "extra", "runs")
-COLUMN_KEYS = ("column", "unit", "scale", "divide_by", "sign", "offset", "optional")
+MAP_KEYS = (
+    "name",
+    "about",
+    "source",
+    "hold",
+    "separator",
+    "decimal",
+    "time",
+    "signals",
+    "extra",
+    "runs",
+    "start",
+    "poses",
+)
+COLUMN_KEYS = ("column", "unit", "scale", "divide_by", "lookup", "sign", "offset", "optional")
+POSES_KEYS = ("forward", "left", "heading", "if_column")
 
 
 @dataclass(frozen=True)
@@ -34,12 +51,16 @@ class Column:
     ----------
     signal : the project's name for it.
     column : the file's name for it.
-    unit : unit of the file's values once multiplied by `scale`.
+    unit : unit of the file's values once multiplied by `scale`, or of what `lookup` makes of them.
     si_unit : unit after conversion.
     scale : multiplies the file's values first (for counts, electrical speeds and the like).
+    lookup : points (x, y), x increasing: x becomes y on straight lines between them, and stays at the first and the
+        last y beyond them. Empty for none.
     sign : -1 turns a clockwise-positive or reversed axis into ISO 8855.
     offset : added last, in the SI unit.
     optional : a file without this column can still be read.
+    otherwise : further names that the column has in other files; the first one that is there counts.
+    nanoseconds : of time: the column that holds what whole seconds leave, in ns; empty for none.
     """
 
     signal: str
@@ -50,11 +71,38 @@ class Column:
     sign: int = 1
     offset: float = 0.0
     optional: bool = False
+    lookup: tuple[tuple[float, float], ...] = ()
+    otherwise: tuple[str, ...] = ()
+    nanoseconds: str = ""
 
     def convert(self, values: Array) -> Array:
         """Values in SI units, (n,) for (n,) of the file's values."""
         conversion = to_si(self.unit, self.si_unit)
-        return self.sign * (conversion.factor * (self.scale * values) + conversion.offset) + self.offset
+        scaled = self.scale * values
+        if self.lookup:
+            scaled = np.interp(scaled, *np.array(self.lookup).T)
+        return self.sign * (conversion.factor * scaled + conversion.offset) + self.offset
+
+    def among(self, is_there: Callable[[str], object]) -> Column:
+        """The same column under the first of its names that is there; under its own where none is."""
+        return replace(self, column=next(filter(is_there, (self.column, *self.otherwise)), self.column))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where on the vehicle poses are taken.
+
+    Attributes
+    ----------
+    forward, left : of the pose's point from the centre of gravity, m.
+    heading : of the pose's own x axis from the vehicle's, to the left, rad.
+    if_column : holds for files that have this column; empty for all.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    heading: float = 0.0
+    if_column: str = ""
 
 
 @dataclass(frozen=True)
@@ -71,6 +119,10 @@ class ColumnMap:
     hold : how commands run between rows, "zero" (held) or "linear".
     run_column : a column whose change begins a new run; empty if there is none.
     run_column_optional : whether a file may lack it.
+    start_column : rows before this one is first other than zero are no recording yet; empty if there is none.
+    start_column_optional : whether a file may lack it.
+    poses : where on the vehicle x, y and yaw are taken, if the motion is to be made of them; of several the first that
+        holds for a file. Empty if it is not.
     separator, decimal : how a text file separates columns and writes decimals.
     """
 
@@ -83,6 +135,9 @@ class ColumnMap:
     hold: Literal["zero", "linear"] = "zero"
     run_column: str = ""
     run_column_optional: bool = False
+    start_column: str = ""
+    start_column_optional: bool = False
+    poses: tuple[Reference, ...] = ()
     separator: str = ","
     decimal: str = "."
 
@@ -117,6 +172,7 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
             f'There is no column map "{wanted}".{near(wanted, shipped_maps()) or near_file(Path(wanted))} '
             f"Shipped maps: {', '.join(shipped_maps())}; your own is named by the path of its .toml file."
         )
+    protect(wanted)
     try:
         text = Path(wanted).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -149,6 +205,8 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     _known(table, MAP_KEYS, where, "")
     runs = _table(table, "runs", where)
     _known(runs, ("column", "optional"), where, "[runs] ")
+    start = _table(table, "start", where)
+    _known(start, ("column", "optional"), where, "[start] ")
     if "time" not in table:
         raise BadInput(f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s".')
     signals = _table(table, "signals", where)
@@ -174,14 +232,22 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
         name=_text(table, "name", where, "", Path(where).stem),
         about=_text(table, "about", where, "", ""),
         source=_text(table, "source", where, "", ""),
-        time=_column(_table(table, "time", where), "time", "s", f"{where}: [time]"),
+        time=_time(_table(table, "time", where), f"{where}: [time]"),
         signals={n: _column(_table(signals, n, where), n, SIGNALS[n].unit, f"{where}: [signals.{n}]") for n in signals},
         extra={n: _column(_table(extra, n, where), n, None, f"{where}: [extra.{n}]") for n in extra},
         run_column=_text(runs, "column", where, "[runs] ", ""),
         run_column_optional=_truth(runs, "optional", f"{where}: [runs]"),
+        start_column=_text(start, "column", where, "[start] ", ""),
+        start_column_optional=_truth(start, "optional", f"{where}: [start]"),
+        poses=_poses(table["poses"], signals, f"{where}: [poses]") if "poses" in table else (),
         hold="linear" if _choice(table, "hold", HOLDS, where) == "linear" else "zero",
         **chosen,
     )
+
+
+def _time(entry: Mapping[str, Any], where: str) -> Column:
+    column = _column({key: value for key, value in entry.items() if key != "nanoseconds"}, "time", "s", where)
+    return replace(column, nanoseconds=_text(entry, "nanoseconds", where, "", ""))
 
 
 def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: str) -> Column:
@@ -201,15 +267,60 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
     sign = _number(entry, "sign", 1.0, where)
     if abs(sign) != 1.0:
         raise BadInput(f"{where}: sign = {sign:g} must be 1 or -1; a factor belongs in scale or divide_by.")
+    column, *otherwise = _names(entry, signal, where)
     return Column(
         signal=signal,
-        column=_text(entry, "column", where, "", signal),
+        column=column,
+        otherwise=tuple(otherwise),
+        lookup=_lookup(entry, where),
         unit=unit,
         si_unit=converted,
         scale=_number(entry, "scale", 1.0, where) / divisor,
         sign=int(sign),
         offset=_number(entry, "offset", 0.0, where),
         optional=_truth(entry, "optional", where),
+    )
+
+
+def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
+    """The names a column may have."""
+    names = entry.get("column", signal)
+    if not isinstance(names, list):
+        return [_text(entry, "column", where, "", signal)]
+    if not names or not all(isinstance(name, str) and name.strip() for name in names):
+        raise BadInput(f"{where}: column must be a name in quotes or a list of such, not {names!r:.60}.")
+    return names
+
+
+def _lookup(entry: Mapping[str, Any], where: str) -> tuple[tuple[float, float], ...]:
+    points = entry.get("lookup")
+    if points is None:
+        return ()
+    advice = "write lookup = [[x, ...], [y, ...]], as many y as x, two or more, x increasing"
+    if not isinstance(points, list) or len(points) != 2 or not all(isinstance(row, list) for row in points):
+        raise BadInput(f"{where}: lookup is {points!r:.60}; {advice}.")
+    x, y = ([_number({"lookup": value}, "lookup", 0.0, where) for value in row] for row in points)
+    if len(x) != len(y) or len(x) < 2 or any(b <= a for a, b in zip(x, x[1:], strict=False)):
+        raise BadInput(f"{where}: lookup has {len(x)} x and {len(y)} y, or its x do not increase; {advice}.")
+    return tuple(zip(x, y, strict=True))
+
+
+def _poses(entries: object, signals: Mapping[str, Any], where: str) -> tuple[Reference, ...]:
+    lacking = [name for name in ("x", "y", "yaw") if name not in signals]
+    if lacking:
+        raise BadInput(f"{where}: poses are x, y and yaw; map {', '.join(lacking)} under [signals].")
+    given = entries if isinstance(entries, list) else [entries]
+    tables: list[dict[str, Any]] = [table for table in given if isinstance(table, dict)]
+    if not tables or len(tables) < len(given):
+        raise BadInput(f"{where}: must be a table of {', '.join(POSES_KEYS)}, or several as [[poses]].")
+    for table in tables:
+        _known(table, POSES_KEYS, where, "")
+    return tuple(
+        Reference(
+            **{key: _number(table, key, 0.0, where) for key in POSES_KEYS[:3]},
+            if_column=_text(table, "if_column", where, "", ""),
+        )
+        for table in tables
     )
 
 

@@ -15,7 +15,8 @@ import pandas as pd
 
 from .. import __version__
 from ..errors import BadInput
-from ..files import cache_folder, replacing, write_atomically
+from ..files import cache_folder, replacing, writable, write_atomically
+from ..guard import permit
 from .formats import hash_of
 from .public import PublicDataset, Remote
 
@@ -50,7 +51,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
     if not dataset.files:
         raise BadInput(
             f"The files of {dataset.name} have no address that is known here; fetch them from {dataset.source} "
-            f"yourself and read them with --columns {dataset.columns}."
+            f"yourself and read them with ‹columns› {dataset.columns}."
         )
     target = folder or folder_of(dataset)
     known = _known(target)
@@ -64,7 +65,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
             _fetched(remote, path, expected, say)
         if not remote.sha256:
             known[remote.name] = hash_of(path)
-            write_atomically(target / HASHES, json.dumps(known, indent=1) + "\n")
+            write_atomically(target / HASHES, json.dumps(known, indent=1) + "\n", continued=True)
         paths.append(path)
     return (_joined(paths, target / dataset.joined),) if dataset.joined else tuple(paths)
 
@@ -76,7 +77,7 @@ def folder_of(dataset: PublicDataset) -> Path:
 
 def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
     part = path.with_name(f"{path.name}.part")
-    try:
+    with writable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         for attempt in range(1, ATTEMPTS + 1):
             if _transferred(remote, part, say):
@@ -93,9 +94,8 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
                 f"{remote.address} is not the file that is known: its SHA-256 is {found}, expected is {expected}. "
                 "Nothing of it was kept. It may have been changed by its authors, or on the way."
             )
+        permit(part, path)
         part.replace(path)
-    except OSError as error:
-        raise BadInput(f"{path} cannot be written: {error.strerror or error}. Name another place with --to.") from error
 
 
 def _transferred(remote: Remote, part: Path, say: Say) -> bool:

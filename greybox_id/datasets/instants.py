@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from ..recording import Array
 from .column_map import Column
-from .table import Table
+from .table import RawTable
 
 EPOCH = 1e8
 """Times beyond this many seconds (three years) count from 1970, not from the start of a recording."""
+
+LATEST = 9e9
+"""Seconds since 1970 whose nanoseconds a whole number of 64 bits holds."""
 
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
@@ -39,9 +43,16 @@ class Instants:
     counts: NDArray[np.int64] | Array
     second: float
 
-    def since(self, origin: float) -> Array:
-        """(n,) seconds since an instant, which is given in counts."""
-        return np.asarray((self.counts - origin) * self.second, dtype=float)
+    def since(self, origin: Fraction) -> Array:
+        """(n,) seconds since an instant, s."""
+        count = origin / self.exact_second
+        whole = np.issubdtype(self.counts.dtype, np.integer) and count.denominator == 1
+        return np.asarray((self.counts - (int(count) if whole else float(count))) * self.second, dtype=float)
+
+    @property
+    def exact_second(self) -> Fraction:
+        """Seconds in one count, without the digits that a float of it lacks."""
+        return Fraction(self.second).limit_denominator(10**12)
 
     @property
     def first(self) -> int | float:
@@ -50,7 +61,7 @@ class Instants:
         return finite.min().item() if finite.size else 0
 
 
-def instants(table: Table, column: Column) -> Instants:
+def instants(table: RawTable, column: Column) -> Instants:
     """The times in a column.
 
     Raises
@@ -65,6 +76,8 @@ def instants(table: Table, column: Column) -> Instants:
         counts = dates.astype(np.int64)
         missing = np.isnat(dates)
         return Instants(np.where(missing, np.nan, counts) if missing.any() else counts, 1e-9)
+    if column.nanoseconds:
+        return _split(table, column)
     second = float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0])
     whole = pd.api.types.is_integer_dtype(series.dtype) and not series.isna().any()
     if whole and len(series) and series.max() < 2**63:
@@ -72,17 +85,26 @@ def instants(table: Table, column: Column) -> Instants:
     return Instants(table.numbers(column.column), second)
 
 
-def origin_of(clocks: Sequence[Instants]) -> tuple[float, str]:
-    """The count that time is taken from, and a sentence where that is not the file's own zero."""
-    first = min(clock.first for clock in clocks)
-    seconds = first * clocks[0].second
+def _split(table: RawTable, column: Column) -> Instants:
+    """Seconds and nanoseconds in columns of their own, as whole nanoseconds."""
+    whole, rest = table.numbers(column.column), table.numbers(column.nanoseconds)
+    known = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
+    seconds = np.where(known, whole, 0.0).astype(np.int64)
+    counts = seconds * 10**9 + np.where(known, rest, 0.0).astype(np.int64)
+    return Instants(counts if known.all() else np.where(known, counts, np.nan), 1e-9)
+
+
+def origin_of(clocks: Sequence[Instants]) -> tuple[Fraction, str]:
+    """The instant that time is taken from, s, and a sentence where that is not the file's own zero."""
+    origin = min(Fraction(clock.first) * clock.exact_second for clock in clocks)
+    seconds = float(origin)
     if not abs(seconds) > EPOCH:
-        return 0, ""
+        return Fraction(0), ""
     try:
         began = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):  # a year beyond the calendar
         began = f"{seconds:.6g} s"
-    return first, f"time is counted from the file's first instant, {began}."
+    return origin, f"time is counted from the file's first instant, {began}."
 
 
 def _dates(series: pd.Series[Any], where: str, name: str) -> pd.Series[Any]:

@@ -58,4 +58,4 @@ def make(name: str, folder: Path, seed: int | None = None) -> tuple[Path, ...]:
     try:
         return MADE[name][1](folder, seed)
     except OSError as error:
-        raise BadInput(f"{folder} cannot be written to: {error.strerror}. Name another folder with --out.") from error
+        raise BadInput(f"{folder} cannot be written to: {error.strerror}. Name another folder with ‹out›.") from error

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import BadInput, near
 from ..recording import Array, Recording, Source, split_runs
+from ..signals import SD, unit_of
 from .clocks import Joined, Readings, on_one_clock
-from .column_map import Column, ColumnMap, column_map, shipped_maps
+from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
 from .formats.contents import TIME
 from .instants import Instants, instants, origin_of
-from .table import Table, one_column
+from .table import RawTable, one_column
 
 __all__ = ["SUFFIXES", "read"]
 
 LARGEST = 1e30
 """Numbers beyond this are no measurement: they become NaN, since products and squares of them would overflow."""
-RUN = "run"
+RUN, START = "run", "start"
 
 
 def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Recording:
@@ -44,36 +46,154 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
     BadInput
         The file or the map cannot be read, a column is missing or holds text: the sentence says where.
     """
-    mapping = column_map(columns)
-    named = mapping.name if isinstance(columns, ColumnMap) else str(columns)
-    file = Path(path)
+    mapping, file = column_map(columns), Path(path)
     found = contents(file, mapping)
+    source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping))
+    return _recording(found, mapping, bare_name(file), source, {})
+
+
+def read_together(
+    paths: Sequence[str | Path],
+    columns: str | Path | ColumnMap = "canonical",
+    late: Mapping[str, float] | None = None,
+) -> Recording:
+    """Read several files of one drive, each with a clock of its own, as one recording.
+
+    Parameters
+    ----------
+    paths : files, one topic or sensor each. Their names without suffix tell their columns apart: `imu/time` is the
+        column time of imu.csv. A plain name is the column of the first file that has it.
+    columns : as in `read`. The map's time is that of every file; one such as `imu/time` says whose instants are kept.
+    late : file's name without suffix -> s by which its clock is ahead, taken off its times.
+
+    Raises
+    ------
+    BadInput
+        As in `read`; or two files have one name, or no time in common.
+    """
+    mapping = column_map(columns)
+    parts = as_parts([Path(path) for path in paths], mapping)
+    found = Contents(" and ".join(str(path) for path in paths), tuple(parts.values()), "several files")
+    return _recording(found, mapping, "+".join(parts), Source(columns=_named(columns, mapping)), late or {})
+
+
+def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
+    """Files as groups of one, by their names without suffix. Raises `BadInput` where two have one name."""
+    parts: dict[str, Part] = {}
+    for file in files:
+        name, found = bare_name(file), contents(file, mapping)
+        if name in parts:
+            raise BadInput(f"Two files are called {name}; rename one of them, so that columns can be distinguished.")
+        if len(found.groups) > 1:
+            raise BadInput(f"{file} has several clocks of its own; convert it first: greybox data convert.")
+        group = found.groups[0]
+        parts[name] = Part(name, group.names, group.load, group.prefix, group.clock, group.clock_unit, group.units)
+    return parts
+
+
+class Part(Group):
+    """A file among several: its columns may be called by its name and theirs, `imu/time`."""
+
+    def full(self, name: str, alone: bool = False) -> str | None:
+        """The full name of a column of this file."""
+        del alone
+        own = name.removeprefix(f"{self.name}/")
+        return own if own in self.names else super().full(own, alone=True)
+
+
+def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, Array]:
+    """A signal of one file on its own clock: instants in s as the file counts, increasing, and values in SI units.
+
+    Rows without a time or a value, and repeated instants, are left out.
+    """
+    time = _time_column(part, mapping, alone=True)
+    table = part.load([*_of_time(time), column.column])
+    t, v = instants(table, time).since(Fraction(0)), _converted(table, column)
+    known = np.flatnonzero(np.isfinite(t) & np.isfinite(v))
+    _, once = np.unique(t[known], return_index=True)
+    return t[known[once]], v[known[once]]
+
+
+def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
+    return mapping.name if isinstance(columns, ColumnMap) else str(columns)
+
+
+def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, float]) -> Recording:
+    mapping = _named_as_in(found, mapping)
     _check_columns(found, mapping)
     groups = _groups(found, mapping)
-    joined, rows = _one_table(groups, mapping) if len(groups) == 1 else _several(groups, found, mapping)
+    joined, rows = _one_table(groups, mapping) if len(groups) == 1 else _several(groups, found, mapping, late)
     if not len(joined.time):
-        raise BadInput(f"{file} has column names but no rows; record something, or name another file.")
+        raise BadInput(f"{found.where} has column names but no rows; record something, or name another file.")
+    joined, rows = _started(joined, rows, found.where, mapping)
+    for reference in mapping.poses:
+        if not reference.if_column or found.find(reference.if_column):
+            joined = _moved(joined, found.where, reference)
+            break
+    further = {name: unit_of(name.removeprefix(SD)) for name in joined.signals if name.startswith(SD)}
     return Recording(
-        name=bare_name(file),
+        name=name,
         time=joined.time,
-        signals={name: values for name, values in joined.signals.items() if name != RUN},
+        signals={name: values for name, values in joined.signals.items() if name not in (RUN, START)},
         runs=_runs(joined.time, rows),
-        source=Source(path=str(path), sha256=hash_of(file), columns=named),
-        extra_units={name: column.si_unit for name, column in mapping.extra.items() if name in joined.signals},
+        source=source,
+        extra_units={
+            **{name: column.si_unit for name, column in mapping.extra.items() if name in joined.signals},
+            **further,
+        },
         hold=mapping.hold,
         resampled=joined.resampled,
         notes=(*found.notes, *joined.notes),
     )
 
 
+def _named_as_in(found: Contents, mapping: ColumnMap) -> ColumnMap:
+    """The map with those of a column's names that the file has."""
+    return replace(
+        mapping,
+        time=mapping.time.among(found.find),
+        signals={name: column.among(found.find) for name, column in mapping.signals.items()},
+        extra={name: column.among(found.find) for name, column in mapping.extra.items()},
+    )
+
+
+def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) -> tuple[Joined, list[str]]:
+    """Without the rows before the start column is first other than zero."""
+    if START not in joined.signals:
+        return joined, labels
+    count = joined.signals[START]
+    under_way = np.flatnonzero(np.isfinite(count) & (count != 0))
+    if not under_way.size:
+        raise BadInput(
+            f'{where}: "{mapping.start_column}" is zero all along, so that by the column map\'s [start] table the '
+            "recording never starts; take that table out."
+        )
+    first = int(under_way[0])
+    left_out = f'{first} rows before "{mapping.start_column}" is first other than zero were left out.'
+    kept = {name: values[first:] for name, values in joined.signals.items()}
+    notes = (*joined.notes, left_out) if first else joined.notes
+    return replace(joined, time=joined.time[first:], signals=kept, notes=notes), labels[first:]
+
+
+def _moved(joined: Joined, where: str, reference: Reference) -> Joined:
+    """With the motion that the poses tell."""
+    from .poses import motion  # CasADi is loaded where it is needed
+
+    x, y, yaw = (joined.signals[name] for name in ("x", "y", "yaw"))
+    found = motion(joined.time, x, y, yaw, reference, where)
+    told = {**found.signals, **{f"{SD}{name}": values for name, values in found.sd.items()}}
+    return replace(joined, time=found.time, signals={**joined.signals, **told}, notes=(*joined.notes, *found.notes))
+
+
 def _groups(found: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Column]]]:
     """The groups that hold mapped columns, with those columns under their full names."""
     used: dict[str, tuple[Group, list[Column]]] = {}
-    for column in mapping.channels:
+    start = [Column(START, mapping.start_column, "1", "1")] if mapping.start_column else []
+    for column in (*mapping.channels, *start):
         place = found.find(column.column)
         if place:
             group, name = place
-            used.setdefault(group.names[0], (group, []))[1].append(replace(column, column=name))
+            used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(replace(column, column=name))
     return list(used.values())
 
 
@@ -81,7 +201,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     (group, channels), *_ = groups
     time = _time_column(group, mapping, alone=True)
     run = group.full(mapping.run_column, alone=True) if mapping.run_column else None
-    table = group.load([time.column, *(c.column for c in channels), *([run] if run else [])])
+    table = group.load([*_of_time(time), *(c.column for c in channels), *([run] if run else [])])
     clock = instants(table, time)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
@@ -90,7 +210,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
 
 
 def _several(
-    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap
+    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, float]
 ) -> tuple[Joined, list[str]]:
     clocks: list[Instants] = []
     signals: list[Mapping[str, Array]] = []
@@ -99,13 +219,16 @@ def _several(
     for group, channels in groups:
         time = _time_column(group, mapping, alone=False)
         own = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
-        table = group.load([time.column, *(c.column for c in (*channels, *own))])
+        table = group.load([*_of_time(time), *(c.column for c in (*channels, *own))])
         clocks.append(instants(table, time))
         signals.append({column.signal: _converted(table, column) for column in (*channels, *own)})
     origin, note = origin_of(clocks)
-    named = found.find(mapping.time.column) if mapping.time.column != TIME else None
+    plain = mapping.time.column == TIME or (isinstance(groups[0][0], Part) and "/" not in mapping.time.column)
+    named = None if plain else found.find(mapping.time.column)
+    if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
+        named = found.find(mapping.signals["x"].column)
     readings = [
-        Readings(name, _sized(clock.since(origin)), own)
+        Readings(name, _sized(clock.since(origin)) - late.get(name, 0.0), own)
         for name, clock, own in zip(names, clocks, signals, strict=True)
     ]
     joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, found.where)
@@ -115,7 +238,10 @@ def _several(
 
 def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     """The column with the time of a group: what the map names if it lies here, else the group's own clock."""
-    name = group.full(mapping.time.column, alone) or group.clock
+    names = [mapping.time.column, *mapping.time.otherwise]
+    if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
+        names += [name.rpartition("/")[2] for name in names]
+    name = next(filter(None, (group.full(own, alone) for own in names)), None) or group.clock
     if not name:
         raise BadInput(
             f"The columns {', '.join(group.names[:4])} have no time beside them, and the column map takes others on a "
@@ -126,7 +252,12 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     return replace(mapping.time, column=name)
 
 
-def _converted(table: Table, column: Column) -> Array:
+def _of_time(time: Column) -> list[str]:
+    """The columns that hold the time."""
+    return [time.column, *([time.nanoseconds] if time.nanoseconds else [])]
+
+
+def _converted(table: RawTable, column: Column) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         return _sized(column.convert(table.numbers(column.column)))
 
@@ -149,9 +280,11 @@ def _check_columns(found: Contents, mapping: ColumnMap) -> None:
     clocked = any(group.clock for group in found.groups)
     needed = [c.column for c in mapping.channels if not c.optional]
     if not (clocked and mapping.time.column == TIME):
-        needed.insert(0, mapping.time.column)
+        needed[:0] = _of_time(mapping.time)
     if mapping.run_column and not mapping.run_column_optional:
         needed.append(mapping.run_column)
+    if mapping.start_column and not mapping.start_column_optional:
+        needed.append(mapping.start_column)
     for name in needed:
         if not found.find(name):
             raise BadInput(
@@ -179,5 +312,5 @@ def _other_map(found: Contents, tried: ColumnMap) -> str:
         other = column_map(name)
         needed = [c.column for c in (other.time, *other.channels) if not c.optional]
         if other.name != tried.name and len(needed) > 1 and all(found.find(column) for column in needed):
-            return f' The shipped column map "{name}" fits this file: columns = "{name}", or --columns {name}.'
-    return " Map the file's own names in a column map of your own (--columns my_map.toml)."
+            return f' The shipped column map "{name}" fits this file: columns = "{name}", or ‹columns› {name}.'
+    return " Map the file's own names in a column map of your own (‹columns› my_map.toml)."

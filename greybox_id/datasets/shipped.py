@@ -21,9 +21,20 @@ def shipped(name: str) -> Path:
     ----------
     name : one of `SHIPPED`.
 
+    Returns
+    -------
+    Path
+        A CSV file, to be read with the column map "roboracer".
+
     Raises
     ------
     BadInput : no recording of that name, or its file is missing from the installation.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.shipped("racer_train").name
+    'racer_train.csv'
     """
     if name not in SHIPPED:
         raise BadInput(f"There is no shipped recording {name!r}; there are {', '.join(SHIPPED)}.")

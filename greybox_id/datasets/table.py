@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 @dataclass(frozen=True)
-class Table:
+class RawTable:
     """Columns of a file.
 
     Attributes
@@ -61,7 +62,7 @@ class Table:
             row = int(np.argmax(strange))
             found = str(text.iloc[row])
             advice = (
-                'Set decimal = "," and separator = ";" in the column map.'
+                'Set decimal = "," in the column map, and separator to what stands between columns.'
                 if _DECIMAL_COMMA.fullmatch(found)
                 else "Mend the cell, or leave it empty if the value is missing."
             )
@@ -86,6 +87,10 @@ def unique_names(names: tuple[str, ...], where: str) -> None:
 
 def one_column(names: tuple[str, ...]) -> str:
     """A hint for a header line that was not split; empty if it was."""
-    if len(names) != 1 or not any(separator in names[0] for separator in ";\t|"):
+    found = max(";\t|", key=names[0].count) if len(names) == 1 else ""
+    if not found or found not in names[0]:
         return ""
-    return f'The whole header line was read as one column, {names[0]!r:.80}; set separator = ";" in the column map.'
+    return (
+        f"The whole header line was read as one column, {names[0]!r:.80}; set separator = {json.dumps(found)} in the "
+        "column map."
+    )

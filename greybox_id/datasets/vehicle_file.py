@@ -2,6 +2,7 @@
 
     name = "full-size car"
     steer_max = 0.5
+    tyre_file = "tyre.tir"                            # optional: B, C, D, E of both axles, where they are not stated
     [parameters]                                      # SI units, a number or a table
     m = { value = 1457.2, sd = 4.4, source = "scale" }
     l_f = 1.296
@@ -33,10 +34,12 @@ from typing import Any
 
 from ..errors import BadInput, near
 from ..files import near_file
+from ..guard import protect
 from ..signals import SIGNALS
 from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
+from .tyre_file import read_tyre_file
 
-KEYS = ("name", "about", "steer_max", "parameters", "effects", "noise", "model", "tracking")
+KEYS = ("name", "about", "steer_max", "tyre_file", "parameters", "effects", "noise", "model", "tracking")
 TRACKING_KEYS = ("parameters", "disturbances", "noise")
 STATED_KEYS = ("value", "sd", "min", "max", "source")
 
@@ -71,6 +74,7 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
             f'There is no vehicle "{name}".{near(name, shipped_vehicles()) or near_file(Path(name))} Shipped vehicles: '
             f"{', '.join(shipped_vehicles())}; your own is named by the path of its .toml or .json file."
         )
+    protect(name)
     try:
         text = Path(name).read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -103,9 +107,10 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
     _all_known(stated, parameters, "parameter", f"{where}: [parameters]")
     _all_known(tolerated, effects, "effect", f"{where}: [effects]")
     _all_known(sensors, SIGNALS, "signal", f"{where}: [noise]")
+    tyres = _tyres(table, path) if "tyre_file" in table else {}
     return Vehicle(
         name=_text(table, "name", where, path.stem),
-        values={key: _with_value(entry, f"{where}: [parameters] {key}") for key, entry in stated.items()},
+        values=tyres | {key: _with_value(entry, f"{where}: [parameters] {key}") for key, entry in stated.items()},
         effects={key: _tolerance(entry, f"{where}: [effects] {key}") for key, entry in tolerated.items()},
         noise={key: _above_zero(entry, f"{where}: [noise] {key}") for key, entry in sensors.items()},
         steer_max=_above_zero(table["steer_max"], f"{where}: steer_max") if "steer_max" in table else None,
@@ -134,6 +139,14 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         names = [key for key, _ in pairs]
         raise ValueError(f'the key "{next(n for n in names if names.count(n) > 1)}" is there twice')
     return table
+
+
+def _tyres(table: Mapping[str, Any], path: Path) -> dict[str, Stated]:
+    """Tyre coefficients of a .tir file beside the vehicle file."""
+    named = table["tyre_file"]
+    if not isinstance(named, str) or Path(named).suffix.lower() != ".tir":
+        raise BadInput(f"{path}: tyre_file must be the path of a .tir file in quotes, not {named!r:.60}.")
+    return read_tyre_file(path.parent / named).stated()
 
 
 def _model(table: Mapping[str, Any], effects: Collection[str], where: str) -> ChosenModel:

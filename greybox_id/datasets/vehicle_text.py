@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from .. import __version__
 from ..errors import BadInput
 from ..files import write_atomically
+from ..guard import VEHICLE_MARK
 from ..vehicle import Stated, Vehicle
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -29,7 +31,10 @@ def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
     if suffix not in (".toml", ".json"):
         raise BadInput(f"{file}: a vehicle file ends in .toml or .json; name it so.")
     plain = as_plain(vehicle)
-    text = json.dumps(plain, indent=1, ensure_ascii=False) if suffix == ".json" else "\n".join(_toml(plain))
+    if suffix == ".json":
+        text = json.dumps(plain, indent=1, ensure_ascii=False)
+    else:
+        text = "\n".join([f"{VEHICLE_MARK} {__version__}", *_toml(plain)])
     return write_atomically(file, text.strip() + "\n")
 
 

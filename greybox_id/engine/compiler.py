@@ -1,24 +1,31 @@
 """C compiled with what compiler there is, each source once: shared libraries kept by content.
 
-The compiler is $CC, else cc, gcc or clang. Libraries lie in $GREYBOX_CACHE, else in the folder greybox-id of
-$XDG_CACHE_HOME or ~/.cache, else, where none can be written to, in a folder that goes with the process.
+The compiler is $CC, else cc, gcc or clang. Libraries lie in the folder kernels of $GREYBOX_CACHE, else of the folder
+greybox-id in $XDG_CACHE_HOME or ~/.cache. That folder is of this user alone: what lies there is executed. Where it
+belongs to another one, or others can write to it, or it cannot be written to, a folder that goes with the process
+takes its place. A library's name ends in the checksum of its content; one that is not what its name says is made again.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 import os
 import shlex
 import shutil
+import stat
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
 from ..errors import GreyboxError
 from ..files import cache_folder
+from ..processes import elsewhere
+from ..scratch import scratch_folder
 
 FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
 """-O2 takes half as long again and gives nothing: the code is vectors already. No contraction of a b + c, which can
@@ -60,58 +67,95 @@ class Compiler:
         """What a library is called: the same for the same source, compiler, flags and machine."""
         return hashlib.sha256("\0".join([known_by, *self.command, self.identity]).encode()).hexdigest()[:32]
 
-    def compile(self, sources: Sequence[str], target: Path) -> None:
-        """Make a library of some files, beside its place first: another process may be making the same one."""
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".kernel-") as folder:
-            library = Path(folder, "kernel.so")
-            texts = [Path(folder, f"kernel{k}.c") for k in range(len(sources))]
-            for text, source in zip(texts, sources, strict=True):
-                text.write_text(source, encoding="utf-8")
-            command = [*self.command, "-shared", *map(str, texts), "-o", str(library), "-lm"]
-            try:
-                made = subprocess.run(command, capture_output=True, text=True, check=False)
-            except OSError as error:
-                raise CannotCompile(str(error)) from error
-            if made.returncode != 0:
-                raise CannotCompile(f"The C compiler {command[0]} failed: {made.stderr.strip()}")
-            library.replace(target)
+    def compile(self, sources: Sequence[str], folder: Path, name: str) -> Path:
+        """Make a library of some files, beside its place first: another process may be making the same one.
+
+        Parameters
+        ----------
+        sources : texts of the files.
+        folder : where to.
+        name : how the library's name begins; the checksum of its content follows.
+
+        Raises
+        ------
+        CannotCompile : the compiler failed, or nothing can be written there.
+        """
+        try:
+            with scratch_folder(folder) as place:
+                made = place / "kernel.so"
+                texts = [place / f"kernel{k}.c" for k in range(len(sources))]
+                for text, source in zip(texts, sources, strict=True):
+                    text.write_text(source, encoding="utf-8")
+                command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
+                own = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
+                done = subprocess.run(command, capture_output=True, text=True, check=False, env=own)
+                if done.returncode != 0:
+                    raise CannotCompile(f"The C compiler {command[0]} failed: {done.stderr.strip()}")
+                made.chmod(0o600)
+                target = folder / f"{name}-{_checksum(made)}.so"
+                made.replace(target)
+                return target
+        except OSError as error:
+            raise CannotCompile(f"Nothing can be compiled in {folder}: {error.strerror or error}.") from error
 
 
 def compiler() -> Compiler:
     """The compiler of this machine. Raises `CannotCompile`."""
+    return _compiler(compiler_command())
+
+
+def compiler_command() -> tuple[str, ...]:
+    """How the C compiler of this machine is called. Raises `CannotCompile`."""
     named = os.environ.get("CC")
-    candidates = [tuple(shlex.split(named))] if named else [("cc",), ("gcc",), ("clang",)]
+    try:
+        candidates = [tuple(shlex.split(named))] if named and named.strip() else [("cc",), ("gcc",), ("clang",)]
+    except ValueError as error:
+        raise CannotCompile(f"CC is {named!r}, which is no command: {error}.") from error
     for command in candidates:
         path = shutil.which(command[0])
         if path is not None:
-            return _compiler((path, *command[1:]))
+            return (path, *command[1:])
     raise CannotCompile(f"There is no C compiler: looked for {', '.join(command[0] for command in candidates)}.")
 
 
-def library(sources: Callable[[], Sequence[str]], known_by: str, *, compile_it: bool) -> ctypes.CDLL | None:
-    """The compiled sources; None if that is not there yet and not to be made.
+def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
+    """The compiled sources, from the cache or made now.
 
     Parameters
     ----------
     sources : writes the files it is made of; not asked for where the library is in the cache, as writing takes a second
         for large models.
     known_by : what they follow from.
-    compile_it : whether a library that is missing is made.
 
     Raises
     ------
-    CannotCompile : there is no compiler, or it failed.
+    CannotCompile : there is no compiler, or it failed, or what it made cannot be loaded.
     """
     chosen = compiler()
-    path = _folder() / f"kernel-{chosen.key(known_by)}.so"
-    if not path.exists():
-        if not compile_it:
-            return None
-        chosen.compile(sources(), path)
+    name = f"kernel-{chosen.key(known_by)}"
+    folder = _kernels()
+    if folder is not None:
+        with suppress(CannotCompile, OSError):  # a full disk, or a folder from which nothing may be executed
+            return ctypes.CDLL(str(_found(folder, name) or chosen.compile(elsewhere(sources), folder, name)))
+    own = Path(_own_folder().name)
+    path = _found(own, name) or chosen.compile(elsewhere(sources), own, name)
     try:
         return ctypes.CDLL(str(path))
-    except OSError as error:  # a truncated file, or a folder from which nothing may be executed
-        raise CannotCompile(str(error)) from error
+    except OSError as error:
+        raise CannotCompile(f"What the C compiler made cannot be loaded: {error}.") from error
+
+
+def tell_slow(what: str, times: str, error: CannotCompile) -> None:
+    """Say once for each process and reason that something runs without compiled code, and why."""
+    _told_once(
+        f"{what} runs without compiled code, about {times} times slower. {error} Install a C compiler, or name it in "
+        "CC; GREYBOX_COMPILE=0 asks for this way without a word."
+    )
+
+
+@lru_cache
+def _told_once(sentence: str) -> None:
+    logging.getLogger("greybox_id").warning(sentence)
 
 
 @lru_cache
@@ -119,14 +163,48 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
     return Compiler(command)
 
 
-def _folder() -> Path:
+def _found(folder: Path, name: str) -> Path | None:
+    """A library of this user whose content is what its name says; damaged ones are removed."""
+    for path in folder.glob(f"{name}-*.so"):
+        with suppress(OSError):
+            if not _ours(path.lstat()):
+                continue
+            if path.stem.removeprefix(f"{name}-") == _checksum(path):
+                return path
+            path.unlink()
+    return None
+
+
+def _checksum(path: Path) -> str:
+    with path.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()[:32]
+
+
+def _ours(told: os.stat_result) -> bool:
+    """Whether nobody else can change a file or folder; a link is none."""
+    if not hasattr(os, "geteuid"):
+        return True
+    alone = not told.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return alone and told.st_uid == os.geteuid() and not stat.S_ISLNK(told.st_mode)
+
+
+def _kernels() -> Path | None:
+    """The folder of libraries, which is made; None where it may not be used, which is said, or cannot be."""
     try:
-        folder = cache_folder()
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = cache_folder() / "kernels"
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        if not _ours(folder.lstat()):
+            _told_once(
+                f"{folder} is not used: it belongs to another user, or others can write to it, and what lies there "
+                "would be executed. Remove it, or name another cache in GREYBOX_CACHE."
+            )
+            return None
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except (OSError, RuntimeError):  # not writable, or nobody's home
-        return Path(_own_folder().name)
+        return None
 
 
 @lru_cache

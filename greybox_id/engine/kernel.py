@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -23,16 +24,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..parameter import Array
-from .compiler import CannotCompile, library
+from .compiler import CannotCompile, library, tell_slow
 from .lanes import FEW, WIDE, narrow_source, source
 from .virtual import VirtualMachine
 
-PAYS = 100_000
-"""Lanes times segments in the virtual machine that take as long as compiling. Both grow with the model's size in much
-the same way, so that this number need not know it: half a second for a single-track model, three for a large one."""
-
-LOOKS = PAYS // 20
-"""The same for looking into the cache, which takes starting the compiler once."""
+PAYS = 20_000
+"""Lanes times segments after which a kernel is compiled: a fifth of what takes the virtual machine as long as
+compiling, as what is compiled is kept. Both grow with the model's size in much the same way, so that this number need
+not know it: a tenth of a second for a single-track model, half a second for a large one. The work alone decides, not
+what the cache holds: a first run and a later one give the same digits."""
 
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
@@ -48,8 +48,8 @@ class Kernel:
     step : SX function (z[nz], s[ns], p[np]) -> z_next[nz] of one segment.
     output : SX function (z[nz], s[ns], p[np]) -> y[ny] of what is read at the start of a segment.
     compiled : True: always compiled C, or `CannotCompile`. False: never. None: as the environment variable
-        GREYBOX_COMPILE says, 1 or 0; where it says nothing, as soon as the work asked for so far pays for looking
-        into the cache (`LOOKS`) and for compiling (`PAYS`), and never an error where that cannot be.
+        GREYBOX_COMPILE says, 1 or 0; where it says nothing, as soon as the work asked for so far pays for it (`PAYS`),
+        and never an error where that cannot be.
 
     Attributes
     ----------
@@ -63,7 +63,15 @@ class Kernel:
         self._wanted = compiled if compiled is not None or not said else said != "0"
         self._work = 0
         self._library: ctypes.CDLL | None = None
-        self._looked = self._cannot = False
+        self._cannot = False
+
+    def prepare(self) -> None:
+        """Be compiled from the first call on, where that can be.
+
+        What a long calculation finds then depends neither on how much the kernel did before nor on how many processes
+        share the work.
+        """
+        self._load(PAYS)
 
     def simulate(self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike) -> tuple[Array, Array]:
         """Integrate.
@@ -95,6 +103,41 @@ class Kernel:
                 places = _places(*own[:3], given[3], *own[3:])
                 getattr(self._library, run)(last - first, segments, readings, *places)
         return z, y
+
+    def along(self, s: ArrayLike, p: ArrayLike) -> Callable[[Array, int, int], Array]:
+        """A function that integrates one trajectory over some of many segments, at little cost for each call.
+
+        Parameters
+        ----------
+        s : (S, ns) numbers of each segment.
+        p : (np,) parameters.
+
+        Returns
+        -------
+        callable
+            (nz,) state at the start of segment `first`, `first`, `last` -> (last - first + 1, nz) states at the starts
+            of the segments from `first` to before `last`, and at the end; they hold until the next call.
+        """
+        numbers, nothing = np.ascontiguousarray(s, dtype=float), np.zeros(len(np.asarray(s)), dtype=bool)
+        _, _, parameters, _ = self._checked(np.zeros((1, self._model.states)), numbers[None], p, nothing)
+        start, y = np.empty(self._model.states), np.empty((1, 0, self._model.outputs))
+        z = np.empty((len(numbers) + 1, self._model.states))
+        arrays = (start, numbers, parameters, nothing, z, y)  # C knows where they are: they must stay there
+        at_start, at_numbers, *others = _places(*arrays)
+        size = numbers.strides[0]
+
+        def simulated(z0: Array, first: int, last: int) -> Array:
+            library = self._library
+            if library is None:
+                found, _ = self.simulate(z0[None], numbers[None, first:last], parameters, nothing[first:last])
+                states: Array = found[0]
+                return states
+            arrays[0][:] = z0
+            run = library.simulate_few if hasattr(library, "simulate_few") else library.simulate
+            run(1, last - first, 0, at_start, at_numbers + first * size, *others)
+            return z[: last - first + 1]
+
+        return simulated
 
     def linearise(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
@@ -150,15 +193,13 @@ class Kernel:
         """Find or make the library if this much more work is a reason to."""
         self._work += work
         pays = self._wanted is True or self._work >= PAYS
-        looks = not self._looked and self._work >= LOOKS
-        if self._library is None and self._wanted is not False and not self._cannot and (looks or pays):
-            self._looked = True
+        if self._library is None and self._wanted is not False and not self._cannot and pays:
             try:
-                found = library(lambda: self._model.sources, self._model.known_by, compile_it=pays)
-                self._library = found and _declared(found)
-            except CannotCompile:
+                self._library = _declared(library(lambda: self._model.sources, self._model.known_by))
+            except CannotCompile as error:
                 if self._wanted:
                     raise
+                tell_slow("The model", "five", error)
                 self._cannot = True
         self.compiled = self._library is not None
 

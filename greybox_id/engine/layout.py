@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..model import Model
 from ..parameter import Array
-from .belief import belief_rows
+from .prior_rows import prior_rows
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def beliefs(
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
     blocks, offsets, start = [], [], 0
     for parameter in model.parameters:
-        R, r = belief_rows([parameter], strengths)
+        R, r = prior_rows([parameter], strengths)
         own = slice(start, start + parameter.size)
         start += parameter.size
         placements = layout.index[: copies if parameter.scope == "run" else 1]

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
-from .actuation import Actuation
 from .free_run import free_run
 from .trace import Index, Trace
 from .windows import weighted_windows, windows
@@ -72,7 +71,7 @@ class Run:
             [recording[n][rows.start : rows.stop] if n in recording else nothing for n in model.outputs]
         )
         self._fed = [model.inputs.index(name) for name in trace.fed_back]
-        self.actuation = Actuation(trace)
+        self.actuation = trace.actuation
         self._constant_stage_by_p: Array | None = None
         self._constant_weights_by_p: Array | None = None
         self._seen: tuple[Array, Array, Array | None] | None = None

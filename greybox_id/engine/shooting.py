@@ -98,7 +98,7 @@ class Problem:
 
     def objective(self, x: Array, nodes: Nodes) -> float:
         """Half the sum of squared residuals, priors included; infinite where the model is not finite."""
-        total = 0.5 * float(np.sum(self.belief_residuals(x) ** 2)) + self.misfit(x, nodes)
+        total = 0.5 * float(np.sum(self.prior_residuals(x) ** 2)) + self.misfit(x, nodes)
         return total if np.isfinite(total) else np.inf
 
     def misfit(self, x: Array, nodes: Nodes) -> float:
@@ -119,7 +119,7 @@ class Problem:
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise everything about a matched point and eliminate the nodes."""
-        H, g = self._believed.copy(), np.asarray(self.R.T @ self.belief_residuals(x))
+        H, g = self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x))
         for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
             free = self.free[index]
             flat = J.reshape(-1, J.shape[-1])
@@ -149,7 +149,7 @@ class Problem:
         """What one unit of residual of run k counts as, (rows, outputs)."""
         return np.asarray(np.sqrt(self.keep[k][self.runs[k].predicted])[:, None] / self._counted)
 
-    def belief_residuals(self, x: Array) -> Array:
+    def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""
         return np.asarray(self.R @ x - self.r)
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import casadi as cs
 import numpy as np
@@ -24,7 +25,11 @@ from numpy.typing import NDArray
 from ..errors import BadModel
 from ..memory_model import MemoryModel
 from ..model import Namespace, Symbol
+from .equations import called, must_be_numbers
 from .sampled import SampledFunction
+
+if TYPE_CHECKING:
+    from .actuation import Actuation
 
 Index = NDArray[np.intp]
 
@@ -63,10 +68,11 @@ class Trace:
         self._windows = _Windows()
         named = namespace(model, self.p)
         seen = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(model.inputs)})
-        outputs = model.equations(seen, named, self._windows)
+        outputs = called(model, model.equations, {"u": seen, "p": named}, seen, named, self._windows)
         missing = [name for name in model.outputs if name not in outputs]
         if missing:
             raise BadModel(f"The equations of {model.name} do not give its output {', '.join(missing)}.")
+        must_be_numbers(model, {name: outputs[name] for name in model.outputs}, [self.u, self.p])
         self.y = cs.vertcat(*[outputs[name] for name in model.outputs])
         self.z = cs.vertcat(*self._windows.signals) if self._windows.signals else cs.SX(0, 1)
         self.h = cs.vertcat(*self._windows.symbols) if self._windows.symbols else cs.SX(0, 1)
@@ -77,6 +83,13 @@ class Trace:
         self.tap_signal: Index = np.array(self._windows.which, dtype=np.intp)
         self.memory = max((len(w) for w in self._windows.weights), default=1)
         self.W = cs.vertcat(*[_padded(w, self.memory) for w in self._windows.weights])
+
+    @cached_property
+    def actuation(self) -> Actuation:
+        """The model's actuators, made once for all runs: every one of them is a function of CasADi's."""
+        from .actuation import Actuation
+
+        return Actuation(self)
 
     @cached_property
     def stage(self) -> SampledFunction:

@@ -26,10 +26,12 @@ class View:
     ----------
     simulate : effects -> noise-free readings in noise sds; deterministic.
     product : inner product of two changes of readings; what tolerances would take up does not count.
+    tells : squared differences, in noise variances, from which on it tells two causes apart.
     """
 
     simulate: Callable[[Mapping[str, float]], Array]
     product: Callable[[Array, Array], float]
+    tells: float = TELLS
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def indistinguishable(
         tried = [p for p in dict.fromkeys((*partners(name), *also)) if p in causes and p not in present]
         alike = [
             p for p in tried
-            if isfinite(causes[p].null) and all(_left(p, causes[p], rest, present, view) < TELLS for view in views)
+            if isfinite(causes[p].null) and all(_left(p, causes[p], rest, present, view) < view.tells for view in views)
         ]  # fmt: skip
         found[name] = (*(p for p in always_alike(name) if p not in present), *alike)
     return found
@@ -82,6 +84,7 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
     without = view.simulate(rest)
     change = view.simulate(present) - without
     all_of_it = view.product(change, change)
+    hopeless = max(HOPELESS, 4.0 * view.tells)
     best, tried = inf, cause.probe if cause.sides != "down" else -cause.probe
     for step in range(STEPS + 1):
         try:
@@ -91,9 +94,9 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
         own, both = view.product(moved, moved), view.product(moved, change)
         if step > 0:
             best = min(best, all_of_it - 2.0 * both + own)
-        if best < TELLS or own <= 0.0 or (step > 1 and best > HOPELESS):
+        if best < view.tells or own <= 0.0 or (step > 1 and best > hopeless):
             break
-        if step == 0 and all_of_it - both**2 / own > max(HOPELESS, 0.2 * all_of_it):
+        if step == 0 and all_of_it - both**2 / own > max(hopeless, 0.2 * all_of_it):
             break
         tried *= both / own
         if (tried < 0 and cause.sides == "up") or (tried > 0 and cause.sides == "down"):

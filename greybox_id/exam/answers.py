@@ -16,8 +16,9 @@ from .vocabulary import always_alike
 Kind = Literal["null", "single", "double", "outside", "real"]
 """No gap; one or two effects of the vocabulary; one outside it; a real vehicle, of which nobody knows the answer."""
 
-Tier = Literal["clean", "workshop", "real"]
-"""Exact vehicle file, nominal forms, white noise; or tolerances, other forms, coloured noise, outliers."""
+Tier = Literal["clean", "workshop", "foreign", "injected", "real"]
+"""Exact vehicle file, nominal forms, white noise; tolerances, other forms, coloured noise, outliers; vehicles of
+foreign simulators, identified as single tracks; real recordings, altered; or real ones as they are."""
 
 SIZABLE = 0.1
 """A gap that exceeds this share of the noise floor must be detected: some channel's mean square error over that of its

@@ -13,6 +13,8 @@ from .answers import Answer
 
 UNKNOWN = 0.5
 """A diagnosis whose unknown probability is above this says that the cause is unknown."""
+NAMED = 0.5
+"""A probability from which on an effect is named."""
 NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
 
 
@@ -33,7 +35,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ExamFinding:
     """What came of one case. What a diagnosis that ended in an error could get wrong, it got wrong.
 
     Attributes
@@ -44,9 +46,12 @@ class Finding:
     unknown : whether it said that the cause is unknown.
     unknown_probability : that it stated.
     choices : effect -> probability, as ranked; none where no gap was named.
-    first, first_strictly : the first choice is right, up to what cannot be told apart, and by name.
-    among_three : every effect that is there stands among the first three, up to what cannot be told apart.
+    first, first_strictly : the first choice is right, up to what cannot be distinguished, and by name.
+    among_three : every effect that is there stands among the first three, up to what cannot be distinguished.
     sizes : of effects that are there and rank as high as there are effects, by name.
+    beside : names that were applied and are not there, up to what cannot be distinguished; of a case outside the
+        vocabulary, also any that was given a probability of one half.
+    misplaced : share of the excess error that the budget gives to names that are not there; NaN without a budget.
     told : probability of every effect that was ranked, and whether it is there.
     claimed, verified : how far the gap closes, by its own account and on the recording that was held out; NaN where
         nothing was applied.
@@ -63,6 +68,8 @@ class Finding:
     first_strictly: bool
     among_three: bool
     sizes: tuple[Size, ...]
+    beside: tuple[str, ...]
+    misplaced: float
     told: tuple[tuple[float, bool], ...]
     claimed: float
     verified: float
@@ -87,7 +94,7 @@ class Finding:
         return "" if self.first else ("second or third" if self.among_three else "not among the first three")
 
 
-def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan) -> Finding:
+def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan) -> ExamFinding:
     """Join an answer and a diagnosis.
 
     Raises
@@ -99,8 +106,8 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
     library = answer.kind in ("single", "double")
     if "error" in diagnosis:
         null = answer.kind == "null"
-        return Finding(
-            answer, str(diagnosis["error"]), null, library, nan, {}, False, False, False, (), (), nan, nan, cpu
+        return ExamFinding(
+            answer, str(diagnosis["error"]), null, library, nan, {}, False, False, False, (), (), nan, (), nan, nan, cpu
         )
     if lacking := [key for key in NEEDED if key not in diagnosis]:
         raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
@@ -108,7 +115,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
     detected = bool(diagnosis["gap_detected"])
     names = [str(own["effect"]) for own in ranking] if detected else []
     first = names[0] if names else ""
-    return Finding(
+    return ExamFinding(
         answer=answer,
         error="",
         detected=detected,
@@ -121,6 +128,8 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
         sizes=tuple(_size(answer, own) for own in ranking[: len(answer.effects)] if own["effect"] in answer.effects)
         if detected and library
         else (),
+        beside=_beside(answer, diagnosis, ranking if detected else []),
+        misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
         told=tuple((float(own["probability"]), own["effect"] in answer.effects) for own in ranking),
         claimed=_closed(diagnosis["gap"]) if diagnosis["applied"] else nan,
         verified=verified if diagnosis["applied"] else nan,
@@ -136,6 +145,27 @@ def _named(answer: Answer, names: Sequence[str]) -> bool:
         all(name in answer.alike(effect) for effect, name in zip(answer.effects, chosen, strict=True))
         for chosen in permutations(names, len(answer.effects))
     )
+
+
+def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Names that the diagnosis stands by and that are not there."""
+    given = [str(name) for name in diagnosis["applied"]]
+    if answer.kind == "outside":
+        given += [str(own["effect"]) for own in ranking if float(own["probability"]) >= NAMED]
+    right = _right(answer)
+    return tuple(name for name in dict.fromkeys(given) if name not in right)
+
+
+def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
+    """Share of the excess that a budget gives to names that are not there; NaN where there is no budget."""
+    shares = {str(own["effect"]): float(own["share"]) for own in budget if own.get("effect") and own.get("share")}
+    right = _right(answer)
+    return sum(abs(share) for name, share in shares.items() if name not in right) if budget else nan
+
+
+def _right(answer: Answer) -> set[str]:
+    """Names that are right for something that is there."""
+    return {name for effect in answer.effects for name in answer.alike(effect)}
 
 
 def _size(answer: Answer, ranked: Mapping[str, Any]) -> Size:

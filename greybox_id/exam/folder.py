@@ -13,8 +13,11 @@ from pathlib import Path
 from ..errors import BadInput
 
 CASES, SEALED = "cases", "sealed"
-GIVEN = ("recording.csv", "vehicle.toml", "fit.json", "columns.toml")
-"""Files of a case that are handed out; the last two only for real vehicles."""
+COLUMNS = "columns.toml"
+BEFORE = "before.csv"
+GIVEN = ("recording.csv", "vehicle.toml", "fit.json", COLUMNS, BEFORE)
+"""Files of a case that are handed out; the last three only where they are needed: a fit in place of the vehicle file,
+how the recording is to be read, and what the same vehicle did before."""
 UNFINISHED = "unfinished.json"
 """What was asked for, beside the answers until all cases are made; not under the seal."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"

@@ -9,8 +9,9 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from .. import __version__
@@ -20,11 +21,15 @@ from ..files import ensure_writable, replacing, write_atomically
 from ..fitting import Say
 from ..json_data import read_json
 from ..recording import Recording
+from ..signals import SIGNALS
 from .answers import Answer, Tier, read_answer, write_answer
 from .folder import CASES, SEALED, UNFINISHED
-from .plan import Planned, plan
+from .plan import Counts, Planned, plan
 from .seal import seal
-from .world import made
+from .world import MadeWorld, made
+
+if TYPE_CHECKING:
+    from .foreign.case import MadeCase
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,28 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
     """
     nulls = cases // 6 if nulls is None else nulls
     planned = plan(cases, nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
-    _begin(folder, {"tier": tier, "seed": seed, "version": __version__, "cases": cases, "nulls": nulls})
+    asked = {"tier": tier, "seed": seed, "version": __version__, "cases": cases, "nulls": nulls}
+    return _made(folder, asked, planned, jobs, say)
+
+
+def make_foreign(folder: Path, seed: int, counts: Counts, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
+    """Make an examination on vehicles of foreign simulators; parameters and errors as of `make`.
+
+    Parameters
+    ----------
+    counts : how many cases of each kind.
+    wanted : families, or sets of them; none are those of the set "examination".
+    """
+    from .foreign.families import dealt_out
+
+    planned = dealt_out(counts, seed, wanted)
+    asked = {"tier": "foreign", "seed": seed, "version": __version__, **vars(counts), "families": list(wanted)}
+    return _made(folder, asked, planned, jobs, say)
+
+
+def _made(folder: Path, asked: dict[str, Any], planned: Sequence[Planned], jobs: int, say: Say) -> Exam:
+    """Make what is planned, as far as it is not made yet."""
+    _begin(folder, asked)
     files = {own: folder / SEALED / own.case / "answer.json" for own in planned}
     answers = [read_answer(file) for file in files.values() if file.is_file()]
     todo = [own for own, file in files.items() if not file.is_file()]
@@ -74,7 +100,7 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
     for answer in _written(todo, folder, min(jobs, len(todo))):
         answers.append(answer)
         say(f"{len(answers)}/{len(planned)} made", passing=len(answers) % 20 > 0)
-    exam = finish(folder, tier, seed, sorted(answers, key=lambda own: own.case))
+    exam = finish(folder, asked["tier"], asked["seed"], sorted(answers, key=lambda own: own.case))
     (folder / SEALED / UNFINISHED).unlink()
     return exam
 
@@ -90,7 +116,7 @@ def _begin(folder: Path, asked: dict[str, Any]) -> None:
         told = ", ".join(f"{name} {value}" for name, value in begun.items())
         raise BadInput(
             f"{folder} holds an unfinished examination ({told}), and another one was asked for. "
-            "Ask for the same to go on with it, or name a new folder with --out."
+            "Ask for the same to go on with it, or name a new folder with ‹out›."
         )
     prepare(folder)
     write_atomically(file, json.dumps(asked, indent=1) + "\n")
@@ -112,7 +138,7 @@ def _written(planned: Sequence[Planned], folder: Path, jobs: int) -> Iterator[An
 def prepare(folder: Path) -> None:
     """Make sure that a folder is new or empty, and can be written to."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BadInput(f"{folder} is not empty. Name a new folder with --out; no examination is written over.")
+        raise BadInput(f"{folder} is not empty. Name a new folder with ‹out›; no examination is written over.")
     ensure_writable(folder)
 
 
@@ -121,22 +147,32 @@ def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
     counts = dict(Counter(answer.kind for answer in answers))
     body = {"tier": tier, "seed": seed, "version": __version__, "counts": counts}
     write_atomically(folder / SEALED / "exam.json", json.dumps(body, indent=1) + "\n")
-    hidden = sum(bool(answer.effects) and answer.kind != "real" and not answer.sizable for answer in answers)
+    hidden = sum(bool(answer.effects) and bool(answer.left) and not answer.sizable for answer in answers)
     return Exam(folder, tier, {str(kind): count for kind, count in counts.items()}, seal(folder), hidden)
 
 
 def _write(planned: Planned, folder: Path) -> Answer:
-    case = made(planned)
-    write_recording(case.recording, folder / CASES / planned.case / "recording.csv")
-    write_atomically(folder / CASES / planned.case / "vehicle.toml", case.vehicle_file)
-    write_recording(case.held_out, folder / SEALED / planned.case / "held_out.csv")
-    write_answer(case.answer, folder / SEALED / planned.case / "answer.json")
+    given, kept = folder / CASES / planned.case, folder / SEALED / planned.case
+    if planned.tier == "foreign":
+        from .foreign.case import made as made_foreign
+
+        foreign = made_foreign(planned)
+        write_atomically(given / "columns.toml", foreign.columns)
+        case: MadeWorld | MadeCase = foreign
+    else:
+        case = made(planned)
+    write_recording(case.recording, given / "recording.csv")
+    write_atomically(given / "vehicle.toml", case.vehicle_file)
+    write_recording(case.held_out, kept / "held_out.csv")
+    write_answer(case.answer, kept / "answer.json")
     return case.answer
 
 
 def write_recording(recording: Recording, file: Path) -> None:
     """Write a recording as CSV that the column map "canonical" reads."""
-    table = pd.DataFrame(dict(sorted(recording.signals.items())))
+    table = pd.DataFrame({name: own for name, own in sorted(recording.signals.items()) if name in SIGNALS})
     table.insert(0, "time", recording.time.round(9))
+    if len(recording.runs) > 1:
+        table["run"] = np.repeat(np.arange(len(recording.runs)), [b - a for a, b in recording.runs])
     with replacing(file) as beside:
         table.to_csv(beside, index=False, float_format="%.9g")

@@ -10,7 +10,7 @@ from math import inf, isfinite, isnan, nan
 import numpy as np
 
 from .answers import Tier
-from .findings import Finding, Size
+from .findings import ExamFinding, Size
 from .statistics import calibration_error, median, wilson
 
 Bar = tuple[float, float]
@@ -19,11 +19,15 @@ Bar = tuple[float, float]
 _NAMES = {
     "false_alarms": "false alarms on nulls",
     "detection": "gaps above a tenth of the noise that are detected",
-    "first": "single effect: first choice right, up to what cannot be told apart",
+    "first": "single effect: first choice right, up to what cannot be distinguished",
     "first_strictly": "single effect: first choice right by name",
     "among_three": "single effect: among the first three",
     "doubles": "two effects: both among the first three",
     "unknown": "outside the vocabulary: called unknown",
+    "beside": "names applied that are not there: share of cases",
+    "null_names": "nulls with a name applied",
+    "outside_named": "outside the vocabulary: named at one half or applied",
+    "misplaced": "budget: share given to names that are not there, mean",
     "wrongly_unknown": "within the vocabulary: called unknown",
     "magnitude": "magnitude: relative error, median",
     "coverage": "magnitude: 95 % intervals that hold the truth",
@@ -46,7 +50,13 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
         "magnitude": (0.0, 0.05), "coverage": (0.88, 0.98), "closed": (0.97, inf), "claim": (0.0, 0.05),
         "calibration": (0.0, 0.03), "cpu": (0.0, 10.0),
     },
+    "foreign": {
+        "false_alarms": (0.0, 0.05), "first": (0.90, 1.0), "beside": (0.0, 0.08), "outside_named": (0.0, 0.15),
+        "calibration": (0.0, 0.04),
+    },
+    "injected": {"first": (0.85, 1.0), "null_names": (0.0, 0.05), "beside": (0.0, 0.05)},
 }  # fmt: skip
+"""By tier; `beside` counts singles and pairs."""
 
 _ROUNDING = 1e-9
 STRETCH = 2.0
@@ -80,7 +90,7 @@ class Measure:
         return self.bar[0] - _ROUNDING <= self.value <= self.bar[1] + _ROUNDING
 
 
-def measures(found: Sequence[Finding], tier: Tier) -> tuple[Measure, ...]:
+def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
     """Every line of the score of one tier."""
     kinds = {
         kind: [own for own in found if own.answer.kind == kind] for kind in ("null", "single", "double", "outside")
@@ -98,13 +108,17 @@ def measures(found: Sequence[Finding], tier: Tier) -> tuple[Measure, ...]:
         "among_three": _share(own.among_three for own in kinds["single"]),
         "doubles": _share(own.among_three for own in kinds["double"]),
         "unknown": _share(own.unknown for own in kinds["outside"]),
+        "beside": _share(bool(own.beside) for own in library),
+        "null_names": _share(bool(own.beside) for own in kinds["null"]),
+        "outside_named": _share(bool(own.beside) for own in kinds["outside"]),
+        "misplaced": _mean([own.misplaced for own in library if isfinite(own.misplaced)]),
         "wrongly_unknown": _share(own.unknown for own in library),
         "magnitude": _median([size.error for size in sizes]),
         "coverage": _share(size.covered for size in sizes),
         "closed": _median([own.verified for own in applied if own.answer.kind in ("single", "double")]),
         "claim": _median([abs(own.claimed - own.verified) for own in applied]),
         "calibration": _plain(calibration_error(told), told),
-        "cpu": _plain(float(np.mean(cpu)) if cpu else nan, cpu),
+        "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
     return tuple(Measure(key, _NAMES[key], *own, bars.get(key)) for key, own in values.items())
@@ -122,11 +136,15 @@ def _median(values: Sequence[float]) -> _Value:
     return *median(values), len(values)
 
 
+def _mean(values: Sequence[float]) -> _Value:
+    return _plain(float(np.mean(values)) if values else nan, values)
+
+
 def _plain(value: float, of: Sequence[object]) -> _Value:
     return value, (nan, nan), len(of)
 
 
-def confusions(found: Sequence[Finding]) -> dict[str, dict[str, int]]:
+def confusions(found: Sequence[ExamFinding]) -> dict[str, dict[str, int]]:
     """Effect that is there -> first choice -> how often; of cases with one effect, of the vocabulary or outside."""
     table: dict[str, Counter[str]] = {}
     for own in found:
@@ -139,7 +157,7 @@ def confusions(found: Sequence[Finding]) -> dict[str, dict[str, int]]:
     return {true: dict(choices.most_common()) for true, choices in sorted(table.items())}
 
 
-def sizes_by_effect(found: Sequence[Finding]) -> dict[str, tuple[Size, ...]]:
+def sizes_by_effect(found: Sequence[ExamFinding]) -> dict[str, tuple[Size, ...]]:
     """Effect -> its magnitudes as found."""
     table: dict[str, tuple[Size, ...]] = {}
     for own in found:

@@ -28,6 +28,7 @@ class Planned:
     effects : names of what is the matter.
     number : its place in the plan, among cases of its kind.
     seed : of everything random in it.
+    family : of foreign vehicles, the simulator; "" else.
     """
 
     case: str
@@ -36,6 +37,7 @@ class Planned:
     effects: tuple[str, ...]
     number: int
     seed: int
+    family: str = ""
 
 
 def plan(
@@ -55,15 +57,34 @@ def plan(
     BadInput : there would be no case.
     """
     if cases < 0 or nulls < 0 or cases + nulls == 0:
-        raise BadInput("An examination needs at least one case; ask for some with --cases or --nulls.")
-    rng = np.random.default_rng((seed, 40427))
+        raise BadInput("An examination needs at least one case; ask for some with ‹cases› or ‹nulls›.")
     singles, others = round(SINGLE * cases), round(OUTSIDE * cases)
+    return dealt(Counts(nulls, singles, cases - singles - others, others), tier, seed, vocabulary, outside)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many cases with nothing, with one and with two effects of the vocabulary, and with one outside it."""
+
+    nulls: int
+    singles: int
+    pairs: int
+    outside: int
+
+
+def dealt(
+    counts: Counts, tier: Tier, seed: int, vocabulary: Sequence[str], outside: Sequence[str]
+) -> tuple[Planned, ...]:
+    """Cases of an examination in the order of their names, so many of each kind; parameters as of `plan`."""
+    if min(vars(counts).values()) < 0 or sum(vars(counts).values()) == 0:
+        raise BadInput("An examination needs at least one case; ask for some, as with ‹nulls› or ‹singles›.")
+    rng = np.random.default_rng((seed, 40427))
     known, unknown = _dealt(vocabulary, rng), _dealt(outside, rng)
     drawn: list[tuple[Kind, tuple[str, ...], int]] = []
-    drawn += [("single", (next(known),), k) for k in range(singles)]
-    drawn += [("outside", (next(unknown),), k) for k in range(others)]
-    drawn += [("double", _pair(known, rng), k) for k in range(cases - singles - others)]
-    drawn += [("null", (), k) for k in range(nulls)]
+    drawn += [("single", (next(known),), k) for k in range(counts.singles)]
+    drawn += [("outside", (next(unknown),), k) for k in range(counts.outside)]
+    drawn += [("double", _pair(known, rng), k) for k in range(counts.pairs)]
+    drawn += [("null", (), k) for k in range(counts.nulls)]
     order, digits = rng.permutation(len(drawn)), max(3, len(str(len(drawn))))
     seeds = rng.integers(1, 2**31 - 1, len(drawn))
     return tuple(

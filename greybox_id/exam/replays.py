@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from ..datasets.virtual_vehicle import Tolerances, Truth, replay
+from ..datasets.virtual_vehicle import Tolerances
 from ..parameter import Array
-from ..recording import Recording
-from .aliases import View
+from .aliases import TELLS, View
 
 LIKELY = 0.95
 """Share of all vehicles within the tolerances that lie as near to what is stated as tolerances may reach here."""
 GLANCE = 15.0
 """Of the recording, s, that may rule an alias out before all of it is simulated."""
+
+
+class Drive(Protocol):
+    """The same commands driven by other vehicles."""
+
+    def __call__(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
+        """Noise-free readings by channel, (rows,) each.
+
+        Parameters
+        ----------
+        effects : in place of the true ones; small effects that are tolerated stay.
+        rows : of the recording, from its first.
+        beyond : a tolerance; the vehicle lies one sd of it further off. "" for none.
+        """
 
 
 @dataclass(frozen=True)
@@ -26,15 +40,20 @@ class Replays:
 
     Attributes
     ----------
-    recording, truth : commands, and the true vehicle with its state at the first row.
-    seed : of the recording.
+    drive : drives it.
+    noise : sd by channel.
+    rows, period : of the recording.
     tolerances : as stated; None where the vehicle file is exact.
+    form : by how much the model differs in its form from a vehicle that lacks nothing, as `readings`: causes between
+        which lies no more than that cannot be distinguished. None where forms are alike.
     """
 
-    recording: Recording
-    truth: Truth
-    seed: int
+    drive: Drive
+    noise: Mapping[str, float]
+    rows: int
+    period: float
     tolerances: Tolerances | None
+    form: Array | None = None
     _seen: dict[object, Array] = field(default_factory=dict)
 
     def readings(self, effects: Mapping[str, float], part: bool = False, beyond: str = "") -> Array:
@@ -48,19 +67,9 @@ class Replays:
         """
         key = part, beyond, *sorted(effects.items())
         if key not in self._seen:
-            car = self.truth.car
-            if beyond and self.tolerances is not None:
-                if beyond in self.tolerances.parameters:
-                    moved = car.parameters[beyond] + self.tolerances.parameters[beyond]
-                    car = replace(car, parameters={**car.parameters, beyond: moved})
-                else:
-                    null = 1.0 if beyond == "steering_ratio" else 0.0
-                    moved = car.small.get(beyond, null) + self.tolerances.effects[beyond]
-                    car = replace(car, small={**car.small, beyond: moved})
-            commands = self.recording.rows(0, round(GLANCE / self.recording.sample_time)) if part else self.recording
-            start = {name: float(self.truth.states[name][0]) for name in ("v_x", "v_y", "yaw_rate")}
-            found, _ = replay(car, commands, start, effects, self.truth.forms, self.seed)
-            self._seen[key] = np.stack([found[name] / sd for name, sd in car.noise.items()])
+            rows = min(round(GLANCE / self.period), self.rows) if part else self.rows
+            found = self.drive(effects, rows, beyond)
+            self._seen[key] = np.stack([found[name] / sd for name, sd in self.noise.items()])
         return self._seen[key]
 
     def size(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
@@ -69,7 +78,10 @@ class Replays:
 
     def left(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
         """The same of what tolerances leave of that difference, as far as they are likely to lie."""
-        difference = self.readings(effects) - self.readings(rest)
+        return self.beside_tolerances(self.readings(effects) - self.readings(rest))
+
+    def beside_tolerances(self, difference: Array) -> dict[str, float]:
+        """Channel -> root mean square of what tolerances leave of a difference of readings."""
         if self.tolerances is None or not np.any(difference):
             return self._by_channel(difference)
         shifts = self._shifts(False)
@@ -78,7 +90,7 @@ class Replays:
 
     def _by_channel(self, difference: Array) -> dict[str, float]:
         sizes = np.sqrt(np.mean(difference**2, axis=1))
-        return {name: float(own) for name, own in zip(self.truth.car.noise, sizes, strict=True)}
+        return {name: float(own) for name, own in zip(self.noise, sizes, strict=True)}
 
     def views(self) -> Sequence[View]:
         """The first seconds, and all of the recording."""
@@ -91,7 +103,11 @@ class Replays:
         def product(a: Array, b: Array) -> float:
             return float(np.sum(a * b) - (shifts @ a.ravel()) @ inner @ (shifts @ b.ravel()))
 
-        return View(lambda other: self.readings(other, part), product)
+        tells = TELLS
+        if self.form is not None:
+            own = self.form[:, : self.readings({}, part).shape[1]]
+            tells = max(TELLS, product(own, own))
+        return View(lambda other: self.readings(other, part), product, tells)
 
     def _shifts(self, part: bool) -> Array:
         """What one sd of every tolerance changes, (tolerances, readings)."""

@@ -18,7 +18,7 @@ from ..files import write_atomically
 from ..fitting import Say
 from ..json_data import read_json, without_nan
 from .answers import Answer, read_answer
-from .findings import Finding, finding
+from .findings import ExamFinding, finding
 from .folder import CASES, DIAGNOSIS, SEALED, exam_of
 from .measures import confusions, measures, sizes_by_effect
 from .seal import unbroken
@@ -71,7 +71,7 @@ def score(
     return body, False
 
 
-def summary(found: list[Finding], tier: Any) -> dict[str, Any]:
+def summary(found: list[ExamFinding], tier: Any) -> dict[str, Any]:
     """Measures, confusions and single cases as plain data."""
     sizes = sizes_by_effect(found)
     return {
@@ -88,7 +88,7 @@ def summary(found: list[Finding], tier: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _plain(own: Finding) -> dict[str, Any]:
+def _plain(own: ExamFinding) -> dict[str, Any]:
     """A finding without what is sealed and long."""
     short: dict[str, Any] = {"case": own.answer.case, "kind": own.answer.kind, "effects": dict(own.answer.effects)}
     short["aliases"] = {name: list(alike) for name, alike in own.answer.aliases.items() if alike}

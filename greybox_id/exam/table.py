@@ -12,7 +12,7 @@ from rich.table import Table
 from .measures import STRETCH
 
 SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
-PERCENT = (*SHARES, "wrongly_unknown", "magnitude", "coverage")
+PERCENT = (*SHARES, "beside", "null_names", "outside_named", "misplaced", "wrongly_unknown", "magnitude", "coverage")
 """Measures told in percent."""
 MARKS = {True: "✓", False: "✗", None: ""}
 

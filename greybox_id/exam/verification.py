@@ -17,7 +17,7 @@ from ..gap.closing import closure
 from ..models.effects import EFFECTS
 from ..models.registry import build, model_of
 from ..motion_model import MotionModel
-from .folder import CLOSED
+from .folder import CLOSED, COLUMNS
 
 Verify = Callable[[Path, Path, Mapping[str, Any]], float]
 """Folder of a case, recording held out, diagnosis -> share of the gap that closes; -inf where simulation fails."""
@@ -57,7 +57,9 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
         after = model_from(plain) if plain else model_of(vehicle(case / CLOSED))
         assert isinstance(before, MotionModel)  # exam cases are vehicles in motion
         assert isinstance(after, MotionModel)
-        found = closure(before, after, [read(held_out)], stated, EFFECTS, horizons=False)
+        mapping = case / COLUMNS
+        recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
+        found = closure(before, after, [recording], stated, EFFECTS, horizons=False)
     except GreyboxError:
         return -inf
     return float(found.closed)

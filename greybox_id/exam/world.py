@@ -17,12 +17,14 @@ from ..datasets.virtual_vehicle import (
     VirtualCar,
     drive,
     random_vehicle,
+    replay,
     toleranced,
     tolerances,
     vehicle_file_text,
 )
 from ..datasets.virtual_vehicle.entries import Kind as Class
 from ..errors import BadInput
+from ..parameter import Array
 from ..recording import Recording
 from .aliases import Cause, indistinguishable
 from .answers import Answer, exceeds
@@ -39,7 +41,7 @@ DRAWS = 20
 
 
 @dataclass(frozen=True)
-class Made:
+class MadeWorld:
     """A case as it is handed out, and what is kept back.
 
     Attributes
@@ -54,7 +56,7 @@ class Made:
     answer: Answer
 
 
-def made(planned: Planned) -> Made:
+def made(planned: Planned) -> MadeWorld:
     """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
 
     Raises
@@ -101,7 +103,25 @@ class _Case:
         self.recording, self.truth = self._driven(DURATION, self.drawn, forms, seed)
         wind = {name: own for name, own in self.truth.effects.items() if name == "wind_direction"}
         self.effects = {**self.drawn, **wind}
-        self.again = Replays(self.recording, self.truth, seed, self.tolerances)
+        self.seed = seed
+        period = self.recording.sample_time
+        self.again = Replays(self._driven_again, self.car.noise, len(self.recording), period, self.tolerances)
+
+    def _driven_again(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
+        """The recording's commands driven by another vehicle, see `replays.Drive`."""
+        car, known = self.car, self.tolerances
+        if beyond and known is not None:
+            if beyond in known.parameters:
+                moved = car.parameters[beyond] + known.parameters[beyond]
+                car = replace(car, parameters={**car.parameters, beyond: moved})
+            else:
+                null = 1.0 if beyond == "steering_ratio" else 0.0
+                moved = car.small.get(beyond, null) + known.effects[beyond]
+                car = replace(car, small={**car.small, beyond: moved})
+        commands = self.recording.rows(0, rows) if rows < len(self.recording) else self.recording
+        start = {name: float(self.truth.states[name][0]) for name in ("v_x", "v_y", "yaw_rate")}
+        found, _ = replay(car, commands, start, effects, self.truth.forms, self.seed)
+        return found.signals
 
     def _driven(
         self, duration: tuple[float, float], effects: Mapping[str, float], forms: str | Forms, seed: int
@@ -109,7 +129,7 @@ class _Case:
         seconds = float(self.rng.uniform(*duration))
         return drive(self.car, "mixed", seconds, self.rate, effects, forms, seed, **self.spoilt)
 
-    def made(self) -> Made:
+    def made(self) -> MadeWorld:
         """The case with its answer."""
         held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
         answer = Answer(
@@ -132,7 +152,7 @@ class _Case:
                 **self.spoilt,
             },
         )
-        return Made(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
+        return MadeWorld(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
 
     @cached_property
     def shows(self) -> bool:

@@ -1,5 +1,6 @@
-"""Models made elsewhere: networks saved by nnodely become fits of our own, and nothing in their files is executed."""
+"""Models and vehicles made elsewhere become fits and vehicle files of our own; nothing in their files is executed."""
 
+from .vehicles import ImportedVehicle, import_vehicle
 from .verb import Imported, import_network
 
-__all__ = ["Imported", "import_network"]
+__all__ = ["Imported", "ImportedVehicle", "import_network", "import_vehicle"]

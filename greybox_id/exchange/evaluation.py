@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import BadInput
 from ..parameter import Array
 from .formula import Formula, formula
-from .network import LARGEST, Network, Relation
+from .network import LARGEST, Network, NetworkRelation
 
 LONGEST_WINDOW = 501
 MOST_CENTRES = 50
@@ -56,7 +56,7 @@ def evaluate(network: Network, root: str, given: Mapping[str, Array]) -> Array:
     return values[root]
 
 
-def window_of(network: Network, relation: Relation) -> tuple[str, int, int]:
+def window_of(network: Network, relation: NetworkRelation) -> tuple[str, int, int]:
     """Which input a SamplePart or TimePart looks at, and its first and last sample: (-20, 0) are the newest twenty.
 
     Raises
@@ -80,7 +80,7 @@ def window_of(network: Network, relation: Relation) -> tuple[str, int, int]:
     return relation.inputs[0], start, stop
 
 
-def fuzzy_of(network: Network, relation: Relation) -> tuple[str, tuple[float, ...]]:
+def fuzzy_of(network: Network, relation: NetworkRelation) -> tuple[str, tuple[float, ...]]:
     """Form and centres of a Fuzzify. Raises `BadInput` where they are none of nnodely's own."""
     name = relation.rest[0] if relation.rest else None
     own = network.functions.get(name, {}) if isinstance(name, str) else {}
@@ -97,7 +97,7 @@ def fuzzy_of(network: Network, relation: Relation) -> tuple[str, tuple[float, ..
     return form, tuple(float(centre) for centre in centres)
 
 
-def weights_of(network: Network, relation: Relation) -> tuple[Array, Array]:
+def weights_of(network: Network, relation: NetworkRelation) -> tuple[Array, Array]:
     """Weights (inputs, outputs) and biases (outputs,) of a Fir or Linear."""
     where = f"relation {relation.name}"
     W = network.number(relation.rest[0] if relation.rest else None, where)
@@ -150,7 +150,7 @@ def _together(network: Network, name: str, work: Callable[[], Any]) -> Any:
         raise network.wrong(f"relation {name} puts together what does not fit: {error}.") from error
 
 
-def _called(network: Network, relation: Relation, taken: list[Array]) -> Array:
+def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> Array:
     function = relation.rest[0] if relation.rest else None
     own = network.functions.get(function) if isinstance(function, str) else None
     if own is None or own.get("map_over_dim") not in (False, None):
@@ -175,18 +175,18 @@ def understood(file: str, function: str, code: object) -> Formula:
     return _parsed(code, where)
 
 
-def _part(network: Network, relation: Relation, x: Array) -> Array:
+def _part(network: Network, relation: NetworkRelation, x: Array) -> Array:
     _, start, stop = window_of(network, relation)
     if x.shape[1] < -start:
         raise ValueError(f"a window of {-start} samples of {x.shape[1]}")
     return x[:, x.shape[1] + start : x.shape[1] + stop]
 
 
-def _select(network: Network, relation: Relation, x: Array) -> Array:
+def _select(network: Network, relation: NetworkRelation, x: Array) -> Array:
     return x[:, :, [index_of(network, relation)]]
 
 
-def index_of(network: Network, relation: Relation) -> int:
+def index_of(network: Network, relation: NetworkRelation) -> int:
     """Which output of a relation a Select takes."""
     index = relation.rest[1] if len(relation.rest) == 2 else None
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < MOST_CENTRES:
@@ -194,7 +194,7 @@ def index_of(network: Network, relation: Relation) -> int:
     return index
 
 
-def _fuzzify(network: Network, relation: Relation, x: Array) -> Array:
+def _fuzzify(network: Network, relation: NetworkRelation, x: Array) -> Array:
     form, c = fuzzy_of(network, relation)
     if x.shape[-1] != 1:
         raise ValueError("memberships of more than one signal")
@@ -208,7 +208,7 @@ def _fuzzify(network: Network, relation: Relation, x: Array) -> Array:
     return np.concatenate([edges_[k] - edges_[k + 1] for k in range(len(c))], axis=2)
 
 
-def _fir(network: Network, relation: Relation, x: Array) -> Array:
+def _fir(network: Network, relation: NetworkRelation, x: Array) -> Array:
     W, b = weights_of(network, relation)
     if x.shape[-1] != 1:
         raise ValueError("an impulse response to more than one signal")
@@ -216,7 +216,7 @@ def _fir(network: Network, relation: Relation, x: Array) -> Array:
     return np.asarray((x[:, :, 0] @ W + b)[:, None, :])
 
 
-def _linear(network: Network, relation: Relation, x: Array) -> Array:
+def _linear(network: Network, relation: NetworkRelation, x: Array) -> Array:
     W, b = weights_of(network, relation)
     _bounded((*x.shape[:2], W.shape[1]))
     return np.asarray(x @ W + b)
@@ -236,6 +236,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= LARGEST
 
 
-OPERATIONS: dict[str, Callable[[Network, Relation, Array], Array]] = {
+OPERATIONS: dict[str, Callable[[Network, NetworkRelation, Array], Array]] = {
     "SamplePart": _part, "TimePart": _part, "Select": _select, "Fuzzify": _fuzzify, "Fir": _fir, "Linear": _linear,
 }  # fmt: skip

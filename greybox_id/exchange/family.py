@@ -13,7 +13,7 @@ from .lateral import lateral
 from .local_models import PROBES, SAME, leaves
 from .longitudinal import longitudinal
 from .network import Network
-from .recognised import Part
+from .recognised import NetworkPart
 from .roles import assignments
 
 READERS = {
@@ -25,7 +25,7 @@ MOST_OUTPUTS = 5
 
 
 @dataclass(frozen=True)
-class Family:
+class NetworkFamily:
     """What a file holds.
 
     Attributes
@@ -34,11 +34,11 @@ class Family:
     notes : sentences for the user.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[NetworkPart, ...]
     notes: tuple[str, ...]
 
 
-def recognise(network: Network, said: Mapping[str, str]) -> Family:
+def recognise(network: Network, said: Mapping[str, str]) -> NetworkFamily:
     """Understand every output of a file.
 
     Raises
@@ -57,14 +57,14 @@ def recognise(network: Network, said: Mapping[str, str]) -> Family:
     for part in parts:
         _must_be_ahead(network, part)
     _must_accelerate(network, parts, derived)
-    return Family(tuple(parts), _loops(network, parts, derived))
+    return NetworkFamily(tuple(parts), _loops(network, parts, derived))
 
 
-def _part(network: Network, output: str, said: Mapping[str, str]) -> Part:
+def _part(network: Network, output: str, said: Mapping[str, str]) -> NetworkPart:
     nearest = {network.relations[name].operation for name in leaves(network, output, ("Fir", "Linear"))[0]}
     model = "msnn_long" if "Linear" in nearest else "msnn_lat"
     reader, signals, needed = READERS[model]
-    found: list[Part] = []
+    found: list[NetworkPart] = []
     errors: list[BadInput] = []
     ways = list(assignments(network, output, signals, needed, said))
     for roles in ways:
@@ -79,13 +79,13 @@ def _part(network: Network, output: str, said: Mapping[str, str]) -> Part:
     if not ways:
         raise network.wrong(f"output {output} follows from too little: {model} needs {' and '.join(needed)}.")
     unclear = ", ".join(name for name in ways[0] if len({roles[name] for roles in ways}) > 1)
-    hint = f"say what {unclear[:200]} are with --inputs SIGNAL=INPUT ({', '.join(signals)})."
+    hint = f"say what {unclear[:200]} are with ‹inputs› SIGNAL=INPUT ({', '.join(signals)})."
     if found:
         raise network.wrong(f"the names of its inputs do not tell which signal is which; {hint}")
     raise BadInput(f"{errors[0]} If that is because of names, {hint}")
 
 
-def _must_be_ahead(network: Network, part: Part) -> None:
+def _must_be_ahead(network: Network, part: NetworkPart) -> None:
     """What training compared with an output has to be the sample after the window."""
     names = {part.relation, *(name for name, relation in network.outputs.items() if relation == part.relation)}
     for pair in network.targets:
@@ -101,7 +101,7 @@ def _must_be_ahead(network: Network, part: Part) -> None:
                 )
 
 
-def _must_accelerate(network: Network, parts: list[Part], derived: list[str]) -> None:
+def _must_accelerate(network: Network, parts: list[NetworkPart], derived: list[str]) -> None:
     """Outputs that follow from others have to be the lateral acceleration, which closes the loop."""
     rng = np.random.default_rng(0)
     turning = next((part for part in parts if part.model == "msnn_lat"), None)
@@ -119,7 +119,7 @@ def _must_accelerate(network: Network, parts: list[Part], derived: list[str]) ->
         raise network.wrong(f"output {name} follows from another output and is not the yaw rate times the newest v_x.")
 
 
-def _loops(network: Network, parts: list[Part], derived: list[str]) -> tuple[str, ...]:
+def _loops(network: Network, parts: list[NetworkPart], derived: list[str]) -> tuple[str, ...]:
     """What is to be said of loops. Raises `BadInput` where one is closed by something else than the family's."""
     roles = {name: signal for part in parts for name, signal in part.roles.items()}
     closed = {name: own for name, own in network.inputs.items() if own is not None and name in roles}
@@ -134,8 +134,8 @@ def _loops(network: Network, parts: list[Part], derived: list[str]) -> tuple[str
         return ()
     found = [
         "in closed loop a_y is the predicted yaw rate times the speed of the same sample; nnodely multiplies by the "
-        "speed one sample before. One sample ahead (--open-loop) both are the same."
+        "speed one sample before. One sample ahead (open loop) both are the same."
     ]
     if len({roles[name] for name in closed}) < 2:
-        found.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but with --open-loop.")
+        found.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but in open loop.")
     return tuple(found)

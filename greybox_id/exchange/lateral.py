@@ -9,16 +9,16 @@ import numpy as np
 from ..models.msnn_lat import LateralSettings
 from ..parameter import Array
 from .evaluation import evaluate
-from .local_models import PROBES, Place, Response, affine, leaves, local_models, matched, responses
+from .local_models import PROBES, LocalPlace, Response, affine, leaves, local_models, matched, responses
 from .network import Network
-from .recognised import Part, padded, put
+from .recognised import NetworkPart, padded, put
 
 FORM = "v_x (k1 + k2 (steer - steer_0) + k3 (v_x - v_x0) + k4 (a_x - a_x0))"
 AXES = ("v_x", "steer", "a_x")
 """Axes of the local models; impulse responses lie along the first and the last."""
 
 
-def lateral(network: Network, output: str, roles: Mapping[str, str]) -> Part:
+def lateral(network: Network, output: str, roles: Mapping[str, str]) -> NetworkPart:
     """MS-NN-lat from a relation of the file.
 
     Parameters
@@ -48,12 +48,12 @@ def lateral(network: Network, output: str, roles: Mapping[str, str]) -> Part:
         steer=centres["steer"], v_x=centres["v_x"], a_x=centres["a_x"], curvature_gain=float(np.mean(kappa[1])),
     )  # fmt: skip
     values = {f"kappa_{k + 1}": kappa[k] for k in range(4)} | {"F": F}
-    return Part("msnn_lat", settings, values, output, "yaw_rate", dict(roles))
+    return NetworkPart("msnn_lat", settings, values, output, "yaw_rate", dict(roles))
 
 
 def _curvatures(
     network: Network,
-    models: Sequence[tuple[Place, tuple[str, ...]]],
+    models: Sequence[tuple[LocalPlace, tuple[str, ...]]],
     window: int,
     centres: Mapping[str, tuple[float, ...]],
     of: Mapping[str, str],
@@ -100,7 +100,7 @@ def _filtered(network: Network, output: str) -> tuple[list[Response], Array]:
     return found, factors
 
 
-def _centres(network: Network, places: Sequence[Place], roles: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
+def _centres(network: Network, places: Sequence[LocalPlace], roles: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
     """Centres along every axis; an axis without memberships has one local model, at zero."""
     centres: dict[str, tuple[float, ...]] = {}
     for place in places:

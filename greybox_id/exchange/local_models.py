@@ -28,7 +28,7 @@ MOST_RESPONSES, MOST_FACTORS = 400, 6
 
 
 @dataclass(frozen=True)
-class Place:
+class LocalPlace:
     """Where memberships put a local model: input -> index of its centre; in `centres`, input -> all centres."""
 
     index: Mapping[str, int]
@@ -48,7 +48,7 @@ class Response:
     """
 
     weights: Array
-    place: Place
+    place: LocalPlace
     steady: str | None
     factors: tuple[str, ...]
 
@@ -101,7 +101,7 @@ def _response(network: Network, fir: str, fuzzy: Collection[str]) -> Response:
     return Response(W[:, 0], _place(network, selects), sums[0] if sums else None, others)
 
 
-def local_models(network: Network, of: Response) -> list[tuple[Place, tuple[str, ...]]]:
+def local_models(network: Network, of: Response) -> list[tuple[LocalPlace, tuple[str, ...]]]:
     """Places and factors of every local model in the steady state of a response."""
     if of.steady is None:
         return [(of.place, of.factors)]
@@ -127,7 +127,7 @@ def _simple(network: Network, name: str) -> str:
     return name
 
 
-def _place(network: Network, selects: Sequence[str]) -> Place:
+def _place(network: Network, selects: Sequence[str]) -> LocalPlace:
     """The place that a product of selected memberships stands for."""
     index: dict[str, int] = {}
     centres: dict[str, tuple[float, ...]] = {}
@@ -147,7 +147,7 @@ def _place(network: Network, selects: Sequence[str]) -> Place:
             raise network.wrong(f"relation {name} selects membership {at + 1} of {len(found)}.")
         if index.setdefault(signal, at) != at or centres.setdefault(signal, found) != found:
             raise network.wrong(f"relation {name}: one product of memberships holds two over {signal}.")
-    return Place(index, centres)
+    return LocalPlace(index, centres)
 
 
 def affine(

@@ -12,13 +12,13 @@ from .evaluation import LONGEST_WINDOW, evaluate, weights_of
 from .local_models import PROBES, Response, affine, leaves, local_models, responses
 from .network import Network
 from .newton import newton
-from .recognised import Part, padded, put
+from .recognised import NetworkPart, padded, put
 
 FORM = "q1 + q2 (a_y - a_y0)"
 MOST_SIDES, MOST_NEURONS = 20, 200
 
 
-def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Part:
+def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> NetworkPart:
     """MS-NN-long from a relation of the file; see `lateral`."""
     of = {signal: name for name, signal in roles.items()}
     cut, others = leaves(network, output, ("Fir", "Linear"))
@@ -46,7 +46,7 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Par
     settings = LongitudinalSettings(
         n_v=len(v_x), n_y=len(a_y), eta=eta, gamma=length - 1, one_inertia="I_w" in physical, v_x=v_x, a_y=a_y
     )
-    return Part("msnn_long", settings, values | lateral_force, output, "a_x", dict(roles))
+    return NetworkPart("msnn_long", settings, values | lateral_force, output, "a_x", dict(roles))
 
 
 def _branch(network: Network, linear: str, current: str) -> tuple[str, tuple[str, Array, Array, Array]]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import BadInput
 from ..files import near_file
+from ..guard import protect
 from ..parameter import Array
 
 MOST_BYTES = 5_000_000
@@ -29,7 +30,7 @@ LARGEST = 1e12
 
 
 @dataclass(frozen=True)
-class Relation:
+class NetworkRelation:
     """A node of the graph.
 
     Attributes
@@ -64,7 +65,7 @@ class Network:
     file: str
     sample_time: float
     inputs: Mapping[str, str | None]
-    relations: Mapping[str, Relation]
+    relations: Mapping[str, NetworkRelation]
     functions: Mapping[str, Mapping[str, Any]]
     numbers: Mapping[str, Array]
     outputs: Mapping[str, str]
@@ -148,6 +149,7 @@ def read_network(path: str | Path) -> Network:
 
 
 def _json(file: Path) -> dict[str, Any]:
+    protect(file)
     try:
         if not file.is_file():
             raise BadInput(f"{file} is no file; name one that nnodely's saveModel wrote.{near_file(file)}")
@@ -184,7 +186,7 @@ def _part(body: Mapping[str, Any], name: str, file: Path, otherwise: dict[str, A
     return part
 
 
-def _relation(file: Path, name: str, own: Any, functions: Mapping[str, Mapping[str, Any]]) -> Relation:
+def _relation(file: Path, name: str, own: Any, functions: Mapping[str, Mapping[str, Any]]) -> NetworkRelation:
     match own:
         case [str(operation), [str(), *_] as taken, *rest] if all(isinstance(one, str) for one in taken):
             if operation == "ParamFun" and rest and isinstance(rest[0], str):
@@ -192,7 +194,7 @@ def _relation(file: Path, name: str, own: Any, functions: Mapping[str, Mapping[s
                 if not (isinstance(numbers, list) and all(isinstance(one, str) for one in numbers)):
                     raise BadInput(f"{file}: function {_short(rest[0])} does not list its parameters.")
                 taken = [*taken, *numbers]
-            return Relation(name, operation, tuple(taken), tuple(rest))
+            return NetworkRelation(name, operation, tuple(taken), tuple(rest))
     raise BadInput(f"{file}: relation {_short(name)} is not [operation, [what it takes], ...].")
 
 

@@ -16,7 +16,7 @@ from .network import Network
 
 
 @dataclass(frozen=True)
-class Part:
+class NetworkPart:
     """An output of a file as a model of ours.
 
     Attributes

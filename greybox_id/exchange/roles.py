@@ -41,7 +41,7 @@ def assignments(
     if len(set(known.values())) < len(known) or len(used) > len(signals):
         raise network.wrong(
             f"output {output} follows from {', '.join(used)[:200]}; a model here takes one input each for "
-            f"{', '.join(signals)}. Say which is which with --inputs."
+            f"{', '.join(signals)}. Say which is which with ‹inputs›."
         )
     unknown = [name for name in used if name not in known]
     open_ = [signal for signal in signals if signal not in known.values()]
@@ -63,9 +63,9 @@ def roles_of(pairs: Sequence[str], network: Network) -> dict[str, str]:
     for pair in pairs:
         signal, equals, name = pair.partition("=")
         if not equals or signal not in SPELLINGS:
-            raise BadInput(f"--inputs {pair}: write SIGNAL=INPUT, where SIGNAL is one of {', '.join(SPELLINGS)}.")
+            raise BadInput(f"‹inputs› {pair}: write SIGNAL=INPUT, where SIGNAL is one of {', '.join(SPELLINGS)}.")
         if name not in network.inputs:
-            raise network.wrong(f"there is no input {name}; there are {', '.join(network.inputs)[:200]} (--inputs).")
+            raise network.wrong(f"there is no input {name}; there are {', '.join(network.inputs)[:200]} (‹inputs›).")
         if found.setdefault(name, signal) != signal:
-            raise BadInput(f"--inputs says that {name} is both {found[name]} and {signal}.")
+            raise BadInput(f"‹inputs› says that {name} is both {found[name]} and {signal}.")
     return found

@@ -20,7 +20,7 @@ from ..parameter import Array, Parameter
 from ..recording import Recording
 from ..scores.metrics import predictions
 from .evaluation import evaluate
-from .family import Family, recognise
+from .family import NetworkFamily, recognise
 from .network import Network, read_network
 from .roles import roles_of
 
@@ -81,7 +81,7 @@ def import_network(
     elif network.sample_time == UNSTATED:
         raise network.wrong(
             "its sample time is 1 s, which nnodely writes where none was given to neuralizeModel. Say the one it was "
-            "trained with, in seconds (--sample-time 0.05)."
+            "trained with, in seconds (‹sample_time› 0.05)."
         )
     family = recognise(network, roles_of(inputs, network))
     model, odd = _model(network, family)
@@ -103,7 +103,7 @@ def import_network(
     return Imported(fit, roles, outputs, error, (*odd, *family.notes))
 
 
-def _model(network: Network, family: Family) -> tuple[MemoryModel, tuple[str, ...]]:
+def _model(network: Network, family: NetworkFamily) -> tuple[MemoryModel, tuple[str, ...]]:
     """The model at the file's numbers, all held, and what is odd about them."""
     settings = {part.model: asdict(replace(part.settings, sample_time=network.sample_time)) for part in family.parts}
     if len(settings) == 1:
@@ -125,7 +125,7 @@ def _model(network: Network, family: Family) -> tuple[MemoryModel, tuple[str, ..
     return model.with_parameters(*held), tuple(odd)
 
 
-def _taken(family: Family, signal: str) -> bool:
+def _taken(family: NetworkFamily, signal: str) -> bool:
     return any(signal in part.roles.values() for part in family.parts)
 
 
@@ -140,7 +140,7 @@ def _opened(parameter: Parameter, beyond: bool) -> Parameter:
     return replace(parameter, prior=prior, bounds=(-np.inf, np.inf) if beyond else parameter.bounds)
 
 
-def _difference(network: Network, family: Family, model: MemoryModel) -> float:
+def _difference(network: Network, family: NetworkFamily, model: MemoryModel) -> float:
     """How far the model is from the file's graph on random windows. Raises `BadInput` where they differ."""
     rng, worst = np.random.default_rng(0), 0.0
     length = 1 + max(getattr(part.settings, "q", getattr(part.settings, "gamma", 0)) for part in family.parts)
@@ -169,7 +169,7 @@ def _difference(network: Network, family: Family, model: MemoryModel) -> float:
     return worst
 
 
-def _range(family: Family, signal: str) -> tuple[float, float]:
+def _range(family: NetworkFamily, signal: str) -> tuple[float, float]:
     """Where random windows of a signal lie: about the centres of its memberships."""
     for part in family.parts:
         centres = getattr(part.settings, signal, None)

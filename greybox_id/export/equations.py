@@ -82,6 +82,20 @@ class Equations:
         """(x, u, p) -> y, what sensors read, but for their latency."""
         return self._function("output", self._trace.output)
 
+    @property
+    def settles(self) -> bool:
+        """Whether there are actuators or relaxed quantities."""
+        return bool(self.model.actuators or self.model.relaxations)
+
+    @cached_property
+    def settled(self) -> cs.Function:
+        """(x, u, p) -> x with actuators at their commands and relaxed quantities where they settle."""
+        names = tuple(state.name for state in self.model.states)
+        value = self._trace.start(names, names)(self.x[: len(names)], self.u, self._all_of_p)
+        return cs.Function(
+            "settled", [self.x, self.u, self.p], [cs.cse(cs.densify(value))], ["x", "u", "p"], ["x_next"]
+        )
+
     @cached_property
     def delays(self) -> cs.Function:
         """(p) -> by how many seconds the commands named in `delayed` arrive late."""

@@ -163,14 +163,14 @@ def equations_of(subject: Subject) -> Equations | MemoryEquations:
 
     Raises
     ------
-    BadInput : the model is a hybrid.
+    BadInput : the model is a hybrid with a memory, or one whose network says increments.
     """
     if isinstance(subject.model, MemoryModel):
         return MemoryEquations(subject.model, subject.moving)
-    if isinstance(subject.model, HybridModel):
+    if isinstance(subject.model, HybridModel) and subject.model.recurrent:
         raise BadInput(
-            f"{subject.model.name} is a hybrid, and hybrids are not exported. Give a single track the stiffnesses it "
-            "estimates, and export that."
+            f"{subject.model.name} is a hybrid with a recurrent network, and such are not exported. Give a single "
+            "track the stiffnesses it estimates, and export that."
         )
     return subject.equations
 

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..engine.hybrid.motion import as_motion
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
+from ..hybrid_model import HybridModel
 from ..model import Model
 from ..motion_model import MotionModel
 from ..vehicle import Vehicle
@@ -50,11 +52,7 @@ class Subject:
     vehicle: Vehicle | None = None
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name) or self.name in RESERVED or keyword.iskeyword(self.name):
-            raise BadInput(
-                f"{self.name!r} cannot name C functions: lower-case letters, digits and underscores, a letter "
-                "first, 40 at most, and no word of C or Python. Name another with --name."
-            )
+        named_in_c(self.name)
         known = [parameter.name for parameter in self.model.parameters]
         for name in self.moving or ():
             if name not in known:
@@ -63,6 +61,9 @@ class Subject:
     @cached_property
     def equations(self) -> Equations:
         """The functions of a model of motion. Raises `BadInput` for other models."""
+        if isinstance(self.model, HybridModel):
+            moving = None if self.moving is None else [n for n in self.moving if n not in self.model.network.shapes]
+            return Equations(as_motion(self.model), moving)
         if not isinstance(self.model, MotionModel):
             raise BadInput(f"{self.model.name} is no model of motion; this target takes {_MOTION} only.")
         return Equations(self._as_recorded(self.model), self.moving)
@@ -101,6 +102,15 @@ class Subject:
             },
             "data": [] if fit is None else [_recorded(record) for record in fit.data],
         }
+
+
+def named_in_c(name: str) -> None:
+    """Raise `BadInput` where functions in C cannot be called so."""
+    if not NAME.fullmatch(name) or name in RESERVED or keyword.iskeyword(name):
+        raise BadInput(
+            f"{name!r} cannot name C functions: lower-case letters, digits and underscores, a letter "
+            "first, 40 at most, and no word of C or Python. Name another with ‹name›."
+        )
 
 
 _MOTION = "single_track, lateral, longitudinal and kinematic"

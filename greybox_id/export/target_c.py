@@ -10,10 +10,10 @@ from .c.example import example, memory_example
 from .c.memory import MemoryC
 from .c.memory_test import memory_self_test
 from .c.motion import MotionC
-from .c.naming import comment
 from .c.self_test import self_test
 from .equations import Equations
 from .memory_equations import equations_of
+from .quoting import c_comment
 from .subject import Subject
 
 
@@ -25,7 +25,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
     BadInput : the model is a hybrid.
     """
     name, source = subject.name, subject.source or "Python"
-    title = comment(f"{name}: {subject.model.about} ({subject.model.name}), from {source}, greybox-id {__version__}.")
+    title = c_comment(f"{name}: {subject.model.about} ({subject.model.name}), from {source}, greybox-id {__version__}.")
     equations = equations_of(subject)
     written: MotionC | MemoryC
     if isinstance(equations, Equations):

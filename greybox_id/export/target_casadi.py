@@ -12,6 +12,7 @@ from .. import __version__
 from .equations import Equations, Named
 from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions
+from .quoting import docstring
 from .subject import Subject
 
 __all__ = ["cautions", "files"]
@@ -76,8 +77,8 @@ def _entries(named: Sequence[Named]) -> str:
 def _module(subject: Subject, equations: Equations | MemoryEquations, functions: Mapping[str, cs.Function]) -> str:
     signatures = "\n".join(f"    {_signature(name, function)}" for name, function in functions.items())
     text = _HEAD.format(
-        about=subject.model.about, source=subject.source, version=__version__, casadi=cs.CasadiMeta.version(),
-        signatures=signatures, time=_time(equations),
+        about=docstring(subject.model.about), source=docstring(subject.source), version=__version__,
+        casadi=cs.CasadiMeta.version(), signatures=signatures, time=_time(equations),
     )  # fmt: skip
     loaded = "".join(f"{name} = _load({name!r})\n" for name in functions)
     return text + _NAMED + literals(equations) + _timing(equations) + _BODY + loaded

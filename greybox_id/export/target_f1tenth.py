@@ -12,6 +12,7 @@ from math import isfinite
 from typing import NamedTuple
 
 from ..motion_model import MotionModel
+from .quoting import one_line, yaml_text
 from .single_track_numbers import HELD, Axle, SingleTrack, single_track_of, value_of
 from .subject import Subject
 
@@ -205,8 +206,8 @@ def _lost(subject: Subject, held: Sequence[str]) -> list[str]:
 def _head(subject: Subject, held: Sequence[str]) -> list[str]:
     lost = _lost(subject, held)
     return [
-        f"# {subject.model.about}, from {subject.source}; written by greybox-id.",
-        *([f"# This file cannot hold {', '.join(lost)}."] if lost else []),
+        f"# {one_line(f'{subject.model.about}, from {subject.source}')}; written by greybox-id.",
+        *([f"# This file cannot hold {one_line(', '.join(lost))}."] if lost else []),
         "# Lines that begin with # and a key are not known of this vehicle: fill them in.",
     ]
 
@@ -222,6 +223,6 @@ def _text(line: Line) -> str:
 def _plain(value: str | float) -> str:
     """A value as YAML reads it back: a number with an exponent needs a point."""
     if isinstance(value, str):
-        return value
+        return yaml_text(value)
     digits, e, exponent = f"{value:.12g}".partition("e")
     return f"{digits}{'.0' * ('.' not in digits)}{e}{exponent}"

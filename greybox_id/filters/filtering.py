@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..engine.compiler import CannotCompile
+from ..engine.compiler import CannotCompile, tell_slow
 from ..parameter import Array
 from .kernel import CompiledFilter, History, Kept, Kind
 from .laid import LaidRun
@@ -112,7 +112,8 @@ def filtering(
     if said != "0":
         try:
             return Filtering(space, CompiledFilter(space, kind, points, many=many), gate)
-        except CannotCompile:
+        except CannotCompile as error:
             if said:
                 raise
+            tell_slow("The filter", "a thousand", error)
     return Filtering(space, PlainFilter(space, kind, points), gate)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from ..checks import check
+from ..checks.finding import Severity
 from ..engine.motion.runs import Mask
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
+from ..recording import Recording
+from ..signals import unit_of
 from .consistency import WINDOW
 from .kernel import History
 from .laid import LaidRun
@@ -20,6 +24,8 @@ LOST = 5.0
 TOLD = 0.5
 """A tracked number is told where its standard deviation is below this share of what it is without the recording."""
 MOSTLY = 0.9
+FLOORED = 0.999
+"""Noise below this share of its floor is below it, and not by rounding."""
 
 
 def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: str) -> None:
@@ -55,6 +61,35 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping
     return found
 
 
+def distrusted_data(recording: Recording, used: Collection[str]) -> list[str]:
+    """What the checks of the data hold against signals that a filter believes or reads."""
+    return [
+        f"Data check: {own.sentence}"
+        for own in check(recording)
+        if own.severity is Severity.DISTRUST
+        and (own.where.channel == "time" or set(used) & {*own.where.channel.split(", ")})
+    ]
+
+
+def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[str]:
+    """On noise of readings that is stated or tuned below what a recording can resolve.
+
+    Parameters
+    ----------
+    noise : name of a noise -> its size.
+    floors : reading -> least noise, as of `resolution_of`.
+    """
+    found = []
+    for name, floor in floors.items():
+        size = noise.get(f"noise_{name}", np.inf)
+        if size < FLOORED * floor:
+            found.append(
+                f"noise_{name} = {size:.2g} {unit_of(name)} is less than the recording resolves ({floor:.2g}, by its "
+                "steps and its scatter): the filter takes these readings for exact. State how large it is."
+            )
+    return found
+
+
 def standing(sideslip: Array | None, slowest: float) -> list[str]:
     """On rows in which the vehicle is too slow for a sideslip angle."""
     count = 0 if sideslip is None else int(np.count_nonzero(np.isnan(sideslip)))
@@ -68,7 +103,7 @@ def only_over_mass(model: MotionModel) -> list[str]:
     over = [own.name for own in model.combinations if own.name.endswith("/ m")]
     if "m" not in model or not over:
         return []
-    how = "was held" if model["m"].fixed else "is what was believed of it"
+    how = "was held" if model["m"].fixed else "is its prior"
     return [
         f"Calibrated are {', '.join(over)}: readings of motion tell stiffness and inertia over mass, not mass; "
         f"m = {float(model['m'].array):g} kg {how}."
@@ -97,6 +132,6 @@ def untold(name: str, told: Mask, slip: Array | None, force: str) -> str:
     if slip is not None and share > 0:
         where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~told]), MOSTLY)):.1f}°"
     return (
-        f"{name}: in {100 * (1 - share):.0f} % of the rows the recording does not tell it{where}; its band is open "
-        f"there. The lateral force {force} is told there, too."
+        f"{name}: in {100 * (1 - share):.0f} % of the rows the recording does not inform it{where}; its band is open "
+        f"there. The lateral force {force} is identifiable there, too."
     )

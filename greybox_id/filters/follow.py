@@ -80,8 +80,8 @@ def _live(tracker: Tracker, hold: str) -> LiveFilter:
     lacking = [f"noise_{name}" for name in tracker.readings if f"noise_{name}" not in stated]
     if lacking:
         raise BadInput(
-            f"How noisy readings are must be stated to follow a vehicle: {', '.join(lacking)} (--noise NAME=SIZE, or "
-            "greybox track RECORDING --apply FILE once, and that FILE as --vehicle)."
+            f"How noisy readings are must be stated to follow a vehicle: {', '.join(lacking)} (‹noise› NAME=SIZE, or "
+            "track a recording once, ‹apply› FILE, and take that FILE as ‹vehicle›)."
         )
     levels = start_levels(tracker.space, {}, tracker.readings, stated)
     p = np.concatenate([tracker.space.model.values, levels.values])

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
+from typing import get_args
 
+from ..errors import BadInput, near_or_all
 from .filtering import GATE
 from .kernel import Kind
 from .points import SigmaPoints
@@ -16,7 +19,7 @@ TUNED_ON = 60.0
 
 
 @dataclass(frozen=True)
-class How:
+class TrackOptions:
     """How a recording is tracked.
 
     Attributes
@@ -31,6 +34,16 @@ class How:
     calibrate : seconds at the beginning on which the model's free parameters are tuned along; 0 leaves them.
     gate : readings further off than so many standard deviations count as noisier.
     points : sigma points of the UKF.
+
+    Raises
+    ------
+    BadInput : a value cannot be used.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.TrackOptions(filter="ukf", smooth=True).filter
+    'ukf'
     """
 
     filter: Kind = "ekf"
@@ -43,3 +56,24 @@ class How:
     calibrate: float = 0.0
     gate: float = GATE
     points: SigmaPoints = field(default_factory=SigmaPoints)
+
+    def __post_init__(self) -> None:
+        for name in ("readings", "coloured"):
+            if isinstance(getattr(self, name), str):
+                raise BadInput(
+                    f"{name}: a list of names is needed, as in {name}=['a_y'], not the text {getattr(self, name)!r}."
+                )
+        if self.filter not in get_args(Kind):
+            raise BadInput(f"filter: there is no {self.filter!r:.40}.{near_or_all(str(self.filter), get_args(Kind))}")
+        for name, least in (("tune", "zero or more"), ("calibrate", "zero or more"), ("gate", "above zero")):
+            value = getattr(self, name)
+            if not (
+                isinstance(value, int | float)
+                and isfinite(value)
+                and (value > 0 or (value == 0 and "zero or" in least))
+            ):
+                raise BadInput(f"{name}: a number {least} is needed, not {value!r:.40}.")
+
+
+How = TrackOptions
+"""The same by the name that the floors below the top level use."""

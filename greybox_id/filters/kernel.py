@@ -57,8 +57,7 @@ class CompiledFilter:
         self._weights = points.weights(space.size)
         functions = (space.step, space.output)
         known_by = "\0".join([_writers(), cs.__version__, kind, str(many), *(f.serialize() for f in functions)])
-        made = library(lambda: [_source(kind, functions, many)], known_by, compile_it=True)
-        assert made is not None
+        made = library(lambda: [_source(kind, functions, many)], known_by)
         made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
         made.filter.restype = None
         self._library = made

@@ -11,6 +11,7 @@ from ..errors import BadInput, near_or_all
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of
+from ..statistics import white_noise_sd
 from .state_space import StateSpace
 
 PER_ROOT_SECOND = 0.1
@@ -20,6 +21,11 @@ FORCE_WALK = 1.0
 MEMORY = 5.0
 """How long a disturbance lasts, s."""
 COLOUR_MEMORY = 1.0
+LEAST = 1e-3
+"""Noise of a reading that never moves."""
+STEPPED, SURE = 0.2, 0.2
+"""A reading of which fewer than this share of rows differ goes in steps; share of the scatter between neighbouring rows
+that is noise at least."""
 ORIGINS = ("stated", "tuned", "guessed")
 """Where the size of a noise may be from."""
 
@@ -87,6 +93,24 @@ def scatter_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
     return {name: _scatter(recording[name]) for name in read}
 
 
+def resolution_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
+    """The least noise, standard deviation, that each reading can have as a recording holds it.
+
+    A reading is rounded to its step, which alone scatters by a step over the root of twelve; and noise that
+    neighbouring rows show (`scatter_of`) is there, unless the vehicle itself moves so fast: a fifth of it is taken to
+    be noise.
+    """
+    found = {}
+    for name, scatter in scatter_of(recording, read).items():
+        values = np.unique(recording[name][np.isfinite(recording[name])])
+        steps = np.diff(values)
+        steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-300)] if len(values) > 1 else steps
+        coarse = len(values) < STEPPED * len(recording) and len(steps) > 0
+        step = float(np.median(steps)) if coarse else 0.0
+        found[name] = max(step / np.sqrt(12.0), SURE * scatter)
+    return found
+
+
 def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
     kind, _, of = name.partition("_")
     if kind == "noise":
@@ -104,8 +128,5 @@ def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
 
 def _scatter(values: Array) -> float:
     values = np.where(np.isfinite(values), values, np.nan)
-    bent = values[1:-1] - 0.5 * (values[2:] + values[:-2])
-    bent = bent[np.isfinite(bent) & (bent != 0)]  # what is held between updates does not tell
-    if len(bent) == 0:
-        return 1e-3
-    return float(max(1.4826 * np.median(np.abs(bent)) / np.sqrt(1.5), 1e-6 * max(1.0, float(np.nanstd(values)))))
+    found = white_noise_sd([values], held=True)
+    return LEAST if np.isnan(found) else max(found, 1e-6 * max(1.0, float(np.nanstd(values))))

@@ -9,7 +9,7 @@ The likelihood knows what was read and nothing else: a better one is not always 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +27,7 @@ STEP = 1e-5
 NOISE_SD = 2.0
 """What is believed of a noise: its logarithm within so much of where it starts, one standard deviation."""
 WEAK = 1.0
-"""What is believed of a parameter that nothing is stated of, in its logarithm or in its usual size."""
+"""Prior of a parameter that nothing is stated of, in its logarithm or in its usual size."""
 FARTHEST = 6.0
 """No noise moves further than this, in its logarithm."""
 FAR_UP = 1e15
@@ -85,14 +85,19 @@ class Tuned:
     moves: Array
 
 
-def noise_coordinates(filtering: Filtering, p: Array, tunable: Sequence[str]) -> list[Coordinate]:
-    """The noises by these names."""
+def noise_coordinates(
+    filtering: Filtering, p: Array, tunable: Sequence[str], floors: Mapping[str, float] | None = None
+) -> list[Coordinate]:
+    """The noises by these names, none of a reading below its floor."""
+    floors = floors or {}
     begin, names = filtering.space.model.size, filtering.space.noises
     found = []
     for name in tunable:
         place = begin + names.index(name)
         at = float(np.log(p[place]))
-        found.append(Coordinate(place, at, NOISE_SD, 0.0, at - FARTHEST, at + FARTHEST))
+        least = floors.get(name.removeprefix("noise_"), 0.0) if name.startswith("noise_") else 0.0
+        low = max(at - FARTHEST, min(float(np.log(least)), at)) if least > 0 else at - FARTHEST
+        found.append(Coordinate(place, at, NOISE_SD, 0.0, low, at + FARTHEST))
     return found
 
 

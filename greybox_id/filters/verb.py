@@ -18,12 +18,21 @@ from ..recording import Recording
 from ..signals import unit_of, unit_of_quantity
 from .consistency import WINDOW, Consistency, consistency, widening
 from .filtering import Filtering, filtering
-from .findings import lost, must_be_finite, only_over_mass, standing, told_rows, untold
+from .findings import (
+    distrusted_data,
+    lost,
+    must_be_finite,
+    only_over_mass,
+    standing,
+    told_rows,
+    too_quiet,
+    untold,
+)  # fmt: skip
 from .guard import guarded
 from .how import READINGS, How
 from .kernel import History, Kept
 from .laid import LaidRun, laid
-from .noise import NoiseLevels, origins, scatter_of, start_levels, units
+from .noise import NoiseLevels, origins, resolution_of, scatter_of, start_levels, units
 from .smoother import smoothed
 from .state_space import SLOWEST, StateSpace
 from .track import Track
@@ -69,6 +78,7 @@ def track(
     BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
     """
     how = replace(how or How(), **more)  # type: ignore[arg-type]
+    recording.must_run()
     with threadpool_limits(1):  # matrices are tiny
         tracker = Tracker(model, recording, parameters, disturbances, effects or {}, how, uncertain)
         return tracker.track(recording, say)
@@ -106,7 +116,7 @@ class Tracker:
         if not self.readings:
             raise BadInput(
                 f"{recording.name} has none of {', '.join(how.readings)}, which the filter is to read; name "
-                f"others with --readings: {model.name} has {', '.join(model.outputs)}."
+                f"others with ‹readings›: {model.name} has {', '.join(model.outputs)}."
             )
         self.parameters, self.disturbances = (*parameters, *self.absent), tuple(disturbances)
         changed, tracked = walking(model, self.parameters, self.disturbances, effects)
@@ -127,7 +137,8 @@ class Tracker:
         runs = laid(space, clean, space.model.values, self.readings)
         levels = start_levels(space, scatter_of(clean, self.readings), self.readings, self.stated_noise)
         p = np.concatenate([space.model.values, levels.values])
-        p, moves = self._tune(runs, p, levels, say)
+        floors = resolution_of(clean, self.readings)
+        p, moves = self._tune(runs, p, levels, floors, say)
         say(f"{how.filter.upper()} over {sum(len(own.run) for own in runs)} rows")
         kept: Kept = "both ways" if how.smooth else "filtered"
         clock = time.process_time()
@@ -147,6 +158,8 @@ class Tracker:
         told, about = self._told(found)
         weighed = only_over_mass(space.model) if how.calibrate else []
         slow = standing(found.values.get("sideslip"), SLOWEST)
+        sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
+        doubted = [*distrusted_data(recording, {*inputs, *self.readings}), *too_quiet(sizes, floors)]
         names = self.reported
         rows = np.concatenate([np.asarray(own.run.rows) for own in runs])
         off = np.vstack([h.off[own.row_segment] for own, h in zip(runs, histories, strict=True)])
@@ -165,7 +178,7 @@ class Tracker:
             tracked=tuple(own.name for own in space.tracked),
             parameters=self.parameters,
             disturbances=self.disturbances,
-            noise=dict(zip(space.noises, p[space.model.size :].tolist(), strict=True)),
+            noise=sizes,
             noise_from=origins(space, self.stated_noise, levels.open if how.tune or how.calibrate else ()),
             noise_units=units(space),
             innovations={name: off[:, k] for name, k in columns.items()},
@@ -173,7 +186,7 @@ class Tracker:
             consistency=judged,
             widened=widened,
             log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
-            sentences=(*sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
+            sentences=(*doubted, *sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
             told=told,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
             seconds=seconds,
@@ -198,12 +211,14 @@ class Tracker:
         """(k, size) what is stated of the model's uncertainty, as moves of p."""
         return believed(self.space, size) if self._uncertain is None else padded(self.space, self._uncertain, size)
 
-    def _tune(self, runs: Sequence[LaidRun], p: Array, levels: NoiseLevels, say: Say) -> tuple[Array, Array]:
+    def _tune(
+        self, runs: Sequence[LaidRun], p: Array, levels: NoiseLevels, floors: Mapping[str, float], say: Say
+    ) -> tuple[Array, Array]:
         """Noise, and parameters if asked, tuned on the beginning; and what the parameters leave open."""
         how, space = self.how, self.space
         stated = self.stated_moves(len(p))
         own = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
-        noise = noise_coordinates(self.tuning, p, levels.open) if how.tune or how.calibrate else []
+        noise = noise_coordinates(self.tuning, p, levels.open, floors) if how.tune or how.calibrate else []
         if not noise and not own:
             return p, stated
         found: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, own, say)

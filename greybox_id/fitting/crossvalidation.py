@@ -184,7 +184,7 @@ def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, 
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest "
             f"unbroken run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, "
-            "or choose structure and strength of regularisation yourself (--set, --strength)."
+            "or choose structure and strength of regularisation yourself (‹settings›, ‹strength›)."
         )
     return np.array(squares)
 

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from ..engine.motion.shooting import Starts
+from ..errors import BadInput, near_or_all
+from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..motion_model import MotionModel
+from ..scores.timing import calibrated_seconds, must_have_timing
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]
 
@@ -24,7 +30,7 @@ def quiet(line: str, passing: bool = False) -> None:
 
 
 @dataclass(frozen=True)
-class How:
+class FitOptions:
     """How to fit.
 
     Attributes
@@ -39,6 +45,23 @@ class How:
     start_from : for motion models, "free" starts deviate from their readings, "measured" ones do not.
     robust : for motion models, residuals beyond so many standard deviations count linearly.
     noise : for motion models, output -> standard deviation of its readings, where it is known.
+    calibrate : for models with memory, "timing" or "timing=8s": training runs are aligned by their delays before the
+        model is fitted to them; of the validation recording, the first 5 s, or 8 s, of motion of each run tell its
+        delay, and what follows is scored. None for no such thing.
+
+    Raises
+    ------
+    BadInput : a value cannot be used.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.FitOptions(horizon=2.0, starts=8, seed=1).horizon
+    2.0
+    >>> gb.FitOptions(horizon=-1)
+    Traceback (most recent call last):
+    ...
+    greybox_id.errors.BadInput: horizon: seconds above zero are needed, or None for whole runs, not -1.
     """
 
     strengths: Literal["cross-validation", "early stopping"] | float = "cross-validation"
@@ -50,8 +73,67 @@ class How:
     start_from: Starts = "free"
     robust: float | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
+    calibrate: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, what in (("horizon", "seconds above zero are needed, or None for whole runs"),
+                           ("robust", "standard deviations above zero are needed, or None")):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not _above_zero(value):
+                raise BadInput(f"{name}: {what}, not {value!r:.40}.")
+        for name, least in (("starts", 1), ("jobs", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise BadInput(f"{name}: a whole number from {least} on is needed, not {value!r:.40}.")
+        for name, words in (("solver", get_args(Solver)), ("start_from", get_args(Starts))):
+            value = getattr(self, name)
+            if value not in words:
+                raise BadInput(f"{name}: there is no {value!r:.40}.{near_or_all(str(value), words)}")
+        if self.strengths not in ("cross-validation", "early stopping") and not _above_zero(self.strengths):
+            raise BadInput(
+                f'strengths: "cross-validation", "early stopping" or a factor above zero, not {self.strengths!r:.40}.'
+            )
+
+        calibrated_seconds(self.calibrate)
+        if self.strengths == "early stopping" and self.solver == "ipopt":
+            raise BadInput("‹early_stopping|strengths› watches the steps of Gauss-Newton; omit the ‹solver› ipopt.")
+
+    def must_suit(self, model: Model) -> None:
+        """Raise `BadInput` for what makes no sense for this kind of model."""
+        if self.calibrate is not None:
+            must_have_timing(model)
+        for_motion = {
+            "‹horizon›": self.horizon is not None, "‹start_from›": self.start_from != "free",
+            "‹robust›": self.robust is not None, "‹noise›": bool(self.noise),
+        }  # fmt: skip
+        for_memory = {
+            "‹early_stopping|strengths›": self.strengths == "early stopping",
+            "‹strength|strengths›": not isinstance(self.strengths, str),
+        }
+        chosen = [name for name, said in (for_motion | for_memory).items() if said]
+        for name in chosen:
+            if isinstance(model, HybridModel) and name != "‹noise›":
+                raise BadInput(
+                    f"{name} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that "
+                    "are held out. Omit it."
+                )
+            if isinstance(model, MemoryModel) and name in for_motion:
+                raise BadInput(f"{name} is for equations of motion; {model.name} is a model with memory. Omit it.")
+            if isinstance(model, MotionModel) and name in for_memory:
+                raise BadInput(
+                    f"{name} is for models with memory, whose weights have priors to be strengthened; {model.name} is "
+                    "made of equations of motion. Omit it."
+                )
 
     @property
     def mode(self) -> str:
         """How the strength of regularisation is chosen, in words."""
         return self.strengths if isinstance(self.strengths, str) else "given"
+
+
+def _above_zero(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < float("inf")
+
+
+How = FitOptions
+"""The same by the name that the floors below the top level use."""

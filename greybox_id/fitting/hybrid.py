@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..engine.hybrid.problem import Errors, HybridProblem, drawn
+from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
@@ -62,17 +62,12 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
     """
     clock = time.process_time()
-    named = [
-        (f"{recording.name}, rows {one.rows.start} to {one.rows.stop - 1}", one)
-        for recording in recordings
-        for one in stretches(model, recording)
-        if len(one) >= model.window
-    ]
-    train, held_out, names = _split(named, model, how.seed)
+    named = manoeuvres(model, recordings)
+    train, held_out, names = split(named, model, how.seed)
     if model.symmetric:
         train = [*train, *(mirrored(model, one) for one in train)]
-    sd = _noise(model, [one for _, one in named], how)
-    problem, outside = HybridProblem(model, train, sd), Errors(model, held_out, sd)
+    sd = read_noise(model, [one for _, one in named], how)
+    problem, outside = HybridProblem(model, train, sd), WindowErrors(model, held_out, sd)
     away = apart(how.starts, how.jobs)
 
     def told(k: int, one: Descent) -> bool:
@@ -97,7 +92,7 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     return Trained(model.with_values(p), stage, names, errors)
 
 
-def _descent(problem: HybridProblem, outside: Errors, model: HybridModel, seed: int, say: Say) -> Descent:
+def _descent(problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say) -> Descent:
     def told(step: int, loss: float, held_out: float) -> None:
         line = f"{model.name}, seed {seed}: step {step}, error {np.sqrt(2.0 * loss):.3f} of noise, held out "
         say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
@@ -109,7 +104,17 @@ def _descent(problem: HybridProblem, outside: Errors, model: HybridModel, seed: 
     )  # fmt: skip
 
 
-def _split(
+def manoeuvres(model: HybridModel, recordings: Sequence[Recording]) -> list[tuple[str, Stretch]]:
+    """Unbroken runs as long as a window, each with its name."""
+    return [
+        (f"{recording.name}, rows {one.rows.start} to {one.rows.stop - 1}", one)
+        for recording in recordings
+        for one in stretches(model, recording)
+        if len(one) >= model.window
+    ]
+
+
+def split(
     named: Sequence[tuple[str, Stretch]], model: HybridModel, seed: int
 ) -> tuple[list[Stretch], list[Stretch], tuple[str, ...]]:
     """What is trained on, what says when to stop, and the names of the latter."""
@@ -156,7 +161,7 @@ def mirrored(model: HybridModel, one: Stretch) -> Stretch:
     )
 
 
-def _noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
+def read_noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
     """Standard deviation of each output's readings: as stated, else as they tell."""
     found_noise = noise(found)
     for k, name in enumerate(model.outputs):

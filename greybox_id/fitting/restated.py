@@ -34,8 +34,10 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, 
     model = _motion(fit)
     how = fit.how
     noise = how.get("counted", fit.stages[-1].noise)
+    simulator = Simulator(model)
+    simulator.kernel.prepare()
     problem = MotionProblem(
-        Simulator(model),
+        simulator,
         recordings,
         noise=np.array([noise.get(name, 1.0) for name in model.outputs]),
         horizon=how.get("horizon"),
@@ -49,7 +51,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, 
             for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
                 x[index[start : start + parameter.size]] = np.ravel(value)
         start += parameter.size
-    solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="damp")
+    solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="levenberg_marquardt")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if solution.status is Status.NOT_FINITE:
@@ -69,13 +71,13 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
     if everything:
         return free
     if not names:
-        raise BadInput(f"Which parameter? Name it with --parameter, or --all of them: {', '.join(free)}.")
+        raise BadInput(f"Which parameter? Name it with ‹parameter›, or ‹all› of them: {', '.join(free)}.")
     for name in names:
         if name not in model:
-            raise BadInput(f"--parameter {name}: {model.name} has no parameter {name}.{near_or_all(name, free)}")
+            raise BadInput(f"‹parameter› {name}: {model.name} has no parameter {name}.{near_or_all(name, free)}")
         if name not in free:
             why = "is held in this fit" if model[name].fixed else "has a value for each run"
-            raise BadInput(f"--parameter {name}: {name} {why}; only {', '.join(free)} have profiles.")
+            raise BadInput(f"‹parameter› {name}: {name} {why}; only {', '.join(free)} have profiles.")
     return list(dict.fromkeys(names))
 
 

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..checks.finding import Finding
 from ..engine.hybrid.stretches import stretches
 from ..engine.motion.runs import motion_runs, recorded_as
+from ..engine.motion.shooting import MotionProblem
 from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
@@ -28,16 +30,28 @@ from ..motion_model import MotionModel
 from ..parameter import Array, unpack
 from ..provenance import DataRecord, Stage, data_record
 from ..recording import Recording, join
+from ..scores.baseline import Scores, score_beside_hold, unfitted_scores
 from ..scores.metrics import as_dict, score
+from ..scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words
+from ..scores.verdict import distrust, judged, used_signals
 from ..solvers.gauss_newton import Solution, Status
 from ..uncertainty import uncertainty
+from ..verdict import USABLE, Verdict
+from .aligning import alignment
+from .carrying import carried
 from .crossvalidation import choose_structure
 from .how import How, Say, Solver, quiet
 from .hybrid import fit_hybrid
 from .memory import fit_alone, fit_together
 from .motion import fit_motion
+from .networks import fit_network
+from .pretraining import Pretraining
 
 __all__ = ["How", "Say", "Solver", "fit"]
+
+NO_OPTIMUM = {own.value for own in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.NOT_FINITE)}
+"""How a training of weights may end that leaves no optimum to be uncertain about. One that crept or stopped early is as
+near as its error allows."""
 
 
 def fit(
@@ -48,6 +62,7 @@ def fit(
     how: How | None = None,
     say: Say | None = None,
     command: str = "",
+    pretraining: Pretraining | None = None,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -60,6 +75,7 @@ def fit(
     how : strengths, solver, starts, seed.
     say : called with one line of progress at a time.
     command : what reproduces the fit, for the record.
+    pretraining : a known vehicle that a feed-forward network learns from first.
 
     Returns
     -------
@@ -67,15 +83,17 @@ def fit(
 
     Raises
     ------
-    BadInput : the recordings lack a signal, differ in sample time or are too short.
+    BadInput : the recordings lack a signal, differ in sample time, are too short, or their time does not run.
     """
     say = say or quiet
+    for recording in [*recordings, *([] if validate is None else [validate])]:
+        recording.must_run()
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         models = [model] if isinstance(model, Model) else list(model)
         if isinstance(models[0], MotionModel):
             return _fit_motion(models[0], recordings, validate, how or How(), say, command)
         if isinstance(models[0], HybridModel):
-            return _fit_hybrid(models[0], recordings, validate, how or How(), say, command)
+            return _fit_hybrid(models[0], recordings, validate, how or How(), say, command, pretraining)
         structures = [one for one in models if isinstance(one, MemoryModel)]
         if validate is not None:
             runs(Trace(structures[0]), validate)  # what is wrong with it is better said before the work than after
@@ -93,16 +111,17 @@ def _fit_memory(
     model: MemoryModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
 ) -> Fit:
     if how.strengths == "early stopping" and validate is None:
-        raise BadInput("Early stopping needs a validation recording; name one with --validate.")
+        raise BadInput("Early stopping needs a validation recording; name one with ‹validation›.")
     values = dict(zip((p.name for p in model.parameters), (p.array for p in model.parameters), strict=True))
     stages: list[Stage] = []
     sd: dict[str, Array] = {}
     interrupted = False
+    seconds = calibrated_seconds(how.calibrate)
+    timing = None if seconds is None else alignment(model, recordings, say)
     for part in model.parts or (model,):
+        seen = recordings if timing is None else timing.of(part)
         try:
-            problem, solution, stage = fit_alone(
-                _with(part, values), recordings, validate, how, say, alone=not model.parts
-            )
+            problem, solution, stage = fit_alone(_with(part, values), seen, validate, how, say, alone=not model.parts)
         except KeyboardInterrupt:
             if not stages:
                 raise  # there is nothing yet to keep
@@ -122,23 +141,42 @@ def _fit_memory(
         held = (replace(whole[name], fixed=True) for name in model.step_2_holds)
         whole = whole.with_parameters(*held)
         spread = np.array([noise.get(name, 1.0) for name in model.outputs])
-        problem = Problem(Trace(whole), recordings, closed_loop=True, noise=spread, strengths=strengths)
+        seen = recordings if timing is None else timing.together(whole)
+        problem = Problem(Trace(whole), seen, closed_loop=True, noise=spread, strengths=strengths)
         solution, stage = fit_together(problem, strengths, validate, how, say, interrupted)
         stages.append(stage)
         values |= _by_name(problem, solution)
     fitted = _with(model, values)
-    say(f"{model.name}: uncertainty of {fitted.size} parameters")
-    return Fit(
+    if stages[-1].status in NO_OPTIMUM:
+        spread_of = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
+    else:
+        say(f"{model.name}: uncertainty of {fitted.size} parameters")
+        spread_of = _standard_deviations(problem, solution)
+        spread_of |= {name: sd[name] for name in model.step_2_holds if name in sd}
+    own = _metrics(fitted, recordings, validate)
+    result = Fit(
         model=fitted,
-        sd=_standard_deviations(problem, solution) | {name: sd[name] for name in model.step_2_holds if name in sd},
+        sd=spread_of,
         per_run=_per_run(problem, solution),
         stages=tuple(stages),
-        metrics=_metrics(fitted, recordings, validate),
+        metrics={role: as_dict(scores) for role, scores in own.items()},
         data=_records(recordings, validate),
         mode=how.mode,
         seed=how.seed,
+        how={} if timing is None else {"timing": {"train": timing.as_list()}},
         command=command,
     )
+    result = replace(result, verdict=judged(result, own, findings=_findings(result, recordings, validate)))
+    return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
+
+
+def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
+    """The fit with what it does on the validation recording where each run told its delay first."""
+    assert isinstance(fit.model, MemoryModel)
+    told = calibrated_timing(fit, validate, seconds)
+    own = as_dict({calibration_words(seconds): calibrated_errors(fit.model, validate, told)})
+    metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **own}}
+    return replace(fit, metrics=metrics, how={**fit.how, "timing": {**fit.how["timing"], "validate": told.as_dict()}})
 
 
 def _fit_motion(
@@ -149,7 +187,39 @@ def _fit_motion(
     drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
     problem, solution, stage = fit_motion(model, recordings, how, say)
     fitted = model.with_values(problem.shared(solution.x))
-    say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+    result = Fit(
+        model=fitted,
+        sd={p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters},
+        per_run={
+            name: values
+            for name, values in _named_rows(fitted, problem.per_run(solution.x)).items()
+            if fitted[name].scope == "run"
+        },
+        stages=(stage,),
+        metrics={},
+        data=_records(recordings, validate),
+        mode="given",
+        seed=how.seed,
+        how={
+            "solver": how.solver,
+            "horizon": how.horizon,
+            "start_from": how.start_from,
+            "robust": how.robust,
+            "inputs": drives,
+            "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
+            "unfitted": {p.name: float(p.array) for p in model.parameters if p.shape == () and not p.fixed},
+        },
+        command=command,
+    )
+    if stage.confirmed and np.isfinite(solution.objective):  # away from an optimum, its curvature says nothing
+        say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+        result = replace(result, **_uncertain(fitted, problem, solution))
+    own, verdict = judged_motion(result, recordings, validate)
+    return replace(result, metrics=own, verdict=verdict)
+
+
+def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution) -> dict[str, Any]:
+    """Standard deviations, degrees of freedom and covariance of a fit, as its fields."""
     told = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]
     mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
@@ -158,49 +228,43 @@ def _fit_motion(
     covariance = mean @ np.where(np.isfinite(told.covariance), told.covariance, 0.0) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
     sd = np.where(shared, told.sd[first], np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    dof = told.dof[first]
-    per_run = problem.per_run(solution.x)
-    return Fit(
-        model=fitted,
-        sd=_named(fitted, sd),
-        dof=_named(fitted, dof),
-        covariance=covariance,
-        per_run={name: values for name, values in _named_rows(fitted, per_run).items() if fitted[name].scope == "run"},
-        stages=(stage,),
-        metrics=_metrics(fitted, recordings, validate),
-        data=_records(recordings, validate),
-        mode="given",
-        seed=how.seed,
-        how={
-            "horizon": how.horizon,
-            "start_from": how.start_from,
-            "robust": how.robust,
-            "inputs": drives,
-            "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
-        },
-        command=command,
-    )
+    return {"sd": _named(fitted, sd), "dof": _named(fitted, told.dof[first]), "covariance": covariance}
 
 
 def _fit_hybrid(
-    model: HybridModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, command: str
+    model: HybridModel,
+    recordings: Sequence[Recording],
+    validate: Recording | None,
+    how: How,
+    say: Say,
+    command: str,
+    pretraining: Pretraining | None = None,
 ) -> Fit:
     if how.solver == "ipopt":
-        raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; leave --solver away.")
+        raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; omit ‹solver›.")
     if validate is not None:
         stretches(model, validate)  # what is wrong with it is better said before the work than after
-    trained = fit_hybrid(model, recordings, how, say)
-    return Fit(
+    if model.recurrent:
+        trained = fit_hybrid(model, recordings, how, say)
+    else:
+        trained = fit_network(model, recordings, how, say, pretraining)
+    own = _metrics(trained.model, recordings, validate)
+    result = Fit(
         model=trained.model,
         sd={p.name: np.full(p.shape, np.nan) for p in model.parameters},  # trainings from several seeds tell a spread
         stages=(trained.stage,),
-        metrics=_metrics(trained.model, recordings, validate),
+        metrics={role: as_dict(scores) for role, scores in own.items()},
         data=_records(recordings, validate),
         mode="early stopping",
         seed=how.seed,
-        how={"stopped_by": list(trained.held_out), "errors_over_windows": list(trained.errors)},
+        how={
+            "stopped_by": list(trained.held_out),
+            "errors_over_windows": list(trained.errors),
+            **({} if pretraining is None else {"pretrained_from": pretraining.source or pretraining.model.name}),
+        },
         command=command,
     )
+    return replace(result, verdict=judged(result, own, findings=_findings(result, recordings, validate)))
 
 
 def _named(model: Model, vector: Array) -> dict[str, Array]:
@@ -215,10 +279,35 @@ def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
     return found
 
 
-def _metrics(model: Model, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, Any]:
+def judged_motion(
+    fit: Fit, recordings: Sequence[Recording], validate: Recording | None
+) -> tuple[dict[str, Any], Verdict]:
+    """Errors of a fit of a motion model by role, and the verdict on it."""
+    assert isinstance(fit.model, MotionModel)
+    whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
+    both = {role: score_beside_hold(fit.model, one) for role, one in whole.items()}
+    own, held = ({role: scores[k] for role, scores in both.items()} for k in (0, 1))
+    last = list(whole)[-1]
+    before = {last: unfitted_scores(fit, whole[last])}
+    findings = _findings(fit, recordings, validate)
+    verdict = judged(fit, own, held=held, unfitted=before, findings=findings)
+    if validate is not None and verdict.usability == USABLE:
+        more = carried(fit, validate)
+        verdict = judged(fit, own, held=held, unfitted=before, findings=findings, more=more) if more else verdict
+    return {role: as_dict(scores) for role, scores in own.items()}, verdict
+
+
+def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
+    """What the checks hold against the data of a fit, by role."""
+    used = used_signals(fit)
+    found = {"train": [own for recording in recordings for own in distrust(used, recording)]}
+    return found if validate is None else found | {"validate": distrust(used, validate)}
+
+
+def _metrics(model: Model, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, Scores]:
     return {
-        "train": as_dict(score(model, join(recordings, "training data"))),
-        **({"validate": as_dict(score(model, validate))} if validate is not None else {}),
+        "train": score(model, join(recordings, "training data")),
+        **({"validate": score(model, validate)} if validate is not None else {}),
     }
 
 

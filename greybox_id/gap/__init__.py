@@ -1,5 +1,8 @@
 """The sim-to-real gap: where it lies, which unmodelled effect causes it, how far it shrinks once that is added."""
 
-from .gap import CHANNELS, REGIMES, Closure, Errors, Gap, Limit, Ranked, Strip, Where
+from .gap import CHANNELS, REGIMES, Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
 
-__all__ = ["CHANNELS", "REGIMES", "Closure", "Errors", "Gap", "Limit", "Ranked", "Strip", "Where"]
+__all__ = [
+    "CHANNELS", "REGIMES", "Budget", "Closure", "Errors", "Gap", "Limit", "Moved", "Ranked", "Share", "Strip",
+    "Unnamed", "Where",
+]  # fmt: skip

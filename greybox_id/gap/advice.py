@@ -24,6 +24,10 @@ MANOEUVRES = {
 """Groups of effects that were not told apart -> what tells them apart."""
 
 
+COMMAND = "greybox design gap.json"
+"""What designs the manoeuvre, with the file that greybox gap --out leaves."""
+
+
 def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
     """The manoeuvre that tells effects apart."""
     groups = frozenset(effects[name].group for name in names if name in effects)
@@ -45,14 +49,18 @@ def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[
             continue
         told.add(frozenset(own))
         first, *others = own
-        if _same(own):
+        if same_readings(own):
             found.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
         else:
-            found.append(f"To tell {first} from {', '.join(others)}: drive {to_drive(own, effects)}.")
+            found.append(
+                f"To tell {first} from {', '.join(others)}: drive {to_drive(own, effects)}; "
+                f"{COMMAND} designs it for your arena."
+            )
     if weak:
         found.append(f"To see {', '.join(weak[:4])} at all: drive {to_drive(weak[:1], effects)}.")
     return tuple(found)
 
 
-def _same(names: Sequence[str]) -> bool:
+def same_readings(names: Sequence[str]) -> bool:
+    """Whether effects read the same whatever is driven."""
     return set(names) in ({"accel_bias_x", "imu_mount_pitch"}, {"accel_bias_y", "imu_mount_roll"})

@@ -19,6 +19,8 @@ FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
 """Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
 SHIFTS = (0.47, 1.9)
 """The same for delays and latencies, for which simulation cuts time anew: none of them a usual sample time."""
+ZONE = "zone of indifference"
+"""Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
 """By unit, of a second parameter's usual value."""
@@ -38,6 +40,7 @@ class Axis:
     scale : how large a step is.
     shift : whether it moves instants.
     gradual : whether its derivative at the null tells about it.
+    narrow : whether it is a zone of indifference, of which no more is believed than its derivative tells.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Axis:
     scale: float
     shift: bool = False
     gradual: bool = True
+    narrow: bool = False
 
     @property
     def abrupt(self) -> bool:
@@ -99,7 +103,16 @@ def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozens
             axis = _axis(parameter, index, parameter.name in shifting)
             sd, mean = float(np.asarray(parameter.prior.sd)), parameter.prior.mean
             at = axis.null if mean is None else float(np.asarray(mean))
-            found.append(replace(axis, mean=at, sd=sd, scale=sd, gradual=parameter.name not in sudden))
+            found.append(
+                replace(
+                    axis,
+                    mean=at,
+                    sd=sd,
+                    scale=sd,
+                    gradual=parameter.name not in sudden,
+                    narrow=parameter.source == ZONE,
+                )
+            )
     return tuple(found)
 
 

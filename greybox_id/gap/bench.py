@@ -16,10 +16,12 @@ from ..engine.motion.lanes import Interval, Lanes, cut_rows, lay
 from ..engine.motion.runs import Index, MotionRun, motion_runs
 from ..engine.motion.schedule import Schedule, schedule
 from ..engine.motion.simulator import Simulator
-from ..engine.motion.stiffness import longest_segment
+from ..engine.motion.stiffness import longest_segments
+from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from .unknown_forces import knows_unknown_forces
 
 SETTLING = 0.2
 """First stretch of a run that does not count, s."""
@@ -43,6 +45,23 @@ class Simulated:
     cuts: Array
 
 
+FEW_RUNS = 8
+"""With more, the starts of runs are no nuisances each, but uncertain states of the filter that whitens residuals."""
+
+
+def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun]:
+    """The runs of recordings; parts in which sensors were silent have none, as long as others have."""
+    found, lacking = list[MotionRun](), list[BadInput]()
+    for recording in recordings:
+        try:
+            found += motion_runs(model, recording)
+        except BadInput as error:
+            lacking.append(error)
+    if not found:
+        raise lacking[0]
+    return found
+
+
 class Bench:
     """Simulates whole runs freely.
 
@@ -50,6 +69,7 @@ class Bench:
     ----------
     model : with all candidates.
     recordings : what to simulate; N rows in all.
+    simulator : of the model, where there is one already.
 
     Attributes
     ----------
@@ -62,10 +82,10 @@ class Bench:
 
     learnt = False
 
-    def __init__(self, model: MotionModel, recordings: Sequence[Recording]) -> None:
+    def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
         self.model = model
-        self.simulator = Simulator(model, compiled=None)
-        self.runs: list[MotionRun] = [run for recording in recordings for run in motion_runs(model, recording)]
+        self.simulator = simulator or Simulator(model, compiled=None)
+        self.runs = _runs(model, recordings)
         edges = np.concatenate(([0], np.cumsum([len(run) for run in self.runs])))
         self.rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.measured = np.vstack([run.measured for run in self.runs])
@@ -74,8 +94,10 @@ class Bench:
             self.counted[rows] &= (run.time - run.time[0] >= SETTLING)[:, None]
         self.time = np.concatenate([run.time for run in self.runs])
         self.inputs = np.vstack([run.inputs for run in self.runs])
-        self.longest = longest_segment(self.simulator.trace, self.runs, model.values)
-        self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
+        self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
+        self.loose: tuple[int, ...] = ()
+        if not knows_unknown_forces(model) or len(self.runs) <= FEW_RUNS:
+            self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
@@ -135,11 +157,19 @@ class Bench:
 
     def _cut(self, plan: Schedule) -> Index:
         """Segments at which the lanes of a run begin that `linearise` cuts."""
-        return plan.row_segment[cut_rows(0, len(plan.row_segment), self._cuts)]
+        return plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), self._cuts)]
 
     @property
     def _cuts(self) -> int:
         return max(1, LANES // len(self.runs))
+
+    def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
+        """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
+        shifts = tuple(self.simulator.shifts(p))
+        lanes, plans = self._lanes((shifts,)), self._scheduled(shifts)
+        with np.errstate(all="ignore"):
+            z, _ = self.simulator.kernel.simulate(self._starts(p[None])[0][0], lanes.segments, p, lanes.reads)
+        return [(plan, z[k, : len(plan.segments)]) for k, plan in enumerate(plans)]
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation and its derivatives.
@@ -158,7 +188,10 @@ class Bench:
         moving, shifts = self._moving(columns), self.simulator.shifts(p)
         plans = self._scheduled(tuple(shifts))
         if any(moving):
-            plans = [schedule(self.simulator.trace, run, shifts, self.longest, moving) for run in self.runs]
+            plans = [
+                schedule(self.simulator.trace, run, shifts, longest, moving)
+                for run, longest in zip(self.runs, self.longest, strict=True)
+            ]
         intervals = [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)]
         cut = lay(plans, intervals, self._cuts)
         by_p = self._starts(p[None])[1][0]
@@ -166,7 +199,7 @@ class Bench:
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
             _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, p, cut.reads, chosen)
-            G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose))
+            G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
             J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
@@ -211,7 +244,8 @@ class Bench:
                 del self._schedules[next(iter(self._schedules))]
             still = [False] * len(shifts)
             self._schedules[shifts] = [
-                schedule(self.simulator.trace, run, np.array(shifts), self.longest, still) for run in self.runs
+                schedule(self.simulator.trace, run, np.array(shifts), longest, still)
+                for run, longest in zip(self.runs, self.longest, strict=True)
             ]
         return self._schedules[shifts]
 

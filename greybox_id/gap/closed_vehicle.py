@@ -7,6 +7,8 @@ from dataclasses import replace
 from itertools import takewhile
 from math import isfinite
 
+import numpy as np
+
 from ..errors import BadInput
 from ..fit import Fit
 from ..memory_model import MemoryModel
@@ -80,7 +82,7 @@ def no_place(model: str) -> str:
     """Why there is no closed vehicle for a model with memory, and what there is instead."""
     return (
         f"a vehicle file has no place for the weights of {model}; to have an effect in the model, fit it to these "
-        f"recordings with greybox fit --model {model} --with EFFECT."
+        f"recordings as {model} with the effect."
     )
 
 
@@ -98,6 +100,9 @@ def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
 
 def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     """A fit as a vehicle: estimates with their standard deviations, and its effects as part of its model.
+
+    A standard deviation is that of the fit and how far the fit moved the number from its prior's mean: what bent a
+    number in place of a missing effect lets go of it beside that effect.
 
     The residuals of a fit hold whatever its model lacks, so nothing is said of the sensors' noise. A map with memory is
     what its training left it, a gap what exceeds that: its weights are held, and its free run's errors on the training
@@ -118,6 +123,8 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
 
     def stated(parameter: Parameter) -> Stated:
         sd = float(fit.sd[parameter.name]) if parameter.name in fit.sd and not parameter.fixed else 0.0
+        if sd > 0 and parameter.prior is not None and parameter.prior.mean is not None:
+            sd = float(np.hypot(sd, float(parameter.array) - float(np.asarray(parameter.prior.mean))))
         low, high = parameter.bounds if parameter.name in usual else (None, None)
         same = parameter.name not in usual or usual[parameter.name].bounds == parameter.bounds
         limits = (None, None) if same else (low, high)

@@ -17,14 +17,15 @@ from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of
+from ..statistics import resampled
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
 from .colour import sound, white_noise
 from .gap import Closure, Errors
-from .horizons import by_horizon
+from .horizons import by_horizon, diverges
 from .hypothesis import Hypothesis, by_cost
 from .kinds import AnyBench, Diagnosed, blocks
-from .preparing import prepare_plain
+from .preparing import excerpt, prepare_plain
 from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
@@ -109,8 +110,9 @@ def refitted_tolerances(
     stands : another model; tolerances are refitted from where it has them, too, and the better of both counts.
     sd : as of `closure`.
     """
-    prepared = prepare_plain(model, recordings, effects, vehicle)
-    bench = prepared.bench(recordings)
+    examined = excerpt(recordings)
+    prepared = prepare_plain(model, examined, effects, vehicle)
+    bench = prepared.bench(examined)
     own = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
@@ -164,9 +166,7 @@ def closed_by(
         E0, E1 = (total[:2] + charges) / total[2]
         return float((E0 - E1) / max(E0 - floor, LEAST_GAP))
 
-    rng = np.random.default_rng(0)
-    drawn = [share(np.sum(sums[rng.integers(len(sums), size=len(sums))], axis=0)) for _ in range(DRAWS)]
-    low, high = np.quantile(drawn, [0.025, 0.975])
+    low, high = resampled(sums, share, DRAWS)
     E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
     closed = (E0 - E1) / max(E0 - floor, LEAST_GAP)
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
@@ -186,6 +186,7 @@ def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], b
     for c, channel in enumerate(bench.channels):
         own = good[:, c]
         if np.any(own):
-            a, b = (float(np.sqrt(np.mean(each.e[own, c] ** 2))) for each in (before, after))
+            free = ((each.e[own, c], diverges(each.e[own, c], bench.measured[own, c])) for each in (before, after))
+            a, b = (np.inf if lost else float(np.sqrt(np.mean(e**2))) for e, lost in free)
             found.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
     return tuple(found)

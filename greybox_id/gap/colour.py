@@ -8,18 +8,39 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ..parameter import Array
+from ..statistics import robust_sd
 
 MOST_ORDER = 6
 """Highest order tried; the order is chosen by BIC."""
 MOST_GAIN = 400.0
 SPIKE, AROUND = 6.0, 5
 """A reading further than so many robust standard deviations from the median of so many rows about it is an outlier."""
+
+
+class Whitener(Protocol):
+    """How residuals count: what of them is new, over its standard deviation."""
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(N, channels) readings that count."""
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of a reading's error."""
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +118,7 @@ def sound(
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
             padded = np.pad(filled, AROUND // 2, mode="reflect")
             off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
-            spread = 1.4826 * np.nanmedian(np.abs(off[np.isfinite(off) & (off != 0)])) if np.any(off != 0) else 0.0
+            spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
             good[own, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
 

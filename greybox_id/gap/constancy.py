@@ -13,6 +13,8 @@ from .hypothesis import Hypothesis
 from .search import Search
 
 PARTS = 3
+SURE = 1e-3
+"""A spread counts where noise alone would hardly show it so often."""
 LEAST = 1e-4
 """Share of a magnitude's information below which a part says nothing of it."""
 
@@ -35,18 +37,20 @@ class Spread:
     parts: tuple[float, ...]
 
 
-def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array]) -> list[Spread]:
-    """Magnitudes of a hypothesis' first effect in thirds of what orders the rows, the others held.
+def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
+    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, the others held.
 
     Parameters
     ----------
     search, found : the hypothesis and what refitted it.
     orders : name -> (N,) by which rows are sorted.
+    effect : which one.
     """
+    at = sum(len(own.axes) for own in found.candidates[:effect])
     r = search.colour.white(found.e[:, :, None])[:, :, 0]
-    W = search.colour.white(found.J[:, :, :1])[:, :, 0]
+    W = search.colour.white(found.J[:, :, at : at + 1])[:, :, 0]
     informs, pulls = np.sum(W**2, axis=1), np.sum(W * r, axis=1)
-    axis, total = found.axes[0], float(np.sum(informs))
+    axis, total = found.axes[at], float(np.sum(informs))
     if total <= 0:
         return []
     result = []
@@ -58,12 +62,33 @@ def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array]) -> l
         offs = np.where(told, offs / np.where(told, told_by, 1.0), np.nan)
         mean = np.nansum(offs * told_by) / np.sum(told_by[told]) if np.any(told) else 0.0
         Q = float(np.nansum(told_by * (offs - mean) ** 2))
-        size = abs(found.m[0] - axis.null) + 1e-300
+        size = abs(found.m[at] - axis.null) + 1e-300
         relative = (
             float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(told_by[told])) / size) if np.any(told) else 0.0
         )
         p = float(chi2.sf(Q, max(int(np.sum(told)) - 1, 1)))
-        result.append(Spread(along, relative, p, tuple(float(found.m[0] + off) for off in offs)))
+        result.append(Spread(along, relative, p, tuple(float(found.m[at] + off) for off in offs)))
+    return result
+
+
+def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
+    """Effect -> how its magnitude differs most between thirds of speed, accelerations and time; none where noise may.
+
+    Parameters
+    ----------
+    search, found : as of `spreads`.
+    seen : signals per row.
+    """
+    orders = {"speed": seen.get("v_x"), "longitudinal acceleration": seen.get("a_x"),
+              "time": np.arange(len(found.e), dtype=float)}  # fmt: skip
+    if "a_y" in seen:
+        orders["lateral acceleration"] = np.abs(seen["a_y"])
+    known = {name: own for name, own in orders.items() if own is not None}
+    result = {}
+    for k, name in enumerate(found.names):
+        told = [own for own in spreads(search, found, known, k) if own.p_value < SURE]
+        if told:
+            result[name] = max(told, key=lambda own: own.relative)
     return result
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import exp, log
 
 import numpy as np
 from scipy.stats import norm
@@ -16,17 +17,24 @@ from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
 from .axes import Axis
-from .closing import closure, left_open
+from .budget import Set, budget, subsets
+from .calibration import CALIBRATION
+from .closed_model import WORSE, closed_model, moved, with_effects
+from .closing import Misfit, left_open, misfit, plain, refitted_tolerances
+from .constancy import Spread, varies
 from .evidence import p_value, probability
-from .examining import PRESENT, Examined, examine
-from .gap import Closure, Gap, Ranked
+from .examining import PRESENT, Examined, at_their_best, examine
+from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
+from .model_error import Amplitudes
 from .regimes import where
+from .selection import refitted
 from .strip import strip
 from .unknown import SURELY, unknown_probability, without_a_name
 from .unseen import limits, not_excited
+from .variance import fresh
 
 RANKED = 8
 """Effects that are listed at most."""
@@ -36,8 +44,13 @@ WIDER, FORM = 2.0, 0.05
 """How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
 null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
 NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
-JITTER_LEAVES = 0.3
-"""Share of the gap that jitter may leave, for it moves readings past commands too, which rates do not tell."""
+AT_BOUND = 1e-3
+"""Of an effect's usual size: nearer to its bound it is at it."""
+NINETY_FIVE = 2 * 1.959964
+"""Width of a 95 % interval in standard deviations."""
+LEAST_SHARE = 0.02
+"""Of the excess that an effect closes on what was held out: a smaller one is a refinement, no cause."""
+OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
 def diagnose(
@@ -50,8 +63,9 @@ def diagnose(
     say: Callable[..., None] | None = None,
     seed: int = 0,
     horizons: bool = False,
+    expected: Amplitudes | None = None,
 ) -> Gap:
-    """Say where a simulation departs from a vehicle, which effect causes it, and how far the gap shrinks with it.
+    """Say where a simulation deviates from a vehicle, which effect causes it, and how far the gap shrinks with it.
 
     Parameters
     ----------
@@ -65,6 +79,7 @@ def diagnose(
     horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too; on those held out they are
         always there.
     seed : kept for the record; nothing here is drawn that a result depends on.
+    expected : model error as other recordings of the vehicle left it; None: as of any vehicle.
 
     Raises
     ------
@@ -73,7 +88,7 @@ def diagnose(
     del seed
     tell = say or (lambda line, **_: None)
     with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
-        found = examine(model, recordings, effects, vehicle, tell)
+        found = examine(model, recordings, effects, vehicle, tell, expected)
         said = answer(found, held_out, tell)
         if not horizons or said.closed is None:
             return said
@@ -85,26 +100,17 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     """What a diagnosis says of what it found."""
     selection = found.selection
     scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
-    stated = found.rough and not found.bench.learnt  # what training left follows driving anyway
-    unexplained = without_a_name(found.signs, found.evidence.temper, stated, found.told)
-    detected = bool(found.best.candidates) or bool(scattered) or unexplained
-    unknown = unknown_probability(found.signs, found.rough, found.told) if detected else NOTHING_UNKNOWN
-    if detected and not found.best.candidates and not scattered:  # a gap, and no name for it
-        unknown = max(unknown, NAMELESS)
-    if scattered and not found.best.candidates and found.signs.left < JITTER_LEAVES:
-        unknown = min(unknown, NOTHING_UNKNOWN)
-    ranking = _ranking(found, 1.0 - unknown)
-    best = found.selection.base if unknown > PRESENT else found.best  # a stand-in for what has no name closes nothing
-    applied = tuple(best.names)
-    added = _with_effects(found, best)
-    closed = _moved_along(found, best, added)
-    verified, proof = None, found.closed
+    unknown = something_unnamed(found)
+    detected = bool(found.best.candidates) or bool(scattered) or unknown > PRESENT
+    shared = _budget(found, held_out, tell) if found.best.candidates else None
+    best, reasons = _causes(found, shared)
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
-        verified = closure(found.model, added, held_out, found.vehicle, found.effects, sd=found.sd, as_it_stands=closed)
-        if not applied and found.best.candidates:
-            by_names = _with_effects(found, found.best)
-            proof = closure(found.model, by_names, held_out, found.vehicle, found.effects, False, found.sd)
+    closed, verified, worse = closed_model(found, best, detected, held_out)
+    if worse:
+        reasons |= dict.fromkeys(best.names, WORSE)
+        best = selection.base
+    ranking, applied = _ranking(found, reasons, shared), tuple(best.names)
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -126,9 +132,9 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
             if finding.severity is Severity.DISTRUST
         ),
         gap_detected=detected,
-        p_value=_p_value(found, unexplained),
+        p_value=_p_value(found, unknown > PRESENT),
         unknown_probability=unknown,
-        unknown=_shape(found, place.channel, proof) if unknown > PRESENT else "",
+        unknown=_shape(found, place.channel) if unknown > PRESENT else "",
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
@@ -141,17 +147,127 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
         noise_stated=found.told,
         limits=limits(found),
+        budget=shared,
+        unnamed=found.unnamed,
+        moved=moved(found, best, closed),
     )
 
 
-def _ranking(found: Examined, known: float) -> list[Ranked]:
+def something_unnamed(found: Examined) -> float:
+    """The probability that something outside the named effects is at work; it silences no name.
+
+    Told by the model error that is left beside them, over what is believed of it, and by the share of the gap that
+    they leave.
+    """
+    if found.unnamed is None:
+        return _without_forces(found)
+    own, exact = found.unnamed, not found.rough
+    form = CALIBRATION["form_exact" if exact else "form"]
+    usual = found.expected
+    share = max(own.share_y / (usual.share_y if usual else form), own.share_x / (usual.share_x if usual else form))
+    loud = max(own.noise.values(), default=1.0) if found.told else 1.0
+    odds = [
+        CALIBRATION["unnamed_slope"] * log(share / CALIBRATION["unnamed_share"]),
+        CALIBRATION["unnamed_noise_slope"] * log(loud / CALIBRATION["unnamed_noise"]),
+    ]
+    nothing = [1 / (1 + exp(min(x, 30.0))) for x in odds]
+    return float(1 - nothing[0] * nothing[1])
+
+
+def _without_forces(found: Examined) -> float:
+    """The same of models that know no forces: told by what is left of free runs, and how that follows driving."""
+    scattered = any(present > PRESENT for _, present in found.scatter.values())
+    stated = found.rough and not found.bench.learnt  # what training left follows driving anyway
+    nameless = without_a_name(found.signs, found.evidence.temper, stated, found.told)
+    if not found.best.candidates and not scattered and not nameless:
+        return NOTHING_UNKNOWN
+    p = unknown_probability(found.signs, found.rough, found.told)
+    return p if found.best.candidates or scattered else max(p, NAMELESS)
+
+
+def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget:
+    """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
+    names = found.best.names
+    if held_out:
+        tell(f"sharing out the gap among {listed(names)} on {len(held_out)} recordings that were held out")
+        full = with_effects(found, found.best)
+        misfits, bench = dict[Set, Misfit](), found.bench
+        for own in subsets(names):
+            model = full if len(own) == len(names) else with_effects(found, found.best, own)
+            misfits[own], bench = refitted_tolerances(model, held_out, found.vehicle, found.effects, full, found.sd)
+        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
+        return budget(misfits, names, found.sd, good, bench, tuple(own.name for own in held_out), True)
+    search = found.selection.search
+    known = {frozenset(own.names): own for own in found.selection.tried}
+    more = [own for own in subsets(names) if own not in found.freed]
+    parts = [known.get(own) or refitted(search, _part(found.best, own)) for own in more]
+    free = dict(zip(more, at_their_best(search, parts, found.sd, found.good), strict=True))
+    misfits = {own: misfit(search, {**free, **found.freed}[own]) for own in subsets(names)}
+    good = plain(misfits[frozenset(names)].e, found.good, found.bench)
+    return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
+
+
+def _part(whole: Hypothesis, names: Set) -> Hypothesis:
+    """Some of a hypothesis' effects, where they stand in it."""
+    sizes = [len(own.axes) for own in whole.candidates]
+    kept = np.repeat([own.effect in names for own in whole.candidates], sizes)
+    candidates = tuple(own for own in whole.candidates if own.effect in names)
+    return replace(whole, candidates=candidates, m=whole.m[kept], J=whole.J[:, :, kept], cost=np.inf)
+
+
+def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
+    """The effects of the best hypothesis that are called causes, and why the others are not, by name."""
+    best, reasons = found.best, dict[str, str]()
+    if shared is None:
+        return best, reasons
+    at, varying = 0, _varying(found)
+    judged = "on what was held out" if shared.held_out else "in free run"
+    for candidate in best.candidates:
+        name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
+        at += len(candidate.axes)
+        share = shared.of(name)
+        assert share is not None
+        sure = probability(found.evidence, found.selection.tried, name)
+        spread = varying.get(name)
+        if spread is not None and spread.relative > CALIBRATION["varies"]:
+            reasons[name] = (
+                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % along "
+                f"{spread.along}, that of a cause does not"
+            )
+        elif sure <= PRESENT:
+            reasons[name] = f"its probability is {sure:.2f}, no more than one half"
+        elif min(abs(m - axis.low), abs(m - axis.high)) < AT_BOUND * axis.scale:
+            reasons[name] = "it stands at its bound: a symptom of something else, no size"
+        elif not (share.share >= _least_share(shared) and share.low > 0):
+            reasons[name] = (
+                f"a refinement: {judged} it closes {100 * share.share:.0f} % of the excess "
+                f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
+            )
+    if not reasons:
+        return best, reasons
+    kept = frozenset(best.names) - set(reasons)
+    known = {frozenset(own.names): own for own in (*found.selection.tried, found.selection.base)}
+    search = found.selection.search
+    return known.get(kept) or refitted(search, _part(best, kept)), reasons
+
+
+def _varying(found: Examined) -> Mapping[str, Spread]:
+    """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
+    if found.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
+        return {}
+    return varies(found.selection.search, found.best, found.seen)
+
+
+def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None) -> list[Ranked]:
     """Effects by their probability.
 
     Parameters
     ----------
     found : what was examined.
-    known : probability that the cause has a name: a named effect that stands in for an unknown one is not present.
+    reasons : why effects of the best hypothesis are not applied, by name.
+    shared : what these close.
     """
+    known, varying = 1.0 - NOTHING_UNKNOWN, _varying(found)
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -165,25 +281,27 @@ def _ranking(found: Examined, known: float) -> list[Ranked]:
         ranked.append(
             Ranked(
                 name,
-                known * probability(weighed, tried, name),
+                known * probability(weighed, tried, name) * _constant(varying.get(name)) * _closes(shared, name),
                 magnitude,
                 _axis_of(most, name).unit,
                 interval,
                 _alike(found, name),
                 rest - most.cost,
+                reasons.get(name, ""),
             )
         )
     for name, (own, present) in found.scatter.items():
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
         gain = selection.search.trust * own.gain
-        ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain))
+        reason = OF_READINGS if present > PRESENT else ""
+        ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain, reason))
     of_set = _of_sets(found, ranked, known)
     return sorted(ranked, key=lambda own: (-round(of_set[own.effect] / known, 6), -own.gain))[:RANKED]
 
 
 def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
-    """What effects are ranked by: their probability; that of all that cannot be told apart for the first of them.
+    """What effects are ranked by: their probability; that of all that cannot be distinguished for the first of them.
 
     Two aliases share the weight of what is surely one of them: an effect beside them of which less is sure comes next.
     """
@@ -208,6 +326,27 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     if unexplained:
         p.append(float(len(found.sd) * norm.sf(SURELY)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
+
+
+def _constant(spread: Spread | None) -> float:
+    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
+    if spread is None:
+        return 1.0
+    x = (spread.relative - CALIBRATION["varies"]) / CALIBRATION["varies_width"]
+    return float(1 / (1 + exp(min(x, 30.0))))
+
+
+def _closes(shared: Budget | None, name: str) -> float:
+    """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
+    if shared is None or (own := shared.of(name)) is None:
+        return 1.0
+    sd = max((own.high - own.low) / NINETY_FIVE, LEAST_SHARE / 10)
+    return float(norm.cdf((own.share - _least_share(shared)) / sd))
+
+
+def _least_share(shared: Budget) -> float:
+    """The share from which on an effect is a cause: on the recordings that chose it, any that is surely there."""
+    return LEAST_SHARE if shared.held_out else 0.0
 
 
 def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:
@@ -246,49 +385,22 @@ def _alike(found: Examined, name: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _with_effects(found: Examined, best: Hypothesis) -> Diagnosed:
-    """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated."""
-    model = found.model
-    for candidate in best.candidates:
-        effect = found.effects[candidate.effect]
-        at = sum(len(own.axes) for own in best.candidates[: best.candidates.index(candidate)])
-        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at:], strict=False)]
-        if candidate.effect not in model.effects:
-            model = model + effect.at(values[0])
-        names = [axis.name for axis in candidate.axes]
-        model = model.with_parameters(
-            *(replace(model[n].with_value(v), fixed=True) for n, v in zip(names, values, strict=True))
-        )
-    return model
-
-
-def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
-    """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
-    if not best.candidates:
-        return closed
-    search = found.selection.search
-    p, own = search.vector(best), {axis.index for axis in best.axes}
-    moved = [axis for axis in search.moving if axis.name in found.model and axis.index not in own]
-    at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves reach beyond
-    return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
-
-
-def _shape(found: Examined, channel: str, proof: Closure) -> str:
+def _shape(found: Examined, channel: str) -> str:
     """What is unknown in a sentence.
 
     Parameters
     ----------
     channel : where it shows most.
-    proof : how far the nearest names would close the gap, on recordings that were held out if there are any.
     """
-    own, names = found.signs, found.best.names
+    own, names, left = found.signs, found.best.names, found.unnamed
     parts = [f"most in {channel}"] if channel else []
+    if left is not None:
+        lateral, longitudinal = (100 * v for v in (left.share_y, left.share_x))
+        parts.append(
+            f"unknown forces of {lateral:.2g} % of the lateral and {longitudinal:.2g} % of the longitudinal ones"
+        )
     if names and own.spread > 0.05:
         parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}")
-    if names:
-        place = "here" if proof is found.closed else f"on {', '.join(proof.recordings)} (held out)"
-        does = f"close {100 * proof.closed:.0f} % of the gap" if proof.closed > 0 else "make the gap larger"
-        parts.append(f"{listed(names)} in its place would {does} {place}")
     if own.left > 0.05:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"

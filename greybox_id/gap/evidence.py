@@ -45,7 +45,7 @@ class Evidence:
     scores: tuple[float, ...]
 
 
-def evidence(selection: Selection, rough: bool, left: float = 0.0) -> Evidence:
+def evidence(selection: Selection, rough: bool, left: float = 0.0, cost: float = COST) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
@@ -53,10 +53,11 @@ def evidence(selection: Selection, rough: bool, left: float = 0.0) -> Evidence:
     selection : hypotheses refitted on the same noise.
     rough : whether tolerances are stated.
     left : mean square over that of noise, less one, of what the best of them leaves.
+    cost : log-odds against an effect before anything was read.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
-    scores = [temper / search.trust * (selection.base.cost - own.cost) - price(own) for own in selection.tried]
+    scores = [temper / search.trust * (selection.base.cost - own.cost) - price(own, cost) for own in selection.tried]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
@@ -75,11 +76,11 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return EXACT / (EXACT + (each * readings if rough else 0.0))
 
 
-def price(hypothesis: Hypothesis) -> float:
+def price(hypothesis: Hypothesis, cost: float = COST) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
     total, at = 0.0, 0
     for own in hypothesis.candidates:
-        total += COST + SECOND_PARAMETER * (len(own.axes) - 1)
+        total += cost + SECOND_PARAMETER * (len(own.axes) - 1)
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < NEXT_TO_NOTHING * axis.scale:
             total += NEVER

@@ -9,32 +9,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
+from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
+from .bench import Bench
+from .calibration import CALIBRATION
 from .closing import closed_by, misfit, plain
-from .colour import sound, white_noise
+from .colour import Whitener, colour, sound, white_noise
 from .evidence import COST, Evidence, evidence, heaviest, tempering
-from .gap import Closure
+from .gap import Closure, Unnamed
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
+from .model_error import Amplitudes, Believed, ForceSizes, ModelError, estimated, linearised, model_error
+from .model_error import believed as believed_amplitudes
 from .observer import PULLED
 from .plainly import plainly
-from .preparing import Prepared, prepare
+from .preparing import Prepared, excerpt, prepare
 from .refit import refit
 from .regimes import signals
 from .search import Search
 from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
 from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
+from .unknown_forces import knows_unknown_forces
+from .unnamed import unnamed
 from .variance import Scatter, dropped, fresh, jitter, repeats, steady
 
 PRESENT = 0.5
 """Probability from which on an effect of variance is taken to be there."""
 FAR_OFF, FIRM = 30.0, 2.0
 """Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
+LEAST = 1.0
+"""Seconds of recordings: less than twice the longest lag at which what is left is looked at (`leftover.LAGS`), and a
+beginning."""
 TINY = 1e-12
+AGAIN, ENOUGH = 4, 0.02
+"""How often tolerances are linearised again for free runs at most, and the share of a cost that is worth it."""
 AT_ONCE, EARLY = "sensor_latency_imu", 1e-6
 """What makes readings of accelerations late, and by how many seconds they are just before their row's command."""
 
@@ -53,6 +65,10 @@ class Examined:
     scatter : effects of variance, and the probability that each is present.
     closed : how far the gap closes on these recordings.
     signs : of something unknown.
+    seen, y : signals that regimes are told by, and readings as the best hypothesis has them.
+    unnamed : model error that is left; None for models that know no forces.
+    freed : the base and the best, by their names, with tolerances that do all they can for free runs.
+    expected : model error as other recordings of the vehicle left it.
     """
 
     model: Diagnosed
@@ -73,6 +89,9 @@ class Examined:
     signs: Signs
     seen: Mapping[str, Array]
     y: Array
+    unnamed: Unnamed | None
+    freed: Mapping[frozenset[str], Hypothesis]
+    expected: Amplitudes | None = None
 
 
 def examine(
@@ -81,11 +100,20 @@ def examine(
     effects: Mapping[str, Effect],
     vehicle: Vehicle | None,
     tell: Callable[..., None],
+    expected: Amplitudes | None = None,
 ) -> Examined:
     """Refit and weigh what may explain recordings."""
-    prepared = prepare(model, recordings, effects, vehicle)
+    if (seconds := sum(own.duration for own in recordings)) < LEAST:
+        raise BadInput(
+            f"{recordings[0].name} lasts {seconds:.2g} s: nothing that a simulation lacks shows in so little. Name "
+            f"recordings of {LEAST:g} s at least; half a minute is usual."
+        )
+    examined, rows = excerpt(recordings), sum(len(own) for own in recordings)
+    prepared = prepare(model, examined, effects, vehicle)
     tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
-    bench = prepared.bench(recordings)
+    if (count := sum(len(own) for own in examined)) < rows:
+        tell(f"examining {count} of {rows} rows, in blocks spread evenly")
+    bench = prepared.bench(examined)
     moving = shifting(prepared.everything)
     believed = nuisances(prepared.everything, effects, moving)
     own = candidates(prepared.everything, prepared.effects, moving)
@@ -95,28 +123,33 @@ def examine(
     good = sound(start, fresh(bench), bench.rows)
     tell(f"refitting {len(believed)} tolerances and what may be missing")
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
-    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), rough))
-    selection = select(search, own, good, COST, _firmly(bench, start, sd, good))
+    forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
+    tempered = rough and not forces
+    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
+    whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, expected), sd)
+    cost = CALIBRATION["cost"] if forces else COST
+    selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    freed = _at_their_best(search, (selection.base, least))
-    left = float(np.mean((freed[id(least)].e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
-    weighed = evidence(selection, rough, left)
+    (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
+    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
+    weighed = evidence(selection, tempered, left, cost)
     best = heaviest(selection, weighed)
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
+    left_over = _unnamed(bench, search, best, sd, good, believed_amplitudes(sd, told, not rough, expected))
     jumps = _jumps(search, best, effects)
     if best.candidates and _jitters(bench, selection.base, best, sd, good, jumps):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
     seen = signals(bench, y)
-    if id(best) not in freed:
-        freed |= _at_their_best(search, (best,))
-    before, then = (misfit(search, freed[id(own)]) for own in (selection.base, best))
+    ways = {frozenset(own.names): own for own in (selection.base, best)}
+    freed_ways = dict(zip(ways, at_their_best(search, list(ways.values()), sd, good), strict=True))
+    before, then = (misfit(search, freed_ways[frozenset(own.names)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, plain(then.e, good, bench), bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
     jittered, after, leaves = jitter(bench, best.e, y, sd, good, jumps), closed.after, 1.0
@@ -133,8 +166,37 @@ def examine(
     )
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
-        rough, scatter, closed, own_signs, seen, y,
+        rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, expected,
     )  # fmt: skip
+
+
+def _whitener(
+    bench: AnyBench, good: NDArray[np.bool_], prior: Believed, sd: Array
+) -> Callable[[Search, Hypothesis | None], Whitener]:
+    """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
+    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
+        return lambda search, own: white_noise(sd, good, bench.rows) if own is None else colour(own.e, good, bench.rows)
+    sizes = ForceSizes(bench)
+
+    def whitener(search: Search, own: Hypothesis | None) -> Whitener:
+        if own is None:
+            p = search.moved(np.array([axis.mean for axis in search.moving]))
+            return model_error(linearised(bench, p, sd, sizes), prior.median, good)
+        about = linearised(bench, search.vector(own), sd, sizes)
+        return model_error(about, estimated(about, own.e, good, prior), good)
+
+    return whitener
+
+
+def _unnamed(
+    bench: AnyBench, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
+) -> Unnamed | None:
+    """What model error is left beside a hypothesis."""
+    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
+        return None
+    about = linearised(bench, search.vector(best), sd, ForceSizes(bench))
+    found = estimated(about, best.e, good, prior)
+    return unnamed(search, best, found, prior.median)
 
 
 def _alone(selection: Selection, best: Hypothesis) -> float:
@@ -145,16 +207,52 @@ def _alone(selection: Selection, best: Hypothesis) -> float:
     return max(sum(singles[name] for name in best.names), TINY)
 
 
-def _at_their_best(search: Search, hypotheses: Sequence[Hypothesis]) -> dict[int, Hypothesis]:
-    """Hypotheses, by their identity, with tolerances that do all they can: what is left then, no tolerance explains."""
-    own = {id(each): each for each in hypotheses}
-    trust = search.trust
-    if trust == 1.0:
-        return own
-    search.trusting(1.0)
-    again = refit(search, [search.start_of(each) for each in own.values()])
-    search.trusting(trust)
-    return dict(zip(own, again, strict=True)) if len(again) == len(own) else own
+def at_their_best(
+    search: Search, hypotheses: Sequence[Hypothesis], sd: Array, good: NDArray[np.bool_]
+) -> list[Hypothesis]:
+    """Hypotheses with tolerances that do all they can for free runs: what is left then, no tolerance explains.
+
+    Where unknown forces whiten residuals, free runs may wander as these let them; how far a gap closes is a matter of
+    free runs themselves, with magnitudes as they were found. Tolerances then go far: they are linearised again.
+    """
+    if not isinstance(search.colour, ModelError):
+        if search.trust == 1.0:
+            return list(hypotheses)
+        trust = search.trust
+        search.trusting(1.0)
+        found = [_refitted(search, own) for own in hypotheses]
+        search.trusting(trust)
+        return found
+    before = search.colour
+    with search.elsewhere():
+        search.recoloured(white_noise(sd, good, search.bench.rows))
+        found = [_settled(search, own) for own in hypotheses]
+        search.colour = before
+    return found
+
+
+def _settled(search: Search, own: Hypothesis) -> Hypothesis:
+    """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
+    best = _refitted(search, replace(own, cost=np.inf))
+    for _ in range(AGAIN if search.moving or search.shifts else 0):
+        search.about(best, delays=False)
+        again = _refitted(search, best)
+        settled, best = again.cost > (1 - ENOUGH) * best.cost, min(best, again, key=lambda each: each.cost)
+        if settled:
+            break
+    return best
+
+
+def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
+    """A hypothesis with nuisances refitted, its magnitudes held."""
+    held, at = [], 0
+    for candidate in own.candidates:
+        values = own.m[at : at + len(candidate.axes)]
+        at += len(candidate.axes)
+        axes = (replace(axis, low=float(m), high=float(m)) for axis, m in zip(candidate.axes, values, strict=True))
+        held.append(replace(candidate, axes=tuple(axes)))
+    again = refit(search, [replace(search.start_of(own), candidates=tuple(held))], settle_on_rows=False)
+    return again[0] if again else own
 
 
 def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:

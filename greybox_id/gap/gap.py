@@ -25,7 +25,7 @@ class Where:
 
     Attributes
     ----------
-    channel : the channel that departs most; one of `CHANNELS`, "" where there is no gap.
+    channel : the channel that deviates most; one of `CHANNELS`, "" where there is no gap.
     regime : the regime it prefers; one of `REGIMES`.
     equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of what could be gained.
     time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.
@@ -53,6 +53,7 @@ class Ranked:
     magnitude, unit, interval : its estimate, its unit, 95 % interval.
     indistinguishable_from : effects this recording cannot tell it from.
     gain : of the log-likelihood over the model without it, beside the other applied effects.
+    reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
     """
 
     effect: str
@@ -62,6 +63,7 @@ class Ranked:
     interval: tuple[float, float]
     indistinguishable_from: tuple[str, ...] = ()
     gain: float = 0.0
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Errors:
     ----------
     channel, unit : what is predicted.
     horizon : s predicted from measured states; None for the free run.
-    before, after : of the model as it was, and with the applied effects.
+    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
     floor : of a model that fits as well as noise lets it.
     """
 
@@ -108,6 +110,103 @@ class Closure:
 
 
 @dataclass(frozen=True)
+class Share:
+    """Share of the excess error that an effect closes, with its 95 % interval from paired blocks."""
+
+    effect: str
+    share: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Where the excess error goes.
+
+    Attributes
+    ----------
+    shares : of the effects that were found, in their order.
+    unnamed : of what no effect closes; its name is "unnamed".
+    recordings : on which it was measured.
+    held_out : whether these chose nothing.
+    """
+
+    shares: tuple[Share, ...]
+    unnamed: Share
+    recordings: tuple[str, ...]
+    held_out: bool
+
+    def of(self, effect: str) -> Share | None:
+        """The share of an effect."""
+        return next((own for own in self.shares if own.effect == effect), None)
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """One object per effect, and one for the unnamed rest."""
+        rows: list[dict[str, Any]] = [
+            {"effect": own.effect, "share": own.share, "low": own.low, "high": own.high} for own in self.shares
+        ]
+        return [*rows, {"unnamed": self.unnamed.share, "low": self.unnamed.low, "high": self.unnamed.high}]
+
+
+@dataclass(frozen=True)
+class Unnamed:
+    """Model error that is left beside the best explanation, and what nuisances and noise say of it.
+
+    Attributes
+    ----------
+    share_y, share_x : standard deviation of unknown lateral and longitudinal forces, over the forces themselves.
+    floor_y, floor_x : of those beside that, m/s^2.
+    memory_y, memory_x : their correlation times, s.
+    tolerances : what nuisances cost, twice their negative logarithm of prior.
+    worst : the nuisance that is furthest from its mean, and by how many standard deviations.
+    noise : channel -> noise over what is stated.
+    """
+
+    share_y: float
+    share_x: float
+    floor_y: float
+    floor_x: float
+    memory_y: float
+    memory_x: float
+    tolerances: float
+    worst: tuple[str, float]
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Per equation: amplitude beside the share [m/s^2], share of the force, correlation time [s]."""
+        return {
+            "F_y": {"amplitude": self.floor_y, "share": self.share_y, "correlation_time": self.memory_y},
+            "F_x": {"amplitude": self.floor_x, "share": self.share_x, "correlation_time": self.memory_x},
+            "tolerances": self.tolerances,
+            "worst": {"name": self.worst[0], "sd": self.worst[1]},
+            "noise": dict(self.noise),
+        }
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A tolerance that the closed model has elsewhere than stated.
+
+    Attributes
+    ----------
+    name, unit : the parameter's.
+    stated, sd : what is believed of it.
+    value : where the closed model has it.
+    """
+
+    name: str
+    unit: str
+    stated: float
+    sd: float
+    value: float
+
+    @property
+    def far(self) -> float:
+        """How far it moved, in standard deviations of what is stated."""
+        return abs(self.value - self.stated) / self.sd
+
+
+@dataclass(frozen=True)
 class Limit:
     """What would show of an effect that is not there.
 
@@ -117,7 +216,7 @@ class Limit:
         more the lower they are, the largest. Infinite (of limits: zero) where none within the effect's bounds would.
     typical : its usual magnitude.
     unit : of both.
-    share : of twice the standard deviation in the usual size: above one the usual size would not show.
+    share : of twice the standard deviation in the usual size: above one the usual size is below the detection limit.
     told : share of what the recordings say of it that stated tolerances do not take up.
     """
 
@@ -164,7 +263,7 @@ class Gap:
     recordings : names of what it was diagnosed on.
     doubts : sentences on the data, which come before everything else.
     gap_detected, p_value : is there more than noise and stated tolerances; how often noise alone would look so.
-    unknown_probability : that something outside the named effects is there.
+    unknown_probability : that there is an unmodelled effect.
     unknown : its shape in a sentence; "" where nothing is unknown.
     where : see `Where`.
     ranking : the effects that may be the cause, most probable first.
@@ -178,6 +277,9 @@ class Gap:
     strip : for pictures.
     limits : effect that is not applied -> what would show of it, as far as derivatives tell.
     noise_stated : whether sensor noise is; else it is what the best explanation leaves, which proves nothing.
+    budget : where the excess error goes; None where no effect was found.
+    unnamed : model error that is left; None for models that know no forces.
+    moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
     """
 
     model: str
@@ -199,8 +301,13 @@ class Gap:
     strip: Strip | None = None
     noise_stated: bool = True
     limits: Mapping[str, Limit] = field(default_factory=dict)
+    budget: Budget | None = None
+    unnamed: Unnamed | None = None
+    moved: tuple[Moved, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""
-        body = asdict(replace(self, closed=None, strip=None))
-        return {key: value for key, value in body.items() if key not in ("closed", "strip")}
+        body = asdict(replace(self, closed=None, strip=None, budget=None))
+        body["budget"] = [] if self.budget is None else self.budget.to_json()
+        body["model_error"] = None if self.unnamed is None else self.unnamed.to_json()
+        return {key: value for key, value in body.items() if key not in ("closed", "strip", "unnamed")}

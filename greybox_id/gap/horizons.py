@@ -11,7 +11,7 @@ from ..engine.motion.simulator import Simulator
 from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
-from ..scores.metrics import Prediction, predictions
+from ..scores.metrics import ASTRAY, Prediction, predictions
 from ..signals import unit_of
 from .gap import Errors
 from .kinds import Diagnosed
@@ -35,7 +35,7 @@ def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recordi
     for c, channel in enumerate(before.outputs):
         for horizon, own in first.items():
             was, now = float(np.sqrt(own[c])), float(np.sqrt(then[horizon][c]))
-            if np.isfinite(was) and np.isfinite(now):
+            if not (np.isnan(was) or np.isnan(now)):
                 errors.append(Errors(channel, unit_of(channel), horizon, was, now, float(sd[c])))
     return tuple(errors)
 
@@ -56,11 +56,17 @@ def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | 
 
 
 def _mean_squares(found: Sequence[Predictions | Prediction], outputs: int) -> Array:
-    """(outputs,) mean squares over all recordings, NaN where nothing was read."""
+    """(outputs,) mean squares over all recordings, NaN where nothing was read, infinite where a prediction diverges."""
     total, count = np.zeros(outputs), np.zeros(outputs)
     for own in found:
         e = own.predicted - own.measured
         read = np.isfinite(own.measured) & ~np.isnan(own.predicted)
         total += np.sum(np.where(read, e, 0.0) ** 2, axis=0)
+        total[[c for c in range(outputs) if diverges(e[read[:, c], c], own.measured[read[:, c], c])]] = np.inf
         count += np.sum(read, axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def diverges(e: Array, measured: Array) -> bool:
+    """Whether an output's predictions do: an error, (n,), is beyond `ASTRAY` times the range of readings."""
+    return len(e) > 0 and bool(np.max(np.abs(e)) > ASTRAY * (np.ptp(measured) or np.inf))

@@ -84,7 +84,7 @@ class AnyBench(Protocol):
         """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
 
 
-def blocks(bench: AnyBench) -> list[tuple[int, int]]:
+def blocks(bench: AnyBench, seconds: float = BLOCK) -> list[tuple[int, int]]:
     """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
-    length = max(1, round(BLOCK / bench.sample_time))
+    length = max(1, round(seconds / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

@@ -57,7 +57,9 @@ def _features(bench: AnyBench, seen: Mapping[str, Array]) -> Array:
     ]  # fmt: skip
     columns = [column for column in now if np.any(column)]
     for lag in LAGS[1:]:
-        rows = max(1, round(lag / bench.sample_time))
-        columns += [np.concatenate([np.zeros(rows), own[:-rows]]) for own in (steer, a_y, a_x, drive, r) if np.any(own)]
+        rows = min(max(1, round(lag / bench.sample_time)), count)
+        columns += [
+            np.concatenate([np.zeros(rows), own[: count - rows]]) for own in (steer, a_y, a_x, drive, r) if np.any(own)
+        ]
     X = np.column_stack(columns)
     return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))

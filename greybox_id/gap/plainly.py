@@ -27,7 +27,9 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
     sd : (channels,) of what training left.
     good : (N, channels) readings that count.
     """
-    weight = 0.5 / (sd**2 * _lasting(selection.search.colour))
+    colour = selection.search.colour
+    assert isinstance(colour, Colour)  # maps with memory know no forces
+    weight = 0.5 / (sd**2 * _lasting(colour))
     base = selection.base
 
     def cost(own: Hypothesis) -> float:

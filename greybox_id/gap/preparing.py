@@ -7,23 +7,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..effect import Effect
+from ..effect import AnyModel, Effect
 from ..errors import BadInput
 from ..memory_model import MemoryModel
+from ..model import Model
 from ..models.roughness import with_roughness
-from ..models.vehicles import with_tolerances
+from ..models.single_track import G
+from ..models.vehicles import stated_effect, with_tolerances
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..recording import Recording
-from ..vehicle import Vehicle
+from ..vehicle import Stated, Vehicle
+from .axes import ZONE
 from .bench import Bench
+from .calibration import CALIBRATION
 from .kinds import AnyBench, Diagnosed
 from .memory_bench import MemoryBench
 from .observer import SEEN, observed, with_seen
+from .unknown_forces import with_unknown_forces
 
 OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
 """States that an observer keeps near their readings, and its rate, 1/s. That of the yaw rate is raised only where
 simulations would spin otherwise."""
+MOST_ROWS, BLOCK = 24_000, 20.0
+"""Rows that are examined at most, four minutes at 100 Hz, for memory and time go with them; in blocks of so many s."""
+PASSES = 2
+"""Through the dynamics, at most: each stage of a step begins with what the stage before left, which is once more."""
 OF_VARIANCE = ("timestamp_jitter", "dropped_samples")
 """Effects that change no expected reading: what tells them is how readings scatter (variance.py)."""
 
@@ -58,6 +67,28 @@ class Prepared:
         return found
 
 
+def excerpt(recordings: Sequence[Recording], most: int = MOST_ROWS) -> list[Recording]:
+    """Recordings of no more than so many rows in all: blocks of them, spread evenly.
+
+    Parameters
+    ----------
+    recordings : any.
+    most : rows.
+    """
+    total = sum(len(own) for own in recordings)
+    if total <= most:
+        return list(recordings)
+    blocks = list[tuple[Recording, int, int]]()
+    for own in recordings:
+        length = max(1, round(BLOCK / own.sample_time))
+        for start, stop in own.runs:
+            edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int)
+            blocks += [(own, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    count = max(1, int(len(blocks) * most / total))
+    chosen = np.unique(np.linspace(0, len(blocks) - 1, count).round().astype(int))
+    return [own.rows(start, stop) for own, start, stop in (blocks[k] for k in chosen)]
+
+
 def prepare(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
@@ -71,7 +102,9 @@ def prepare(
     vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of equations of
         motion count; priors of a map with memory do not, for these are about weights as they were before a fit.
     """
-    nominal = _with_beliefs(model, recordings, effects, vehicle)
+    nominal = _rough(model, recordings, effects, vehicle)
+    step = min((float(np.median(np.diff(own.time))) for own in recordings if len(own) > 1), default=0.0)
+    nominal = _indifferent(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
     everything, concerned = nominal, {}
     for name, effect in effects.items():
         if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
@@ -88,26 +121,79 @@ def prepare_plain(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
     """The same without candidates, for a model that is not diagnosed any further."""
-    nominal = _with_beliefs(model, recordings, effects, vehicle)
+    nominal = _rough(model, recordings, effects, vehicle)
     return Prepared(nominal, _observed(nominal, recordings), {})
 
 
-def _with_beliefs(
+def _rough(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Diagnosed:
     if vehicle is None and isinstance(model, MemoryModel):
         vehicle = Vehicle(model.name)
+    nominal = with_beliefs(model, effects, vehicle)
+    return nominal if vehicle is None else with_roughness(nominal, vehicle, _usual(nominal, recordings))
+
+
+def with_beliefs(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
+    """The model with what is believed of it free, and all else held; arguments as of `prepare`."""
     nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
-    if vehicle is None:
-        return nominal
-    return with_roughness(with_tolerances(nominal, vehicle, effects), vehicle, _usual_speed(recordings))
+    return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
 
 
-def _usual_speed(recordings: Sequence[Recording]) -> float:
-    """Median speed, m/s; 1 where nothing is driven."""
-    speeds = [np.abs(own["v_x"][np.isfinite(own["v_x"])]) for own in recordings if "v_x" in own]
-    found = float(np.median(np.concatenate(speeds))) if any(len(own) for own in speeds) else 0.0
-    return found if found > 0 else 1.0
+def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Median speed, m/s, root mean squares of steering and drive; 1 where there is none."""
+    found = {}
+    for name, signals in (("speed", ("v_x",)), ("steer", ("steer",)), ("drive", _signals(model, "drive"))):
+        held = [own[signal][np.isfinite(own[signal])] for own in recordings for signal in signals if signal in own]
+        values = np.abs(np.concatenate(held)) if held else np.empty(0)
+        size = 0.0
+        if len(values):
+            size = float(np.median(values) if name == "speed" else np.sqrt(np.mean(values**2)))
+        found[name] = size if size > 0 else 1.0
+    return found
+
+
+def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
+    """Signals that may be an input of the model."""
+    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+
+
+def _indifferent(
+    model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float, usual: float
+) -> Diagnosed:
+    """The model with a narrow zone about every effect's null in which nobody cares whether it is there.
+
+    Where a vehicle's file states tolerances of its equations, effects that it says nothing of may be there a little
+    all the same: a tenth of what is usually meant by them, and what is less than a row's fraction for timing.
+    """
+    own = [own for own in model.parameters if not own.fixed and own.prior is not None]
+    if vehicle is None or isinstance(model, MemoryModel) or not own:
+        return model
+    scale = CALIBRATION["indifference"]
+    size = {unit: scale * by for unit, by in _sizes(model).items()}
+    for name, effect in effects.items():
+        magnitude, timing = effect.parameter, effect.parameter.unit == "s" or not effect.gradual
+        if name in OF_VARIANCE or name in model.effects or not effect.concerns(model):
+            continue
+        if not effect.gradual and magnitude.unit not in ("s", "m"):  # what acts with its square needs no zone
+            continue
+        sd = size.get(magnitude.unit, scale * abs(effect.typical - float(magnitude.array)))
+        row = CALIBRATION["timing"] * step if magnitude.unit == "s" else 0.0
+        model = model + stated_effect(effect, Stated(sd=max(sd, row) if timing else sd, source=ZONE))
+    return model
+
+
+def _sizes(model: MotionModel) -> dict[str, float]:
+    """By unit, what is usually meant by an effect here: lengths go with the wheelbase, forces with the weight."""
+    held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
+    found = {}
+    if {"l_f", "l_r"} <= held.keys():
+        found["m"] = CALIBRATION["of_wheelbase"] * (held["l_f"] + held["l_r"])
+    if "m" in held:
+        found["N"] = CALIBRATION["of_weight"] * held["m"] * G
+    if held.get("c_2", 0.0) > 0:
+        found["N s^2/m^2"] = CALIBRATION["of_drag"] * held["c_2"]
+    return found
 
 
 def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
@@ -117,10 +203,10 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
     for state, rate in OBSERVED.items():
         if state in states and state in model.outputs and all(state in own for own in recordings):
             model = observed(model, state, rate)
-    return model
+    return with_unknown_forces(replace(model, passes=min(model.passes, PASSES)))
 
 
-def _held(model: Diagnosed, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
+def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
     """A parameter, held unless something is believed of it: an effect of the model is as it stands."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)

@@ -120,9 +120,11 @@ def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
 
 def _smooth(values: Array, bench: AnyBench) -> Array:
     """A moving mean over a fifth of a second: regimes are not told by noise."""
-    length = max(1, round(0.2 / bench.sample_time))
-    kernel = np.ones(length) / length
-    return np.concatenate([np.convolve(values[rows], kernel, mode="same") for rows in bench.rows])
+    length, found = max(1, round(0.2 / bench.sample_time)), []
+    for rows in bench.rows:
+        own = min(length, rows.stop - rows.start)
+        found.append(np.convolve(values[rows], np.ones(own) / own, mode="same"))
+    return np.concatenate(found)
 
 
 def _top(values: Array) -> float:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..json_data import plain
-from .gap import Closure, Errors, Gap, Limit, Ranked, Strip, Where
+from .gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -52,13 +52,45 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         strip=None if body["strip"] is None else _strip(body["strip"]),
         noise_stated=bool(body["noise_stated"]),
         limits={str(name): Limit(**_limit(own)) for name, own in body.get("limits", {}).items()},
+        budget=_budget(body.get("budget", []), body),
+        unnamed=_unnamed(body.get("model_error")),
+        moved=tuple(_moved(own) for own in body.get("moved", ())),
     )
+
+
+def _moved(body: Mapping[str, Any]) -> Moved:
+    stated, sd, value = (float(body[name]) for name in ("stated", "sd", "value"))
+    return Moved(str(body["name"]), str(body["unit"]), stated, sd, value)
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
     return Ranked(
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
+        str(body.get("reason", "")),
+    )  # fmt: skip
+
+
+def _budget(rows: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> Budget | None:
+    if not rows:
+        return None
+    found = [
+        Share(str(own.get("effect", "unnamed")), float(own["share" if "effect" in own else "unnamed"]),
+              float(own["low"]), float(own["high"]))
+        for own in rows
+    ]  # fmt: skip
+    on = body["held_out"] or body["gap"]
+    return Budget(tuple(found[:-1]), found[-1], _words(on["recordings"]), body["held_out"] is not None)
+
+
+def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
+    if body is None:
+        return None
+    y, x = body["F_y"], body["F_x"]
+    return Unnamed(
+        float(y["share"]), float(x["share"]), float(y["amplitude"]), float(x["amplitude"]),
+        float(y["correlation_time"]), float(x["correlation_time"]), float(body["tolerances"]),
+        (str(body["worst"]["name"]), float(body["worst"]["sd"])), _numbers(body["noise"]),
     )  # fmt: skip
 
 

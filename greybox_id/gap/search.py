@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..parameter import Array
 from .axes import Axis
-from .colour import Colour
+from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
 from .kinds import AnyBench, blocks
@@ -24,8 +24,9 @@ from .kinds import AnyBench, blocks
 AT_ONCE, JUMPS_SD = 0.02, 1.0
 """Share of an abrupt tolerance that stands for the least there can be of it; how much of what that does is believed, of
 one at most."""
-MOST_SD = 3.0
-"""How far from what is believed a nuisance may go: what is further off is no tolerance, but a gap."""
+MOST_SD, REACH_SD = 3.0, 6.0
+"""Within so many standard deviations a candidate is a tolerance, and no gap; and how far a nuisance may go: its prior
+holds it nearer, and what a bound stops would pass for an effect."""
 STRIDE = 3.0
 """What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
 BESIDE = 0.3
@@ -50,19 +51,20 @@ class Search:
     simulations : how many were asked for; the bench remembers some.
     """
 
-    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Colour, trust: float = 1.0) -> None:
+    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0) -> None:
         self.bench = bench
         self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
         sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
         shaped = np.append(np.any(self._mix != np.diag(np.diag(self._mix)), axis=0), [False] * len(self.shifts))
-        self._reach = MOST_SD * sds
+        self._reach = REACH_SD * sds
         self._stride = np.where(shaped, STRIDE * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0
         self.colour, self.trust = colour, trust
+        self.theta_by = np.zeros((*bench.measured.shape, len(self.moving)))
 
     # ---- what everything is about
 
@@ -99,7 +101,9 @@ class Search:
     def _expand(self, hypothesis: Hypothesis | None) -> None:
         """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""
         for k, axis in enumerate(self.shifts):
-            at = axis.null if hypothesis is None or axis.shift else float(hypothesis.linear[k])
+            at = axis.null
+            if hypothesis is not None and not axis.shift and not axis.narrow:
+                at = float(hypothesis.linear[k])
             self.expanded[k] = at if abs(at - axis.null) > BESIDE * axis.sd else axis.null
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
@@ -125,7 +129,7 @@ class Search:
                 jumps[:, :, k] = one - e[0]
         return slopes, jumps
 
-    def recoloured(self, colour: Colour) -> None:
+    def recoloured(self, colour: Whitener) -> None:
         """Count residuals otherwise."""
         self.colour = colour
         self._whiten()
@@ -247,6 +251,13 @@ class Search:
         off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
         return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
 
+    def far(self, hypothesis: Hypothesis) -> Array:
+        """How far a hypothesis has moving and abrupt nuisances from where they are believed to be, in their sds."""
+        axes = (*self.moving, *self.shifts)
+        at = np.concatenate([hypothesis.theta, hypothesis.linear])[: len(axes)]
+        found: Array = np.abs(at - self.means[: len(axes)]) / np.array([axis.sd for axis in axes])
+        return found
+
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
         held = np.where(self.among(released), 0.0, 1.0)
@@ -255,6 +266,8 @@ class Search:
 
     def residuals(self, P: Sequence[Array]) -> Array:
         """(K, N, channels) predictions minus readings; zero where there is none."""
+        if not len(P):
+            return np.zeros((0, *self.bench.measured.shape))
         self.simulations += len(P)
         y = self.bench.simulate(np.array(P))
         return np.where(self.bench.counted, y - self.bench.measured, 0.0)

@@ -6,18 +6,18 @@ explanation is in the model. Noise estimated before would contain the effect and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BadInput
+from ..parameter import Array
 from .axes import Candidate
-from .colour import colour
+from .colour import Whitener
 from .hypothesis import Hypothesis, Start, by_cost
 from .refit import refit, settled
-from .search import Search
+from .search import MOST_SD, Search
 from .shortlist import Promise, from_where_best, promises
 
 SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
@@ -26,17 +26,19 @@ best pair."""
 POLISHED, WORTHY = 3, 0.3
 """So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
 must gain."""
-RIVALS, NEAR, CLOSE = 5, 30.0, 10.0
+RIVALS, NEAR, CLOSE = 3, 30.0, 10.0
 """So many more are refitted there, if they cost no more than the best by so many times what an effect must gain; about
 the next best, those that cost no more than so."""
 LEAST = 1.0
 """Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
 REPLACING = 4
-"""Of what promises most in the place of each effect of the best pair, so many are refitted."""
+"""Of what is expected to gain most in the place of each effect of the best pair, so many are refitted."""
 NEARLY = 0.5
 """A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
 FEWEST, HOPE = 4, 0.1
 """Singles that promise less than this share of the best are not refitted, but so many are."""
+LATE = 3
+"""So many of the best are refitted again from where stated lags are believed to be."""
 ROUGH, MUCH = 6, 0.01
 """Singles refitted while the noise is not known yet; a second effect is added there where it explains such a share."""
 RATHER = 2.0
@@ -80,7 +82,11 @@ class Selection:
 
 
 def select(
-    search: Search, candidates: Sequence[Candidate], good: NDArray[np.bool_], worth: float, firmly: Firmly | None = None
+    search: Search,
+    candidates: Sequence[Candidate],
+    whitener: Callable[[Search, Hypothesis | None], Whitener],
+    worth: float,
+    firmly: Firmly | None = None,
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -88,24 +94,27 @@ def select(
     ----------
     search : with white noise of the stated size.
     candidates : what may be the cause.
-    good : (N, channels) readings that count.
+    whitener : how residuals are whitened about a hypothesis; None: before any is known.
     worth : log-likelihood that a further effect must gain.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
     if firmly is not None:
         search.nominal[firmly.index] = firmly.rate
+    search.recoloured(whitener(search, None))
     best, started = _rough(search, candidates)
     if firmly is not None:
         search.nominal[firmly.index] = 0.0
         if not _stands(search, best):
             search.nominal[firmly.index] = firmly.rate
-    search.recoloured(colour(refitted(search, best).e, good, search.bench.rows))
+    search.recoloured(whitener(search, refitted(search, best)))
     base = _base(search, best)
     promised = promises(search, base, started if firmly is None else candidates)
     hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
     singles = _with_each(search, base, hopeful[:SINGLES])
     known = refitted(search, best)
     for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
+        singles = _better(singles, own)
+    for own in _from_beliefs(search, base, candidates):
         singles = _better(singles, own)
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
@@ -117,6 +126,7 @@ def select(
     replacing = _in_each_place(search, found, candidates, worth)
     if replacing:
         base, found = _polished(search, base, found, replacing, worth, 1)
+    found = _from_believed_lags(search, _gaps(search, found))
     return Selection(search, base, tuple(found), tuple(promised))
 
 
@@ -204,6 +214,24 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
     base = min(found, key=by_cost)
     return settled(search, base)
+
+
+def _from_beliefs(search: Search, base: Hypothesis, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Single effects from where nuisances are believed to be, if some went far from there to do without an effect.
+
+    What has taken a cause's place may hold it: from there a refit finds a little of the cause, and no way back.
+    """
+    if not any(far > MOST_SD for far in search.far(base)):
+        return []
+    with search.elsewhere():
+        search.about(None)
+        believed = search.at_means()
+        (e,) = search.residuals([search.vector(believed)])
+        believed = replace(believed, e=e, J=np.zeros((*e.shape, 0)))
+        if not np.all(np.isfinite(e)):
+            return []
+        promised = promises(search, believed, candidates)[:REPLACING]
+        return _gaps(search, [settled(search, own) for own in _with_each(search, believed, promised)])
 
 
 def _combine(
@@ -296,3 +324,37 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         theta, linear = own.nuisances[:count], own.nuisances[count:]
         starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
     return _gaps(search, refit(search, starts))
+
+
+def _from_believed_lags(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, best first; those with delays or lags again from where the lags that are stated are believed to be.
+
+    These have taken up what is late before it had a name, each as much as it may. Beside a delay too short by as
+    much they stay there: a delay moves by rows, and no derivative leads on.
+    """
+    stated = [k for k, axis in enumerate(search.shifts) if axis.unit == "s"]
+    better = list(found)
+    if not stated:
+        return better
+    with search.elsewhere():
+        for k, own in enumerate(better[:LATE]):
+            late = [j for j, axis in enumerate(own.axes) if axis.abrupt and axis.unit == "s"]
+            if not late:
+                continue
+            freed = replace(own, linear=_unmoved(search, own.linear))
+            search.about(freed)
+            taken = float(sum(abs(own.linear[j] - search.shifts[j].null) for j in stated))
+            starts = [Start(own.candidates, own.m, own.theta, freed.linear)]
+            for j in late:
+                m = own.m.copy()
+                m[j] = min(m[j] + taken, own.axes[j].high)
+                starts.append(Start(own.candidates, m, own.theta, freed.linear))
+            again = refit(search, starts)
+            better[k] = min([own, *again], key=by_cost)
+    return sorted(better, key=by_cost)
+
+
+def _unmoved(search: Search, linear: Array) -> Array:
+    """Linear nuisances with abrupt tolerances where they are believed to be; starts of runs stay."""
+    count, moving = 2 * len(search.shifts), len(search.moving)
+    return np.concatenate([search.means[moving : moving + count], linear[count:]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..parameter import Array
+from ..statistics import robust_sd, white_noise_sd
 from ..vehicle import Vehicle
 from .kinds import AnyBench
 
@@ -29,19 +30,13 @@ def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> 
             found.append(1.0)
             continue
         e = residuals[own, c]
-        spread = 1.4826 * float(np.median(np.abs(e - np.median(e))))
+        spread = robust_sd(e - np.median(e))
         held = bench.learnt or spread > TOO_LARGE * stated.get(channel, 0.0)
         if channel in stated and held:
             found.append(stated[channel])
             continue
         told = told and channel in stated
-        found.append(max(_fast(bench, c), 1e-9 * float(np.max(np.abs(bench.measured[own, c]))), 1e-12))
+        fast = white_noise_sd([bench.measured[rows, c] for rows in bench.rows])
+        least = max(1e-9 * float(np.max(np.abs(bench.measured[own, c]))), 1e-12)
+        found.append(1.0 if np.isnan(fast) else max(fast, least))
     return np.array(found), told
-
-
-def _fast(bench: AnyBench, c: int) -> float:
-    """Standard deviation of what changes from row to row faster than a straight line does."""
-    seconds = [np.diff(bench.measured[rows, c], 2) for rows in bench.rows]
-    bends = np.concatenate(seconds) if seconds else np.empty(0)
-    bends = bends[np.isfinite(bends)]
-    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6)) if len(bends) else 1.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.signal import welch
 
 from ..parameter import Array
+from ..statistics import welch
 from .clock import running
 from .gap import Strip
-from .kinds import AnyBench
+from .kinds import AnyBench, blocks
 
 BLOCK, CELLS = 1.0, 8
 """Seconds in a block of time; cells of the map along each side."""
@@ -28,8 +28,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
-    length = max(1, round(BLOCK / bench.sample_time))
-    blocks = [slice(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]
+    parts = [slice(*ends) for ends in blocks(bench, BLOCK)]
     time = running(bench.time)
     x, y = _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
@@ -39,14 +38,14 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
         if not np.any(bench.counted[longest, c]):
             continue
         for own, spectrum in zip((before, after), spectra, strict=True):
-            frequency, density = welch(own[longest, c] / sd[c], fs=1 / bench.sample_time, nperseg=window)
+            frequency, density = welch(own[longest, c] / sd[c], 1 / bench.sample_time, window)
             spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
     return Strip(
-        time=np.array([float(np.mean(time[own])) for own in blocks]),
-        before=np.array([float(np.mean(first[own])) for own in blocks]),
-        after=np.array([float(np.mean(then[own])) for own in blocks]),
-        x=np.array([float(np.mean(x[own])) for own in blocks]) if len(x) else x,
-        y=np.array([float(np.mean(y[own])) for own in blocks]) if len(y) else y,
+        time=np.array([float(np.mean(time[own])) for own in parts]),
+        before=np.array([float(np.mean(first[own])) for own in parts]),
+        after=np.array([float(np.mean(then[own])) for own in parts]),
+        x=np.array([float(np.mean(x[own])) for own in parts]) if len(x) else x,
+        y=np.array([float(np.mean(y[own])) for own in parts]) if len(y) else y,
         frequency=frequency,
         spectrum_before=spectra[0],
         spectrum_after=spectra[1],

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameter import Array
-from .constancy import Spread, spreads
+from .constancy import varies
 from .evidence import COST
 from .hypothesis import Hypothesis
 from .leftover import left_gain
 from .search import Search
 
-SURE = 1e-3
-"""A spread counts where noise alone would hardly show it so often."""
 MOST = 2
 """Where more effects than these are needed to explain what one cause might, that cause is none of them."""
 SURELY = 4.0
@@ -93,16 +91,10 @@ def signs(
     rest = after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
-    if best.candidates:
-        orders = {
-            "speed": seen.get("v_x"), "lateral acceleration": _size(seen.get("a_y")),
-            "longitudinal acceleration": seen.get("a_x"), "time": np.arange(len(best.e), dtype=float),
-        }  # fmt: skip
-        known: list[Spread] = spreads(search, best, {name: own for name, own in orders.items() if own is not None})
-        told = [own for own in known if own.p_value < SURE]
-        if told:
-            most = max(told, key=lambda own: own.relative)
-            spread, along = min(most.relative, 2.0), most.along
+    known = varies(search, best, seen) if best.candidates else {}
+    if best.candidates and best.names[0] in known:
+        most = known[best.names[0]]
+        spread, along = min(most.relative, 2.0), most.along
     left = float(np.clip(rest / max(before - 1.0, 0.02), 0.0, 2.0))
     if (
         scatter > 0 and not best.candidates and rest <= 0
@@ -182,7 +174,3 @@ def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
         x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)
     x += BEYOND * np.log(max(own.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
-
-
-def _size(values: Array | None) -> Array | None:
-    return None if values is None else np.abs(values)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..datasets.column_map import Column
-from ..datasets.units import to_si
 from ..signals import SIGNALS
+from ..units import to_si
 
 
 @dataclass(frozen=True)
-class Entry:
+class MapEntry:
     """What a column is proposed to be.
 
     Attributes

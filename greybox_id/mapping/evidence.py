@@ -11,10 +11,10 @@ import numpy as np
 from ..checks.agreement import Agreement, agreement
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
 from ..checks.pairs import Pair, pairs
-from ..datasets.units import to_si
 from ..recording import Recording
 from ..signals import SIGNALS
-from .entry import Entry
+from ..units import to_si
+from .entry import MapEntry
 
 USUAL = {"m/s": ("m/s", "km/h"), "rad/s": ("rad/s", "deg/s"), "rad": ("rad", "deg"), "m/s^2": ("m/s^2", "g")}
 """Units in which files hold a signal of this SI unit; any other has only its own."""
@@ -75,7 +75,7 @@ def sizes_of(recording: Recording) -> dict[str, float]:
     return {name: float(np.quantile(np.abs(v), 0.99)) if v.size else 0.0 for name, v in finite.items()}
 
 
-def with_units(entries: Sequence[Entry], raw: Recording, wheelbase: float | None) -> list[Entry]:
+def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | None) -> list[MapEntry]:
     """The entries with their units decided or left open.
 
     Parameters
@@ -112,7 +112,7 @@ def with_units(entries: Sequence[Entry], raw: Recording, wheelbase: float | None
     return like_siblings(decided)
 
 
-def like_siblings(entries: Sequence[Entry]) -> list[Entry]:
+def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
     """Open units of columns whose names differ by the axis alone (vx and vy) become those of the decided one."""
     families = {_family(e): e for e in entries if e.decided and e.unit and _family(e)}
     found = []
@@ -125,13 +125,13 @@ def like_siblings(entries: Sequence[Entry]) -> list[Entry]:
     return found
 
 
-def _family(entry: Entry) -> tuple[str, str] | None:
+def _family(entry: MapEntry) -> tuple[str, str] | None:
     axis = AXES.get(entry.signal)
     before, found, after = entry.column.lower().rpartition(axis or " ")
     return (SIGNALS[entry.signal].unit, f"{before}*{after}") if axis and found else None
 
 
-def _options(entry: Entry, raw: Recording, sizes: Mapping[str, float]) -> list[Entry]:
+def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
     """An entry in every unit that it may have."""
     counted = _counted(entry, raw, sizes)
     if counted:
@@ -143,8 +143,8 @@ def _options(entry: Entry, raw: Recording, sizes: Mapping[str, float]) -> list[E
 
 
 def _by_margin(
-    entry: Entry, margin: float, agreed: Sequence[Met], options: Sequence[Entry], sizes: Mapping[str, float]
-) -> Entry:
+    entry: MapEntry, margin: float, agreed: Sequence[Met], options: Sequence[MapEntry], sizes: Mapping[str, float]
+) -> MapEntry:
     alike = [own.words for own in agreed if entry.signal in own.pair.channels]
     if margin >= MARGIN:
         size = sizes[entry.signal]
@@ -155,14 +155,14 @@ def _by_margin(
     return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
 
 
-def _stated(before: Entry, entry: Entry, agreed: Sequence[Met], wheelbase: float | None) -> Entry:
+def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
     """A unit that is stated, or the only one there is, beside what the data say."""
     off = [own.words for own in agreed if entry.signal == own.pair.nodes[0] and misfit(own, wheelbase) > MARGIN]
     how = "unit: as the file states it" if before.unit else "unit: the usual one"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 
 
-def _counted(entry: Entry, raw: Recording, sizes: Mapping[str, float]) -> list[Entry]:
+def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
     """A speed that is none in any usual unit: counts, whose number in 1 m/s the other channels tell; else nothing."""
     if entry.signal != "v_x" or sizes["v_x"] <= 3.6 * LIMITS["v_x"][0]:
         return []
@@ -183,7 +183,7 @@ def _counted(entry: Entry, raw: Recording, sizes: Mapping[str, float]) -> list[E
 
 
 def _costs(
-    options: Sequence[Sequence[Entry]],
+    options: Sequence[Sequence[MapEntry]],
     open_ones: Sequence[int],
     raw: Recording,
     sizes: Mapping[str, float],
@@ -211,7 +211,7 @@ def _costs(
     return {choice: costs[choice] + sum(own.get(name, LOST) for name in agreeing) for choice, own in misfits.items()}
 
 
-def _scaled(raw: Recording, entries: Sequence[Entry]) -> Recording:
+def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{entry.signal: raw[entry.signal] * entry.factor for entry in entries})
 
 
@@ -226,7 +226,7 @@ def misfit(own: Met, wheelbase: float | None = None, speed: float = 0.0) -> floa
     return float(min(max(np.log(low / length), np.log(length / high), 0.0), TOO_FAR))
 
 
-def _improbable(entry: Entry, sizes: Mapping[str, float]) -> float:
+def _improbable(entry: MapEntry, sizes: Mapping[str, float]) -> float:
     size = sizes[entry.signal] * entry.factor
     impossible = size > LIMITS.get(entry.signal, (np.inf,))[0]
     return TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ..datasets.units import to_si
 from ..errors import BadInput
 from ..signals import SIGNALS
+from ..units import to_si
 
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
 """What a name may mean beside the signals; a hand wheel's angle is the steering times a ratio that the file keeps."""
@@ -25,7 +25,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
     "yaw_rate": (r"yaw rate|yawrate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro z|gyr z|omega z|wz|w z|angular z",
                  r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gier rate|gierrate|giergeschwindigkeit|gz|gyroz"
-                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z"),
+                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z", r"omega|w|angular (velocity|rate)"),
     "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
     "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
             rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"),
@@ -51,6 +51,16 @@ RULES: dict[str, tuple[str, ...]] = {
        for c, w in CORNERS.items()},
 }  # fmt: skip
 """Signal -> patterns of names in plain words, most telling first."""
+AMBIGUOUS = {
+    "omega": "the angular velocity of a wheel or a motor",
+    "w": "the angular velocity of a wheel or a motor",
+    "angular velocity": "the angular velocity of a wheel or a motor",
+    "angular rate": "the angular velocity of a wheel or a motor",
+    "phi": "the heading",
+    "theta": "the heading",
+}
+"""Names that people use for something else as well: such a column is never mapped without a question, unless its
+sibling has the other meaning by name."""
 
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
@@ -82,12 +92,14 @@ class Guess:
     unit : that the name states; empty if none.
     rank : how far the name is from a telling one; 0 is what everybody would take it for.
     wish : whether it is asked for rather than measured.
+    else_ : what else columns of this name hold; empty if nothing.
     """
 
     signal: str
     unit: str
     rank: int
     wish: bool = False
+    else_: str = ""
 
 
 def guess(column: str) -> Guess | None:
@@ -137,5 +149,6 @@ def _read(words: str, unit: str) -> list[Guess]:
                 if re.fullmatch(pattern, text):
                     stated = "ms" if signal == TIME and unit == "m/s" else unit
                     if not stated or signal == "v_x" or fits(stated, signal):  # a motor's speed is a speed in rpm
-                        found.append(Guess(signal, stated, cost + order, bool(WISHES.search(words))))
+                        wish = bool(WISHES.search(words))
+                        found.append(Guess(signal, stated, cost + order, wish, AMBIGUOUS.get(text, "")))
     return found

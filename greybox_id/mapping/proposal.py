@@ -16,8 +16,9 @@ from ..datasets.formats import Contents, contents
 from ..datasets.read import read
 from ..errors import BadInput
 from ..recording import Array, Recording
+from .ambiguous import ambiguous, headings
 from .clock import time_of
-from .entry import Entry
+from .entry import MapEntry
 from .evidence import met, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, guess
 from .signs import with_signs
@@ -44,8 +45,8 @@ class Proposal:
     """
 
     file: str
-    time: Entry | None
-    entries: tuple[Entry, ...]
+    time: MapEntry | None
+    entries: tuple[MapEntry, ...]
     others: tuple[str, ...]
     run: str = ""
     separator: str = ","
@@ -53,7 +54,7 @@ class Proposal:
     findings: tuple[Finding, ...] = ()
 
     @property
-    def open(self) -> tuple[Entry, ...]:
+    def open(self) -> tuple[MapEntry, ...]:
         """Entries that the user is asked about."""
         return tuple(entry for entry in self.entries if not entry.decided)
 
@@ -103,12 +104,14 @@ def propose(path: str | Path, wheelbase: float | None = None) -> Proposal:
         open_ones = tuple(replace(e, decided=False, reasons=(*e.reasons, "nothing to check it with")) for e in chosen)
         return replace(draft, entries=(*open_ones, *rivals))
     raw = _raw(path, draft, chosen)
+    chosen, raw = headings(chosen, guesses, raw)
     present = [entry for entry in chosen if entry.signal in raw and np.isfinite(raw[entry.signal]).any()]
     decided = with_units(present, raw, wheelbase)
     decided = with_signs(decided, met(_in_si(raw, decided)))
     decided = [_asked(entry, guesses[entry.column], raw, wheelbase) for entry in decided]
+    decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
     if len(found.groups) == 1:
-        unknown = [*rivals, *(Entry("", name, "", decided=False) for name in others if len(others) <= 40)]
+        unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
     final = replace(draft, entries=(*decided, *rivals), others=others)
@@ -117,7 +120,7 @@ def propose(path: str | Path, wheelbase: float | None = None) -> Proposal:
 
 def _candidates(
     found: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], taken: set[str]
-) -> tuple[list[Entry], list[Entry]]:
+) -> tuple[list[MapEntry], list[MapEntry]]:
     """The most telling column for each signal, and the others that a name speaks for."""
     units = {name: unit for group in found.groups for name, unit in group.units.items()}
     by_signal: dict[str, list[str]] = {}
@@ -133,7 +136,7 @@ def _candidates(
             reasons = [f'"{name}" is what {signal} is often called']
             if stated and not unit:
                 reasons.append(f"the file says {stated}, which {signal} cannot be")
-            entry = Entry(signal, name, unit, reasons=tuple(reasons))
+            entry = MapEntry(signal, name, unit, reasons=tuple(reasons))
             if place:
                 other = f"{ordered[0]} is nearer by its name"
                 rivals.append(replace(entry, decided=False, reasons=(*reasons, other)))
@@ -144,23 +147,23 @@ def _candidates(
 
 def _fits(unit: str, signal: str) -> bool:
     try:
-        Entry(signal, "", unit).as_column().convert(np.ones(1))
+        MapEntry(signal, "", unit).as_column().convert(np.ones(1))
     except BadInput:
         return False
     return True
 
 
-def _raw(path: str | Path, draft: Proposal, chosen: Sequence[Entry]) -> Recording:
+def _raw(path: str | Path, draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
     """The signals as the file holds them: factor 1, sign 1."""
     plain = {e.signal: replace(e.as_column(), unit=e.as_column().si_unit, scale=1.0, optional=True) for e in chosen}
     return read(path, replace(draft.mapping(), signals=plain))
 
 
-def _in_si(raw: Recording, entries: Sequence[Entry]) -> Recording:
+def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{e.signal: raw[e.signal] * e.factor * e.sign for e in entries})
 
 
-def _asked(entry: Entry, own: Guess, raw: Recording, wheelbase: float | None) -> Entry:
+def _asked(entry: MapEntry, own: Guess, raw: Recording, wheelbase: float | None) -> MapEntry:
     """What a name alone makes doubtful: wishes instead of measurements, and hand wheels without their ratio."""
     if own.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says it is asked for, not measured"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from .entry import Entry
+from .entry import MapEntry
 from .evidence import Met
 
 ANCHORS = ("course over ground (latitude, longitude)", "v_x")
@@ -14,7 +14,7 @@ CLEAR = 3
 """So many channels on one side against a single one settle which is wrong."""
 
 
-def with_signs(entries: Sequence[Entry], agreed: Sequence[Met]) -> list[Entry]:
+def with_signs(entries: Sequence[MapEntry], agreed: Sequence[Met]) -> list[MapEntry]:
     """The entries with signs that agree with each other, or left open where two sides are as likely."""
     found = {entry.signal: entry for entry in entries}
     for sides in _components(agreed):

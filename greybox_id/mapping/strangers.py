@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..datasets.units import to_si
 from ..recording import Array, Recording
 from ..signals import SIGNALS
-from .entry import Entry
+from ..units import to_si
+from .entry import MapEntry
 from .evidence import MARGIN, USUAL, Met, met, misfit, sizes_of
 
 SOUGHT = ("v_x", "yaw_rate", "steer", "a_x", "a_y")
@@ -20,8 +20,8 @@ ALIKE = 0.85
 
 
 def strangers(
-    known: Recording, unknown: Sequence[Entry], numbers: Mapping[str, Array], settled: set[str]
-) -> list[Entry]:
+    known: Recording, unknown: Sequence[MapEntry], numbers: Mapping[str, Array], settled: set[str]
+) -> list[MapEntry]:
     """The unknown columns, each as the signal that it agrees best with; those that agree with nothing only if named.
 
     Parameters
@@ -52,7 +52,7 @@ def _matches(known: Recording, signal: str, values: Array) -> list[Met]:
     return [m for m in agreed if signal in m.pair.nodes and abs(m.agreed.correlation) >= ALIKE]
 
 
-def _described(entry: Entry, signal: str, best: Met, speed: float) -> Entry:
+def _described(entry: MapEntry, signal: str, best: Met, speed: float) -> MapEntry:
     left = best.pair.nodes[0] == signal
     why = f"agrees with {best.pair.right if left else best.pair.left} (correlation {best.agreed.correlation:.2f})"
     units = tuple(

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 
 from ..signals import SIGNALS, unit_of
-from .entry import Entry
+from .entry import MapEntry
 from .proposal import Proposal
 
 WIDTH = 110
@@ -16,7 +16,7 @@ WIDTH = 110
 def as_toml(proposal: Proposal, name: str) -> str:
     """TOML text: what is decided stands as it is, what is open is commented out."""
     lines = [
-        f"# A column map for {proposal.file}, proposed from names, units and cross-checks.",
+        *_comment(f"A column map for {proposal.file}, proposed from names, units and cross-checks."),
         "# Lines that begin with #? are questions: remove the #? from the right one and complete it.",
         "# Signs: x forward, y left, z up; yaw rate and steering are positive to the left. Channels can tell that they",
         "# agree with each other, not which way is left: look at one turn you know.",
@@ -42,20 +42,20 @@ def as_toml(proposal: Proposal, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _time(time: Entry | None) -> list[str]:
+def _time(time: MapEntry | None) -> list[str]:
     if time is None:
         return ['#? column = "..."  # no column looks like a time', '#? unit = "s"']
     unit = f"unit = {quoted(time.unit)}" if time.decided else f'#? unit = "{time.units[0]}"'
     return [*_comment("; ".join(time.reasons)), f"column = {quoted(time.column)}", unit]
 
 
-def _signal(entry: Entry) -> list[str]:
+def _signal(entry: MapEntry) -> list[str]:
     mark = "" if entry.decided else "#? "
     units = (entry.unit,) if entry.unit and not entry.units else entry.units or (unit_of(entry.signal),)
     return [*_comment("; ".join(entry.reasons)), *(f"{mark}{entry.signal} = {_table(entry, unit)}" for unit in units)]
 
 
-def _table(entry: Entry, unit: str) -> str:
+def _table(entry: MapEntry, unit: str) -> str:
     parts = [f"column = {quoted(entry.column)}", f"unit = {quoted(unit)}"]
     if entry.sign != 1:
         parts.append(f"sign = {entry.sign}")

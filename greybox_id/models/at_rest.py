@@ -5,11 +5,14 @@ from __future__ import annotations
 import casadi as cs
 
 from ..model import Symbol
+from ..motion_model import Validity
 
 SLOWEST = 0.5
 """Below this speed, m/s, slip angles are computed as if the vehicle rolled this fast."""
 ROLLING = 0.05
 """Speed, m/s, at which resistance to rolling has reached three quarters of its size."""
+SLIPPING = (Validity("v_x", SLOWEST, ("v_y", "yaw_rate", "a_y")),)
+"""Of models with slip angles: these mean nothing of a vehicle that stands, where noise of the speed turns them."""
 
 
 def forward_speed(v_x: Symbol) -> Symbol:

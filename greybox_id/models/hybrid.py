@@ -22,7 +22,7 @@ import casadi as cs
 import numpy as np
 
 from ..errors import BadInput
-from ..hybrid_model import Carried, HybridModel, Network
+from ..hybrid_model import Carried, HybridModel, RecurrentNetwork
 from ..model import Namespace, Symbol
 from ..parameter import Array, Parameter
 from ..recording import Recording
@@ -66,12 +66,15 @@ class HybridSettings:
 
     def __post_init__(self) -> None:
         within(self, window=(2, 5000), warm_up=(0, 4999), least_speed=(0.1, 100.0))
-        if self.warm_up >= self.window:
-            raise BadInput(
-                f"Setting warm_up must be smaller than window, {self.window}; {self.warm_up} rows were given."
-            )
-        if any(units != int(units) or not 1 <= units <= 500 for units in self.hidden):
-            raise BadInput("Setting hidden is a list of whole numbers from 1 to 500, as in hidden=[25,15,10].")
+        sized(self.window, self.warm_up, self.hidden)
+
+
+def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
+    """Raise `BadInput` where windows or layers of a network have sizes that make no sense."""
+    if warm_up >= window:
+        raise BadInput(f"Setting warm_up must be smaller than window, {window}; {warm_up} rows were given.")
+    if any(units != int(units) or not 1 <= units <= 500 for units in hidden):
+        raise BadInput("Setting hidden is a list of whole numbers from 1 to 500, as in hidden=[25,15,10].")
 
 
 def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSettings:
@@ -100,7 +103,7 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
 
     return _hybrid(
         "hybrid_stiffness",
-        "linear single track whose cornering stiffnesses are said by a recurrent network",
+        "linear single track whose cornering stiffnesses are predicted by a recurrent network",
         ("a_y", "yaw_rate", "sideslip"),
         forces,
         settings or HybridSettings(),
@@ -120,7 +123,7 @@ def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
 
     return _hybrid(
         "hybrid_force",
-        "rigid single track whose lateral tyre forces are said by a recurrent network",
+        "rigid single track whose lateral tyre forces are predicted by a recurrent network",
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
         forces,
         settings or HybridSettings(),
@@ -136,7 +139,7 @@ def _hybrid(
     s: HybridSettings,
     skip: bool,
 ) -> HybridModel:
-    network = Network(4, tuple(int(units) for units in s.hidden), 2, skip)
+    network = RecurrentNetwork(4, tuple(int(units) for units in s.hidden), 2, skip)
     speed, spread = s.speed or 15.0, s.speed_spread or 5.0
     sample_time = s.sample_time or 0.01
 
@@ -187,7 +190,7 @@ def _hybrid(
         window=s.window,
         warm_up=s.warm_up,
         settings=asdict(s),
-        together=("masses and inertia with forces: without a force sensor, F/m and I_z/m are told, m is not",),
+        together=("masses and inertia with forces: without a force sensor, F/m and I_z/m are identifiable, m is not",),
     )  # fmt: skip
 
 
@@ -196,7 +199,7 @@ def _positive(z: Symbol) -> Symbol:
     return (z + cs.sqrt(z * z + 4.0)) / 2.0
 
 
-def _weights(network: Network) -> tuple[Parameter, ...]:
+def _weights(network: RecurrentNetwork) -> tuple[Parameter, ...]:
     """All zero: the network adds nothing."""
     return tuple(
         Parameter(name, "1", np.zeros(shape), about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}")

@@ -13,7 +13,7 @@ import casadi as cs
 
 from ..model import Namespace, Symbol
 from ..motion_model import MotionModel, Quantities, State
-from .at_rest import forward_speed, steer_slip
+from .at_rest import SLIPPING, forward_speed, steer_slip
 from .single_track import BODY, G, combinations
 from .tyres import Tyre, axle, pacejka
 
@@ -69,4 +69,5 @@ def lateral(tyre: Tyre = pacejka) -> MotionModel:
         dynamics=dynamics,
         combinations=combinations(tyre),
         settings={"tyre": tyre.name},
+        validity=SLIPPING,
     )

@@ -20,10 +20,15 @@ from .at_rest import sign_of_motion
 from .effects.elements import lag
 from .single_track import BODY, DRIVE, G
 
-PARAMETERS = (
-    *(parameter for parameter in BODY if parameter.name == "m"),
+WHEELS = (
     Parameter("I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all that turns with it"),
     Parameter("wheel_radius", "m", 0.32, (0.01, 2.0), fixed=True, about="rolling radius of the wheels"),
+)
+"""Of the car whose numbers a model has that is told no vehicle."""
+
+PARAMETERS = (
+    *(parameter for parameter in BODY if parameter.name == "m"),
+    *WHEELS,
     *(parameter for parameter in DRIVE if parameter.name in ("c_0", "c_1", "c_2", "force_per_unit")),
     Parameter(
         "brake_gain", "1", 1.0, (0.0, 10.0), fixed=True, about="braking force per unit over driving force per unit"
@@ -54,7 +59,7 @@ def longitudinal() -> MotionModel:
         states=(State("v_x", "m/s", 1.0),),
         inputs=("drive", "road_slope"),
         commands=("drive",),
-        aliases={"drive": ("drive_force", "ax_cmd", "motor_current")},
+        aliases={"drive": ("drive_force", "ax_cmd", "motor_current", "throttle")},
         defaults={"road_slope": 0.0},
         outputs=("v_x", "a_x"),
         parameters=PARAMETERS,

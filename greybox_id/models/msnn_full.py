@@ -58,17 +58,20 @@ def msnn_full(settings: FullSettings | None = None) -> MemoryModel:
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
         return {**lat.equations(u, p, past), **long.equations(u, p, past)}
 
+    inputs = tuple(dict.fromkeys(lat.inputs + long.inputs))
+
     def feedback(y: Namespace, u: Namespace) -> dict[str, Symbol]:
-        return {"a_x": y.a_x, "a_y": y.yaw_rate * u.v_x}
+        fed = {"a_x": y.a_x, "a_y": y.yaw_rate * u.v_x}
+        return {name: own for name, own in fed.items() if name in inputs}
 
     return MemoryModel(
         name="msnn_full",
         about="model-structured network of the coupled dynamics, closed loop: yaw rate and acceleration",
-        inputs=tuple(dict.fromkeys(lat.inputs + long.inputs)),
+        inputs=inputs,
         outputs=lat.outputs + long.outputs,
         parameters=lat.parameters + long.parameters,
         equations=equations,
-        feedback=feedback,
+        feedback=feedback if {"a_x", "a_y"} & set(inputs) else None,
         sample_time=lat.sample_time,
         defaults=long.defaults,
         parts=(lat, long),

@@ -46,6 +46,8 @@ class LateralSettings:
     steer, v_x, a_x : their centres, rad, m/s and m/s^2; None spaces them evenly over the training recording.
     curvature_gain : prior mean of d(curvature)/d(steer), 1/(m rad), about the inverse wheelbase; None takes the
         training recording's average.
+    steady_over_a_x, transient_over_a_x : whether curvature and impulse responses depend on a_x. The paper's Ablation 1
+        is without the latter (120 weights), its Ablation 2 without both (70), and then does not read a_x.
     sample_time : s.
     """
 
@@ -57,27 +59,38 @@ class LateralSettings:
     v_x: tuple[float, ...] | None = None
     a_x: tuple[float, ...] | None = None
     curvature_gain: float | None = None
+    steady_over_a_x: bool = True
+    transient_over_a_x: bool = True
     sample_time: float = 0.05
 
     def __post_init__(self) -> None:
         within(self, n_delta=(1, 50), n_v=(1, 20), n_x=(1, 20), q=(0, 500), sample_time=(1e-4, 10.0))
 
+    @property
+    def reads_a_x(self) -> bool:
+        """Whether anything depends on the longitudinal acceleration."""
+        return self.steady_over_a_x or self.transient_over_a_x
+
 
 def covering_lat(settings: LateralSettings, recording: Recording, symmetric: bool = False) -> LateralSettings:
     """Centres and gain left open are set from a training recording."""
-    recording.require(("v_x", "steer", "a_x", "yaw_rate"), "MS-NN-lat")
     s = settings
-    turning = recording["v_x"] * recording["steer"]
-    known = np.isfinite(turning) & np.isfinite(recording["yaw_rate"])
-    power = float(turning[known] @ turning[known])
-    gain = float(turning[known] @ recording["yaw_rate"][known]) / power if power > 0 else TYPICAL_GAIN
+    recording.require(("v_x", "steer", *(("a_x",) if s.reads_a_x else ()), "yaw_rate"), "MS-NN-lat")
     return replace(
         s,
         steer=s.steer or over(recording["steer"], s.n_delta, symmetric),
         v_x=s.v_x or over(recording["v_x"], s.n_v),
-        a_x=s.a_x or over(recording["a_x"], s.n_x),
-        curvature_gain=gain if s.curvature_gain is None else s.curvature_gain,
+        a_x=s.a_x or (over(recording["a_x"], s.n_x) if s.reads_a_x else None),
+        curvature_gain=average_gain(recording) if s.curvature_gain is None else s.curvature_gain,
     )
+
+
+def average_gain(recording: Recording) -> float:
+    """Curvature of the path per steering angle, 1/(m rad), by least squares; a typical one where nothing turns."""
+    turning = recording["v_x"] * recording["steer"]
+    known = np.isfinite(turning) & np.isfinite(recording["yaw_rate"])
+    power = float(turning[known] @ turning[known])
+    return float(turning[known] @ recording["yaw_rate"][known]) / power if power > 0 else TYPICAL_GAIN
 
 
 def msnn_lat(settings: LateralSettings | None = None) -> MemoryModel:
@@ -89,48 +102,57 @@ def msnn_lat(settings: LateralSettings | None = None) -> MemoryModel:
         a_x=centres("a_x", s.a_x, s.n_x, -6.0, 6.0),
     )
 
+    steady = range(len(c.a_x)) if s.steady_over_a_x else range(1)
+    transient = range(len(c.a_x)) if s.transient_over_a_x else range(1)
+
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
         psi_delta = memberships(u.steer, c.steer)
         psi_v = memberships(u.v_x, c.v_x)
-        psi_x = memberships(u.a_x, c.a_x)
+        psi_x = memberships(u.a_x, c.a_x) if s.reads_a_x else []
         S = sum(
             (
                 p.kappa_1[l, j, i]
                 + p.kappa_2[l, j, i] * (u.steer - c.steer[j])
                 + p.kappa_3[l, j, i] * (u.v_x - c.v_x[l])
-                + p.kappa_4[l, j, i] * (u.a_x - c.a_x[i])
+                + (p.kappa_4[l, j, i] * (u.a_x - c.a_x[i]) if s.steady_over_a_x else 0)
             )
-            * (psi_delta[j] * psi_v[l] * psi_x[i])
+            * (psi_delta[j] * psi_v[l] * (psi_x[i] if s.steady_over_a_x else 1))
             for l in range(len(c.v_x))
             for j in range(len(c.steer))
-            for i in range(len(c.a_x))
+            for i in steady
         )
+        if not s.transient_over_a_x:
+            return {"yaw_rate": sum(past(u.v_x * S * psi_v[l], p.F[l]) for l in range(len(c.v_x)))}
         return {
             "yaw_rate": sum(
-                past(u.v_x * S * psi_v[l] * psi_x[i], p.F[l, i]) for l in range(len(c.v_x)) for i in range(len(c.a_x))
+                past(u.v_x * S * psi_v[l] * psi_x[i], p.F[l, i]) for l in range(len(c.v_x)) for i in transient
             )
         }
 
     return MemoryModel(
         name="msnn_lat",
         about="model-structured network of the lateral dynamics: yaw rate",
-        inputs=("v_x", "steer", "a_x"),
+        inputs=("v_x", "steer", *(("a_x",) if s.reads_a_x else ())),
         outputs=("yaw_rate",),
         parameters=_parameters(s, c),
         equations=equations,
         sample_time=s.sample_time,
         settings=asdict(s),
-        together=("the scale of F and that of kappa_1 ... kappa_4: only their product acts",),
+        together=(
+            f"the scale of F and that of kappa_1 ... kappa_{4 if s.steady_over_a_x else 3}: only their product acts",
+        ),
     )
 
 
 def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
     """Curvature weights about the kinematic single-track car, and impulse responses that fade within a second."""
     gain = TYPICAL_GAIN if s.curvature_gain is None else s.curvature_gain
-    shape = (len(c.v_x), len(c.steer), len(c.a_x))
+    shape = (len(c.v_x), len(c.steer), len(c.a_x) if s.steady_over_a_x else 1)
+    local = (("v_x", c.v_x), *((("a_x", c.a_x),) if s.transient_over_a_x else ()))
+    responses = tuple(len(own) for _, own in local)
     kinematic = np.broadcast_to(gain * np.array(c.steer)[None, :, None], shape)
     steady = "steady_state"
-    return (
+    curvature = (
         Parameter(
             "kappa_1", "1/m", kinematic, prior=Prior(0.3, step_sd=(0.4, 0.4, 0.4), strength=steady),
             about="curvature at the centre of each local model (v_x, steer, a_x)", source="kinematic car",
@@ -148,10 +170,10 @@ def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
             "kappa_4", "s^2/m^2", np.zeros(shape), prior=Prior(0.1, step_sd=(0.15, 0.15, 0.15), strength=steady),
             about="its slope over longitudinal acceleration",
         ),
-        Parameter(
-            "F", "1", np.broadcast_to(fading(s.q + 1), (len(c.v_x), len(c.a_x), s.q + 1)),
-            prior=fading_prior(s.q + 1, sd=0.5, decay=0.72, axes=3, strength="transient"),
-            about="finite impulse response of each local model, oldest sample first",
-            axes=(("v_x", c.v_x), ("a_x", c.a_x)),
-        ),
     )  # fmt: skip
+    responding = Parameter(
+        "F", "1", np.broadcast_to(fading(s.q + 1), (*responses, s.q + 1)),
+        prior=fading_prior(s.q + 1, sd=0.5, decay=0.72, axes=len(local) + 1, strength="transient"),
+        about="finite impulse response of each local model, oldest sample first", axes=local,
+    )  # fmt: skip
+    return (*(curvature if s.steady_over_a_x else curvature[:3]), responding)

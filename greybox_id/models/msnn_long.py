@@ -41,6 +41,8 @@ class LongitudinalSettings:
     speed_window : beyond the paper: the window of speeds acts on the acceleration too. The change of speed over the
         last samples is what the acceleration of the next one mostly is; it also stands in for a motor controller
         that follows a speed command.
+    lateral_force : the force of the front axle along the vehicle. The paper's Ablation 3 is without it (346), and reads
+        neither steering nor a_y.
     sample_time : s.
     """
 
@@ -50,6 +52,7 @@ class LongitudinalSettings:
     gamma: int = 14
     one_inertia: bool = True
     speed_window: bool = False
+    lateral_force: bool = True
     v_x: tuple[float, ...] | None = None
     a_y: tuple[float, ...] | None = None
     sample_time: float = 0.05
@@ -62,7 +65,10 @@ def covering_long(
     settings: LongitudinalSettings, recording: Recording, symmetric: bool = False
 ) -> LongitudinalSettings:
     """Centres left open are set from a training recording."""
-    recording.require(("v_x", "motor_current", "steer", "a_x", "a_y"), "MS-NN-long")
+    needed = ("v_x", "motor_current", *(("steer", "a_y") if settings.lateral_force else ()), "a_x")
+    recording.require(needed, "MS-NN-long")
+    if not settings.lateral_force:
+        return settings
     return replace(
         settings,
         v_x=settings.v_x or over(recording["v_x"], settings.n_v),
@@ -83,15 +89,18 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
         T_t = torque(cs.fmax(u.motor_current, 0), p.G_1t, p.b_1t, p.G_2t, past)
         T_b = torque(cs.fmin(u.motor_current, 0), p.G_1b, p.b_1b, p.G_2b, past)
 
-        psi_y = memberships(u.a_y, a_y_0)
-        psi_v = memberships(u.v_x, v_x_0)
-        Lambda = sum((p.q_1[n] + p.q_2[n] * (u.a_y - a_y_0[n])) * psi_y[n] for n in range(s.n_y))
-        F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(s.n_v))
+        F_along = 0
+        if s.lateral_force:
+            psi_y = memberships(u.a_y, a_y_0)
+            psi_v = memberships(u.v_x, v_x_0)
+            Lambda = sum((p.q_1[n] + p.q_2[n] * (u.a_y - a_y_0[n])) * psi_y[n] for n in range(s.n_y))
+            F_yf = sum(past(Lambda * psi_v[n], p.F_y[n]) for n in range(s.n_v))
+            F_along = F_yf * cs.sin(u.steer)
 
         theta, v = u.road_slope, u.v_x
         both_axles = 2 * p.I_w if s.one_inertia else p.I_wf + p.I_wr
         N = (
-            ((T_t + T_b) / p.r - p.k_a * v**2 - p.c_l * v - F_yf * cs.sin(u.steer)) / p.m
+            ((T_t + T_b) / p.r - p.k_a * v**2 - p.c_l * v - F_along) / p.m
             - p.c_r * GRAVITY * cs.cos(theta)
             - GRAVITY * cs.sin(theta)
         )
@@ -104,7 +113,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
     return MemoryModel(
         name="msnn_long",
         about="model-structured network of the longitudinal dynamics: acceleration",
-        inputs=("v_x", "motor_current", "steer", "a_y", "road_slope"),
+        inputs=("v_x", "motor_current", *(("steer", "a_y") if s.lateral_force else ()), "road_slope"),
         outputs=("a_x",),
         parameters=_parameters(s, np.array(a_y_0), v_x_0),
         equations=equations,
@@ -113,9 +122,9 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
         settings=asdict(s),
         together=(
             "m, r and the wheel inertia, on a flat road: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), "
-            "k_a/(m D) and c_r/D act; the scale of the torques is free against G_2, so T/(m r D) alone is told by the "
-            "recording",
-            "q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",
+            "k_a/(m D) and c_r/D act; the scale of the torques is free against G_2, so T/(m r D) alone is informed by "
+            "the recording",
+            *(("q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",) if s.lateral_force else ()),
         ),
     )
 
@@ -163,4 +172,4 @@ def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> 
                   prior=fading_prior(length, sd=10.0, decay=0.7, axes=1, strength="speed_window"),
                   about="impulse response of the acceleration to speed, oldest sample first"),
     )  # fmt: skip
-    return physical + branches + lateral + (speed if s.speed_window else ())
+    return physical + branches + (lateral if s.lateral_force else ()) + (speed if s.speed_window else ())

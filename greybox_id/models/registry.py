@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
 from ..effect import Effect
@@ -11,24 +15,45 @@ from ..errors import BadInput, near
 from ..model import Model
 from ..recording import Recording
 from ..vehicle import Stated, Vehicle
+from .baselines import (
+    GeneralSettings,
+    LateralBenchSettings,
+    LongitudinalBenchSettings,
+    covering_bench_lat,
+    covering_gnn,
+    gnn,
+    msnn_bench_lat,
+    msnn_bench_long,
+)
 from .effects import EFFECTS
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
+from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
 from .msnn_full import FullSettings, covering_full, msnn_full
 from .msnn_full_plus import PlusSettings, alternatives_plus, covering_plus, msnn_full_plus
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
-from .single_track import single_track
+from .single_track import DRIVES, single_track
 from .tyres import TYRES
 from .tyres.settings import TyreSettings
 from .vehicles import stated_effect, with_vehicle
 
 __all__ = [
-    *("EFFECTS", "MODELS", "Entry", "Magnitudes"),
-    *("build", "candidates", "model_of", "prepared", "vehicle_parameters", "with_effects"),
+    *("EFFECTS", "MODELS", "Magnitudes", "ModelEntry"),
+    *(
+        "build",
+        "candidates",
+        "install",
+        "known",
+        "model_of",
+        "prepared",
+        "register",
+        "vehicle_parameters",
+        "with_effects",
+    ),
 ]
 
 Magnitudes = Mapping[str, float | Stated | None]
@@ -45,7 +70,26 @@ def _as_they_are(settings: Any, recording: Recording) -> Any:
 
 
 @dataclass(frozen=True)
-class Entry:
+class SingleTrackSettings(TyreSettings):
+    """Hyperparameters of the single-track model.
+
+    Attributes
+    ----------
+    drive : one of `DRIVES`.
+    """
+
+    drive: str = "linear"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.drive not in DRIVES:
+            raise BadInput(
+                f"There is no drive {self.drive!r}; there are {', '.join(DRIVES)}.{near(self.drive, DRIVES)}"
+            )
+
+
+@dataclass(frozen=True)
+class ModelEntry:
     """How a model is made.
 
     Attributes
@@ -54,25 +98,38 @@ class Entry:
     make : settings -> model.
     alternatives : settings as plain data as a user gave them -> settings that cross-validation may choose between.
     covering : settings, training recording -> settings that cover its range, where they were left open.
+    own : a model of one's own, which has the settings that it has.
     """
 
     settings: type[Any]
     make: Callable[[Any], Model]
     covering: Callable[[Any, Recording], Any] = _as_they_are
     alternatives: Callable[[Mapping[str, Any]], Sequence[Mapping[str, Any]]] = _only
+    own: Model | None = None
+
+    def made(self, settings: Mapping[str, Any]) -> Model:
+        """The model with hyperparameters as plain data."""
+        if self.own is not None and dict(settings) in ({}, dict(self.own.settings)):
+            return self.own
+        return self.make(from_mapping(self.settings, settings))
 
 
-MODELS: dict[str, Entry] = {
-    "single_track": Entry(TyreSettings, lambda settings: single_track(settings.model)),
-    "lateral": Entry(TyreSettings, lambda settings: lateral(settings.model)),
-    "longitudinal": Entry(NoSettings, lambda settings: longitudinal()),
-    "kinematic": Entry(KinematicSettings, kinematic),
-    "msnn_lat": Entry(LateralSettings, msnn_lat, covering_lat),
-    "msnn_long": Entry(LongitudinalSettings, msnn_long, covering_long),
-    "msnn_full": Entry(FullSettings, msnn_full, covering_full),
-    "hybrid_stiffness": Entry(HybridSettings, hybrid_stiffness, covering_hybrid),
-    "hybrid_force": Entry(HybridSettings, hybrid_force, covering_hybrid),
-    "msnn_full_plus": Entry(PlusSettings, msnn_full_plus, covering_plus, alternatives_plus),
+MODELS: dict[str, ModelEntry] = {
+    "single_track": ModelEntry(SingleTrackSettings, lambda settings: single_track(settings.model, settings.drive)),
+    "lateral": ModelEntry(TyreSettings, lambda settings: lateral(settings.model)),
+    "longitudinal": ModelEntry(NoSettings, lambda settings: longitudinal()),
+    "kinematic": ModelEntry(KinematicSettings, kinematic),
+    "msnn_lat": ModelEntry(LateralSettings, msnn_lat, covering_lat),
+    "msnn_long": ModelEntry(LongitudinalSettings, msnn_long, covering_long),
+    "msnn_full": ModelEntry(FullSettings, msnn_full, covering_full),
+    "gnn": ModelEntry(GeneralSettings, gnn, covering_gnn),
+    "msnn_bench_lat": ModelEntry(LateralBenchSettings, msnn_bench_lat, covering_bench_lat),
+    "msnn_bench_long": ModelEntry(LongitudinalBenchSettings, msnn_bench_long),
+    "hybrid_stiffness": ModelEntry(HybridSettings, hybrid_stiffness, covering_hybrid),
+    "hybrid_force": ModelEntry(HybridSettings, hybrid_force, covering_hybrid),
+    "mlp_lateral": ModelEntry(LateralNetworkSettings, mlp_lateral, covering_networks),
+    "bicycle_mlp": ModelEntry(LateralNetworkSettings, bicycle_mlp, covering_networks),
+    "msnn_full_plus": ModelEntry(PlusSettings, msnn_full_plus, covering_plus, alternatives_plus),
 }
 
 
@@ -88,8 +145,7 @@ def build(
     ------
     BadInput : there is no such model, setting or effect, or a number cannot be used.
     """
-    entry = _entry(name)
-    return _completed(entry.make(from_mapping(entry.settings, settings or {})), effects, vehicle)
+    return _completed(_entry(name).made(settings or {}), effects, vehicle)
 
 
 def prepared(
@@ -101,11 +157,13 @@ def prepared(
 ) -> Model:
     """A model for a training recording: hyperparameters left open are set to cover the recording's range."""
     entry = _entry(name)
+    if entry.own is not None:
+        return build(name, settings, effects, vehicle)
     covering = entry.covering(from_mapping(entry.settings, settings or {}), recording)
     model = build(name, asdict(covering))
     for effect in effects or {}:
         if effect in model.effects:
-            raise BadInput(f"Model {name} has the effect {effect} by its own settings; change it there (--set).")
+            raise BadInput(f"Model {name} has the effect {effect} by its own settings; change it there (‹settings›).")
     return _completed(model, effects, vehicle)
 
 
@@ -133,11 +191,68 @@ def vehicle_parameters() -> tuple[str, ...]:
     """Parameters that equations of motion know, on any tyre: what a vehicle may state."""
     tyres = [{"tyre": tyre} for tyre in TYRES]
     known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
-    known += [build(name) for name in ("longitudinal", "kinematic")]
+    known += [build("single_track", {"drive": "motor"}), *(build(name) for name in ("longitudinal", "kinematic"))]
     return tuple(dict.fromkeys(parameter.name for model in known for parameter in model.parameters))
 
 
-def _entry(name: str) -> Entry:
+SHIPPED = frozenset((*MODELS, *EFFECTS))
+"""Names that only what greybox-id ships may have."""
+POINTS = ("greybox_id.models", "greybox_id.effects")
+"""Groups of entry points by which installed packages bring models and effects."""
+
+
+def register(own: Model | Effect) -> str:
+    """Let a model or an effect of one's own be known by its name from now on; the name.
+
+    Raises
+    ------
+    BadInput : something shipped has the name.
+    """
+    if not isinstance(own, Model | Effect):
+        raise BadInput(f"A model or an effect is needed, not {own!r:.60}.")
+    kind = "model" if isinstance(own, Model) else "effect"
+    if own.name in SHIPPED:
+        raise BadInput(f"Your {kind} calls itself {own.name}, as one that greybox-id ships; give it another name.")
+    if isinstance(own, Model):
+        MODELS[own.name] = ModelEntry(NoSettings, lambda settings: own, own=own)
+    else:
+        EFFECTS[own.name] = own
+    return own.name
+
+
+@contextmanager
+def known(*own: Model | Effect) -> Iterator[None]:
+    """Let models and effects be known by their names for a while: those of a fit that is loaded, reported, exported.
+
+    What is shipped stays what it is: of a model with effects, the equations alone are asked for by its name.
+    """
+    install()  # once: what it finds stays known
+    models, effects = dict(MODELS), dict(EFFECTS)
+    try:
+        for one in own:
+            if one.name not in SHIPPED:
+                register(one)
+        yield
+    finally:
+        for table, before in ((MODELS, models), (EFFECTS, effects)):
+            table.clear()
+            table.update(before)  # type: ignore[arg-type]
+
+
+@cache
+def install() -> None:
+    """Make models and effects known that installed packages bring by entry points; those that fail with a warning."""
+    for group in POINTS:
+        for point in entry_points(group=group):
+            try:
+                register(point.load())
+            except Exception as error:  # whatever a package does, the others are to be had
+                warnings.warn(f"{group} {point.name} ({point.value}) cannot be used: {error}", stacklevel=2)
+
+
+def _entry(name: str) -> ModelEntry:
+    if name not in MODELS:
+        install()
     if name not in MODELS:
         raise BadInput(f"There is no model {name!r}; there are {', '.join(MODELS)}.{near(name, MODELS)}")
     return MODELS[name]
@@ -159,6 +274,8 @@ def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None
 
 
 def _effect(name: str, magnitude: float | Stated | None) -> Effect:
+    if name not in EFFECTS:
+        install()
     if name not in EFFECTS:
         raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{near(name, EFFECTS)}")
     effect = EFFECTS[name]

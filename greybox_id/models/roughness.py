@@ -6,19 +6,24 @@ They are no effects of the vocabulary: that a car has four wheels is no gap.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from math import inf
+from typing import Any
 
 import casadi as cs
 
 from ..effect import AnyModel, Effect
 from ..model import Symbol
-from ..motion_model import Quantities
+from ..motion_model import MotionModel, Quantities
 from ..parameter import Parameter, Prior
 from ..vehicle import Vehicle
 from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
+from .single_track import G
 
 GROUP = "roughness"
+FORM_SD = 0.01
+"""Of a force, relative to it, in one regime: what a fit of a single track leaves of vehicles with four wheels."""
 TRACK_SD = 0.5
 """Of how much of the moment of steered wheels there is: none on a single track; all of it where the wheels of the axle
 share its lateral force as they share its load."""
@@ -27,21 +32,59 @@ DRAG_SD = 0.1
 with v^0 to v^0.2)."""
 
 
-def with_roughness(model: AnyModel, vehicle: Vehicle, usual_speed: float) -> AnyModel:
+def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]) -> AnyModel:
     """The model with what its form leaves out, as far as numbers are stated with tolerances which that would change.
 
     Parameters
     ----------
     model : with the vehicle's tolerances.
     vehicle : what is stated.
-    usual_speed : at which resistance is as stated, m/s.
+    usual : of a recording: "speed" at which resistance is as stated, m/s, and root mean squares of "steer", rad, and
+        "drive", of its own unit.
     """
     stated = {name for name, own in vehicle.values.items() if own.sd is not None}
-    for rough, by in ((_steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual_speed), {"c_0"}),
-                      (_bent("c_2", usual_speed), {"c_2"})):  # fmt: skip
+    for rough, by in ((_steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
+                      (_bent("c_2", usual["speed"]), {"c_2"})):  # fmt: skip
         if by <= stated and rough.concerns(model):
             model = model + rough
+    for rough in _regimes(usual) if stated else ():
+        if rough.concerns(model):
+            model = model + rough
     return model
+
+
+def _regimes(usual: Mapping[str, float]) -> list[Effect]:
+    """Errors of a force, relative to it, that grow with steering, lateral acceleration, speed or drive."""
+    sizes: dict[str, tuple[Callable[[Quantities], Symbol], tuple[str, ...]]] = {
+        "steer": (lambda q: cs.fabs(q.u.steer) / q.p.usual_steer, ("steer",)),
+        "turning": (lambda q: cs.fabs(speed(q) * q.x.yaw_rate) / G, ("v_x", "yaw_rate")),
+        "speed": (lambda q: cs.fabs(speed(q)) / q.p.usual_speed - 1, ("v_x",)),
+        "drive": (lambda q: q.u.drive / q.p.usual_drive, ("drive",)),
+    }
+    units = {"steer": "rad", "speed": "m/s", "drive": "1"}
+    found = []
+    for force in ("F_yf", "F_yr", "F_drag"):
+        for regime, (size, needs) in sizes.items():
+            if force == "F_drag" and regime == "drive":
+                continue
+            name = f"form_{force}_{regime}"
+
+            def shaped(value: Symbol, q: Quantities, name: str = name, size: Any = size) -> Symbol:
+                return value * (1 + getattr(q.p, name) * size(q))
+
+            own = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
+            others = tuple(
+                Parameter(f"usual_{regime}", unit, usual[regime], (0.0, inf), fixed=True, about=f"usual {regime}")
+                for unit in [units.get(regime)]
+                if unit
+            )
+            apply = _altering({force: shaped})
+            found.append(Effect(name, own, (force,), apply, group=GROUP, needs=needs, others=others))
+    return found
+
+
+def _altering(changes: Mapping[str, Callable[[Symbol, Quantities], Symbol]]) -> Callable[[MotionModel], MotionModel]:
+    return lambda model: model.altered(**changes)
 
 
 def _steered_wheels() -> Effect:

@@ -1,7 +1,7 @@
 """Single-track model, three degrees of freedom: v_x, v_y and yaw rate.
 
-ISO 8855 axes. States v_x, v_y [m/s], yaw_rate [rad/s]; inputs steer [rad] at the road wheels and drive (N, m/s^2 or A,
-whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2 v_x^2 the resistance to driving.
+ISO 8855 axes. States v_x, v_y [m/s], yaw_rate [rad/s]; inputs steer [rad] at the road wheels and drive (N, m/s^2, A or
+a throttle, whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2 v_x^2 resists the motion.
 Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 2.3 and 4.1, with nonlinear tyres.
 """
 
@@ -14,7 +14,7 @@ import casadi as cs
 from ..model import Combination, Namespace, Symbol
 from ..motion_model import MotionModel, Quantities, State
 from ..parameter import Parameter
-from .at_rest import forward_speed, sign_of_motion, steer_slip
+from .at_rest import SLIPPING, forward_speed, sign_of_motion, steer_slip
 from .tyres import Tyre, axle
 from .tyres.pacejka import pacejka
 
@@ -40,6 +40,13 @@ DRIVE = (
     Parameter("force_per_unit", "N/unit", 1450.0, (0.0, 1e5), about="force at the wheels per unit of the drive signal"),
 )
 
+MOTOR = (
+    Parameter("dead_band", "1", 0.0, (0.0, 1.0), about="drive signal below which the motor gives no force"),
+    Parameter("motor_damping", "N s/m", 0.0, (0.0, 1e5), about="force that full drive loses per speed: back-EMF"),
+)
+"""What the drive "motor" has beside `DRIVE`."""
+DRIVES = ("linear", "motor")
+
 STATES = (
     State("v_x", "m/s", 1.0),
     State("v_y", "m/s", 0.3, start=lambda x, u, p: p.l_r * x.yaw_rate),  # rear wheels that do not slip
@@ -47,12 +54,13 @@ STATES = (
 )
 
 
-def single_track(tyre: Tyre = pacejka) -> MotionModel:
+def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
     """Single-track model with three degrees of freedom.
 
     Parameters
     ----------
     tyre : lateral force over slip angle and load.
+    drive : "linear", a force in proportion to the drive signal; "motor", as `motor_force` has it.
     """
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
@@ -68,7 +76,7 @@ def single_track(tyre: Tyre = pacejka) -> MotionModel:
         q.peak_f = tyre.peak(q.F_zf, axle(p, "f"), q.grip_f)
         q.peak_r = tyre.peak(q.F_zr, axle(p, "r"), q.grip_r)
 
-        q.drive_force = p.force_per_unit * u.drive
+        q.drive_force = p.force_per_unit * u.drive if drive == "linear" else motor_force(u.drive, x.v_x, p)
         driving, braking = cs.fmax(q.drive_force, 0), cs.fmin(q.drive_force, 0)
         q.F_xf = p.drive_split_front * driving + p.brake_split_front * braking
         q.F_xr = (1 - p.drive_split_front) * driving + (1 - p.brake_split_front) * braking
@@ -92,9 +100,12 @@ def single_track(tyre: Tyre = pacejka) -> MotionModel:
         states=STATES,
         inputs=("steer", "drive"),
         commands=("steer", "drive"),
-        aliases={"drive": ("drive_force", "ax_cmd", "motor_current")},
+        aliases={"drive": ("drive_force", "ax_cmd", "motor_current", "throttle")},
         outputs=("v_x", "v_y", "yaw_rate", "a_x", "a_y"),
-        parameters=(*BODY, *DRIVE, *tyre.parameters("f"), *tyre.parameters("r")),
+        parameters=(
+            *(*BODY, *DRIVE, *(MOTOR if drive == "motor" else ())),
+            *(*tyre.parameters("f"), *tyre.parameters("r")),
+        ),
         quantities=(
             *("alpha_f", "alpha_r", "F_zf", "F_zr"),
             *("grip_f", "grip_r", "stiffness_f", "stiffness_r", "peak_f", "peak_r"),
@@ -103,8 +114,20 @@ def single_track(tyre: Tyre = pacejka) -> MotionModel:
         ),
         dynamics=dynamics,
         combinations=combinations(tyre),
-        settings={"tyre": tyre.name},
+        settings={"tyre": tyre.name} | ({"drive": drive} if drive != "linear" else {}),
+        validity=SLIPPING,
     )
+
+
+def motor_force(drive: Symbol, v_x: Symbol, p: Namespace) -> Symbol:
+    """Force of a motor under a controller of its voltage, N.
+
+    A share u of the full voltage drives a current in proportion to u less the voltage that the motor induces, over the
+    share of time that the voltage is there: (force_per_unit - motor_damping |v_x|) u, with u beyond the dead band.
+    Against the motion (u < 0) it brakes with force_per_unit alone. Source: Lyons et al., DART, 2024 (motor model).
+    """
+    beyond = drive - cs.fmin(cs.fmax(drive, -p.dead_band), p.dead_band)
+    return p.force_per_unit * beyond - p.motor_damping * cs.fabs(v_x) * cs.fmax(beyond, 0)
 
 
 def combinations(tyre: Tyre) -> tuple[Combination, ...]:

@@ -6,7 +6,7 @@ stated with an sd is free, with that belief; one stated with limits is free with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from math import hypot
 
@@ -15,14 +15,15 @@ from ..errors import BadInput
 from ..memory_model import MemoryModel
 from ..parameter import Parameter, Prior
 from ..vehicle import Stated, Vehicle
-from .single_track import G
+from .longitudinal import WHEELS
+from .single_track import BODY, DRIVE, G
 
 MEASURED = ("m", "l_f", "l_r", "h_cg", "track_f", "track_r", "wheel_radius", "I_w")
 """Geometry and mass: held when a number is stated alone."""
 
 
 def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
-    """The model with what is stated of a vehicle; what is not stated stays as it is.
+    """The model with what is stated of a vehicle; what is not is scaled with its mass and size, or stays as it is.
 
     Cornering stiffness, friction and understeer gradient follow from Pacejka's B, C, D where the model asks for those
     and the vehicle states these. Numbers the model does not know are left out: a vehicle is more than one model.
@@ -33,10 +34,42 @@ def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
     """
     stated = {**derived(vehicle), **vehicle.values}
     new = (_parameter(model[name], own, vehicle) for name, own in stated.items() if name in model)
-    changed = model.with_parameters(*new)
+    usual = (_scaled(model[name], own) for name, own in scaled(vehicle).items() if name in model)
+    changed = model.with_parameters(*usual, *new)
     if isinstance(changed, MemoryModel):
         return replace(changed, parts=tuple(with_vehicle(part, vehicle) for part in changed.parts))
     return changed
+
+
+def scaled(vehicle: Vehicle) -> dict[str, Stated]:
+    """What models take for a number that a vehicle does not state, from its mass and size where it states these.
+
+    Models' own numbers are those of a car of 1450 kg: a wheel of 1 kg m^2 in a car of 1.6 kg would weigh a thousand
+    times as much as the car. Inertias grow with mass and length squared, heights and tracks with length, resistance to
+    rolling and the force per unit of a commanded acceleration with mass, drag with length squared, as in a car that is
+    built the same way at another size.
+    """
+    stated, own = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
+    known = {name: _value(stated, name) for name in ("m", "l_f", "l_r", "wheel_radius") if name in stated}
+    if "m" not in known:
+        return {}
+    mass = known["m"] / own["m"]
+    sized = {"l_f", "l_r"} <= known.keys()
+    length = (known["l_f"] + known["l_r"]) / (own["l_f"] + own["l_r"]) if sized else mass ** (1 / 3)
+    radius = known.get("wheel_radius", length * own["wheel_radius"]) / own["wheel_radius"]
+    factors = {
+        "l_f": length, "l_r": length, "h_cg": length, "track_f": length, "track_r": length, "wheel_radius": radius,
+        "I_z": mass * length**2, "I_w": mass * radius**2, "c_0": mass, "c_2": length**2, "force_per_unit": mass,
+    }  # fmt: skip
+    by = "a car of 1450 kg, scaled with mass and size"
+    return {name: Stated(own[name] * factor, source=by) for name, factor in factors.items() if name not in stated}
+
+
+def with_size(model: AnyModel, said: Collection[str]) -> AnyModel:
+    """The model with numbers that nobody said anything of scaled to the mass and size that were said."""
+    values = {name: Stated(float(model[name].array)) for name in said if name in model and model[name].shape == ()}
+    usual = scaled(Vehicle("", values))
+    return model.with_parameters(*(_scaled(model[name], own) for name, own in usual.items() if name in model))
 
 
 def with_tolerances(model: AnyModel, vehicle: Vehicle, effects: Mapping[str, Effect]) -> AnyModel:
@@ -100,14 +133,22 @@ def _parameter(parameter: Parameter, stated: Stated, vehicle: Vehicle) -> Parame
     return replace(new, fixed=parameter.fixed or parameter.name in MEASURED) if stated.plain else new
 
 
+def _scaled(parameter: Parameter, own: Stated) -> Parameter:
+    """The parameter at its usual value for such a size, free or held as the model has it."""
+    if parameter.shape or own.value is None or parameter.prior is not None:
+        return parameter
+    return replace(parameter, value=min(max(own.value, parameter.bounds[0]), parameter.bounds[1]), source=own.source)
+
+
 def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:
     """The parameter free, at the value, with the limits and the belief that are stated."""
     low = parameter.bounds[0] if stated.min is None else stated.min
     high = parameter.bounds[1] if stated.max is None else stated.max
     value = float(parameter.array) if stated.value is None else stated.value
     if not low <= value <= high:
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         raise BadInput(
-            f"{where}: {parameter.name} = {value:g} {parameter.unit} is outside what models take for it, {low:g} to "
+            f"{where}: {parameter.name} = {value:g}{unit} is outside what models take for it, {low:g} to "
             f"{high:g}. Mend it, or state min and max with it."
         )
     prior = Prior(stated.sd, mean=value) if stated.sd is not None else parameter.prior

@@ -16,19 +16,16 @@ from ..motion_model import MotionModel
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
 from ..signals import SIGNALS, unit_of
-from .document import Document, Pairs, Part, Table, Text, Verdict, titled
+from .document import Document, Pairs, Part, Table, Text, VerdictBox, titled
 from .drawing import Drawing
-from .figures.style import label
+from .driven import driven
+from .figures.sheet import sheet_of
+from .figures.style import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look
 from .hybrid.report import seen as hybrid_seen
 from .memory.seen import seen
-from .motion.driven import driven
 from .numbers import counted, listed, number, percent, pretty_unit, signal_words
 from .numbers import interval as interval_of
 from .pairing import DRAWS, TIMES, Judged, Paired, pairs_of
-from .plot.figure import Panel, grid
-from .plot.marks import Curve
-from .plot.palette import BLUE, INK, ORANGE, PURPLE, RUST, Line
-from .plot.scale import Axis
 from .recordings import Seen
 
 COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
@@ -41,7 +38,7 @@ PREDICTIONS: Mapping[type[Model], Callable[[Fit, Sequence[Recording]], Sequence[
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedFit:
     """A fit under the name it has in the comparison, with the recordings it saw."""
 
     name: str
@@ -49,7 +46,7 @@ class Named:
     recordings: tuple[Recording, ...]
 
 
-def comparison(fits: Sequence[Named]) -> Document:
+def comparison(fits: Sequence[NamedFit]) -> Document:
     """The report of several fits.
 
     Raises
@@ -59,7 +56,7 @@ def comparison(fits: Sequence[Named]) -> Document:
     role = common_role(fits)
     parts: tuple[Part, ...]
     if role is None:
-        parts = (Verdict((("Not compared", _apart(fits)),)), *titled("The fits", _described(fits)))
+        parts = (VerdictBox((("Not compared", _apart(fits)),)), *titled("The fits", _described(fits)))
         return _document(fits, parts)
     found = {own.name: _judged(own, role) for own in fits}
     base = fits[0].name
@@ -72,7 +69,7 @@ def comparison(fits: Sequence[Named]) -> Document:
         "difference of squared errors. An interval that leaves out zero (*) is a difference that these recordings tell."
     )
     parts = (
-        Verdict(tuple(_sentence(name, base, own, judged) for name, own in pairs.items())),
+        VerdictBox(tuple(_sentence(name, base, own, judged) for name, own in pairs.items())),
         *titled("The fits", _described(fits)),
         *titled(
             "Errors on the same recordings", *_drawn(found), *(_table(base, *own) for own in pairs.items()), Text(words)
@@ -82,7 +79,7 @@ def comparison(fits: Sequence[Named]) -> Document:
     return _document(fits, parts)
 
 
-def common_role(fits: Sequence[Named]) -> str | None:
+def common_role(fits: Sequence[NamedFit]) -> str | None:
     """The role of files that all fits share: validate, or train where none of them was validated; None for none."""
     validated = any(record.role == "validate" for own in fits for record in own.fit.data)
     role = "validate" if validated else "train"
@@ -91,7 +88,7 @@ def common_role(fits: Sequence[Named]) -> str | None:
     return role if same else None
 
 
-def _judged(own: Named, role: str) -> Judged:
+def _judged(own: NamedFit, role: str) -> Judged:
     every = next(made for kind, made in PREDICTIONS.items() if isinstance(own.fit.model, kind))(own.fit, own.recordings)
     found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
     for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
@@ -113,7 +110,7 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
             ratio = own.second / own.first if own.first > 0 else float("nan")
             size = percent(abs(ratio - 1.0))
             word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if own.told else "no different"
-            clauses.append(f"{word if np.isfinite(own.low) else 'not to be told apart'} in {signal_words(output)}")
+            clauses.append(f"{word if np.isfinite(own.low) else 'indistinguishable'} in {signal_words(output)}")
     how = "in free run" if main == FREE_RUN else _protocol(main)
     return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
 
@@ -151,25 +148,21 @@ def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
     outputs = [name for name in SIGNALS if sum(name in own for own in predicted) > 1]
     if not outputs:
         return ()
-    ticks = tuple((float(k), f"{s:g}" if np.isfinite(s := seconds[p]) else "free") for k, p in enumerate(protocols))
-    x = Axis("horizon [s]", -0.4, len(protocols) - 0.6, ticks=ticks)
-    panels = []
-    for output in outputs:
-        marks = []
+    sheet, axes = sheet_of(len(outputs), 4, 100.0)
+    for ax, output in zip(axes, outputs, strict=True):
         for k, (name, own) in enumerate(found.items()):
             at = [j for j, p in enumerate(protocols) if any(output in ns for _, ns, _ in own.get(p, ()))]
             rmse = [_rmse(output, own[protocols[j]]) for j in at]
-            marks.append(
-                Curve(
-                    np.array(at, dtype=float),
-                    np.array(rmse),
-                    Line(COLOURS[k % len(COLOURS)], ("", "5 2", "1 2")[k % 3], 1.1, name),
-                    1.7,
-                )
-            )
-        panels.append(Panel(tuple(marks), x, Axis(label("RMSE", unit_of(output)), low=0.0), signal_words(output)))
+            colour, dashes = COLOURS[k % len(COLOURS)], ("-", DASHED, DOTTED)[k % 3]
+            ax.plot(at, rmse, **look(colour, 1.1, name, dashes=dashes, dots=1.7))
+        ax.set(xlabel="horizon [s]", xlim=(-0.4, len(protocols) - 0.6), title=signal_words(output),
+               ylabel=label("RMSE", unit_of(output)))  # fmt: skip
+        ax.set_xticks(
+            range(len(protocols)), [f"{seconds[p]:g}" if np.isfinite(seconds[p]) else "free" for p in protocols]
+        )
+        ax.set_ylim(bottom=0.0)
     caption = "RMSE of every fit on the same recordings by horizon of prediction, each over all rows it predicts."
-    return (Drawing("comparison", grid(panels, min(len(panels), 4), 100.0), caption, "Errors of all fits by horizon."),)
+    return (Drawing("comparison", sheet, caption, "Errors of all fits by horizon."),)
 
 
 def _seconds(protocol: str, step: float) -> float:
@@ -186,7 +179,7 @@ def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Predict
     return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
 
-def _described(fits: Sequence[Named]) -> Table:
+def _described(fits: Sequence[NamedFit]) -> Table:
     rows = []
     for own in fits:
         model = own.fit.model
@@ -208,22 +201,22 @@ def _converged(found: Fit) -> str:
     return "yes" if found.stages[-1].converged else "no"
 
 
-def _commands(fits: Sequence[Named]) -> Pairs:
+def _commands(fits: Sequence[NamedFit]) -> Pairs:
     commands = tuple((own.name, own.fit.command or "not recorded (fitted from Python)") for own in fits)
     return Pairs(commands, code=tuple(own.name for own in fits))
 
 
-def _apart(fits: Sequence[Named]) -> str:
+def _apart(fits: Sequence[NamedFit]) -> str:
     judged = [
         f"{own.name} on {listed([d.name for d in own.fit.data if d.role == 'validate']) or 'nothing'}" for own in fits
     ]
     return (
         f"The fits were not judged on the same files ({listed(judged)}), so that their errors cannot be compared. Fit "
-        "them with the same --validate, or let greybox validate score them on one recording."
+        "them with the same validation recording, or validate them on one recording."
     )
 
 
-def _document(fits: Sequence[Named], parts: tuple[Part, ...]) -> Document:
+def _document(fits: Sequence[NamedFit], parts: tuple[Part, ...]) -> Document:
     about = listed([own.name for own in fits])
     versions = listed(sorted({own.fit.version for own in fits}))
     return Document("Comparison of fits", about, "several fits", f"greybox-id {versions}", parts)

@@ -10,9 +10,9 @@ import numpy as np
 from ..fit import Fit
 from ..provenance import DataRecord
 from ..signals import unit_of
-from .document import Pairs, Part, Points, Table, Text, Verdict, titled
+from .document import Pairs, Part, Points, Table, Text, VerdictBox, titled
 from .noise import Noise
-from .numbers import counted, listed, number, pretty_unit, signal_words
+from .numbers import capital, counted, listed, number, pretty_unit, signal_words
 from .recordings import Seen, of_role
 
 ROLE_WORDS = {"train": "training", "validate": "validation"}
@@ -29,7 +29,7 @@ class Content:
     errors : by output, and by protocol or horizon.
     noise : a sentence on the sensors' noise.
     recordings, provenance : files seen, and (what, value) pairs.
-    parameters : physical (scalar) parameters; together: what cannot be told apart.
+    parameters : physical (scalar) parameters; together: what cannot be distinguished.
     stages : how it was fitted.
     """
 
@@ -115,9 +115,16 @@ def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def opening(said: Content, leads: tuple[str, str, str]) -> tuple[Part, ...]:
-    """The verdict, each sentence behind its lead."""
-    return (Verdict(tuple(zip(leads, said.verdict, strict=True))),)
+def opening(fit: Fit, said: Content, leads: tuple[str, str, str]) -> tuple[Part, ...]:
+    """The verdict, each sentence behind its lead; whether the fit can be used first."""
+    return (VerdictBox((*can_be_used(fit), *zip(leads, said.verdict, strict=True))),)
+
+
+def can_be_used(fit: Fit) -> tuple[tuple[str, str], ...]:
+    """The verdict on a fit with its reasons, behind its lead; nothing where nobody judged it."""
+    if fit.verdict is None:
+        return ()
+    return (("Verdict", " ".join([f"{capital(fit.verdict.usability)}.", *fit.verdict.reasons])),)
 
 
 def provenance(said: Content) -> tuple[Part, ...]:
@@ -129,7 +136,7 @@ def told_together(said: Content) -> tuple[Part, ...]:
     """What no recording can tell apart."""
     if not said.together:
         return ()
-    lead = Text("by any recording, because the equations let them act together only:", lead="Cannot be told apart")
+    lead = Text("by any recording, because the equations let them act together only:", lead="Cannot be distinguished")
     return (lead, Points(said.together))
 
 

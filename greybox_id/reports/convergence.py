@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from ..fit import Fit
 from ..provenance import Stage
 from .document import Table
+from .figures.starts import same_as_best, spread_of
 from .numbers import counted, number, percent
 
-SAME_OBJECTIVE = 1e-3
-"""Starts whose objective is within this share of the best count as having found the same."""
 MOST_STARTS, LEAST_OFF = 12, 0.01
 """Starts that have a row; standard deviations from which on an end is off."""
 NOTHING = 1e-6
@@ -32,26 +29,6 @@ def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
         for stage in fit.stages
     )  # fmt: skip
     return Table(head, rows, "LLrrrLL")
-
-
-def same_as_best(stage: Stage) -> list[bool]:
-    """Of every start, whether its objective is that of the best."""
-    best = min(stage.starts)
-    return [abs(own - best) <= SAME_OBJECTIVE * abs(best) for own in stage.starts]
-
-
-def spread_of(fit: Fit, stage: Stage) -> dict[str, list[tuple[float, bool]]]:
-    """Free numbers with a standard deviation -> of every start, where it ended beside the estimate, in standard
-    deviations, and whether its objective is that of the best; empty for a single start.
-    """
-    found = {}
-    for name in stage.ended_at[0] if len(stage.ended_at) > 1 else ():
-        sd = float(np.ravel(fit.sd.get(name, 0.0))[0])
-        if name in fit.model and np.isfinite(sd) and sd > 0:
-            estimate = float(np.ravel(fit.model[name].array)[0])
-            ends = [(own[name] - estimate) / sd for own in stage.ended_at]
-            found[name] = list(zip(ends, same_as_best(stage), strict=True))
-    return found
 
 
 def starts(fit: Fit, stage: Stage) -> Table:

@@ -55,7 +55,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class VerdictBox:
     """The answer of a report: (lead, sentence) pairs."""
 
     pairs: tuple[tuple[str, str], ...]
@@ -83,7 +83,7 @@ class Together:
     parts: tuple[Part, ...]
 
 
-Part = Section | Text | Points | Verdict | Pairs | Table | Formulas | Drawing | Together
+Part = Section | Text | Points | VerdictBox | Pairs | Table | Formulas | Drawing | Together
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Document:
     @property
     def verdict(self) -> tuple[tuple[str, str], ...]:
         """Its answer: (lead, sentence) pairs."""
-        return next((part.pairs for part in self.parts if isinstance(part, Verdict)), ())
+        return next((part.pairs for part in self.parts if isinstance(part, VerdictBox)), ())
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
@@ -150,7 +150,7 @@ def _empty(part: Part) -> bool:
             return not part.items
         case Text():
             return not (part.words or part.lead)
-        case Pairs() | Verdict():
+        case Pairs() | VerdictBox():
             return not part.pairs
         case Formulas():
             return not part.equations

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..files import write_atomically
-from .figures.traces import typical_stretch
 from .noise import Noise
-from .plot.figure import Figure
-from .recordings import Seen
+from .recordings import Seen, typical_stretch
+
+if TYPE_CHECKING:  # matplotlib is loaded where something is drawn
+    from .figures.sheet import Sheet
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Drawing:
     """
 
     name: str
-    figure: Figure
+    figure: Sheet
     caption: str
     alt: str
 

@@ -40,7 +40,7 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
 
 
 def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iterator[Drawing]:
-    """What residuals still tell."""
+    """Residual analysis."""
     one = shown_first(recordings)
     figure = residual_correlations(one, inputs)
     if figure is not None:

@@ -7,10 +7,11 @@ from importlib import resources
 from pathlib import Path
 
 from ..files import write_atomically
-from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, Verdict
+from ..guard import MARK
+from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .drawing import Drawing
 from .equations.mathml import in_mathml
-from .plot.palette import DARK, LIGHT, style
+from .figures.style import DARK, LIGHT
 from .words import Span, is_symbol_index, named, spans
 
 STYLE = "page.css"
@@ -26,11 +27,15 @@ def write_html(document: Document, out: str | Path) -> Path:
 def page(document: Document) -> str:
     """The page."""
     look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
-    colours = f"{style(LIGHT)}@media(prefers-color-scheme:dark){{{style(DARK)}}}"
+    light, dark = (
+        f":root{{{''.join(f'--{name}:{own};' for name, own in colours.items())}}}" for colours in (LIGHT, DARK)
+    )
+    colours = f"{light}@media(prefers-color-scheme:dark){{{dark}}}"
     body = "\n".join(_part(part) for part in document.parts)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta name="generator" content="{MARK}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(document.title)}: report of {escape(document.of)}</title>\n"
         f"<style>\n{look}{colours}\n</style>\n</head>\n<body>\n<main>\n"
@@ -49,7 +54,7 @@ def _part(part: Part) -> str:
             return f"<p{' class=small' if small else ''}>{first}{_words(words)}</p>"
         case Points(items):
             return f"<ul class=small>{''.join(f'<li>{_words(item)}</li>' for item in items)}</ul>"
-        case Verdict(pairs):
+        case VerdictBox(pairs):
             inside = "".join(f"<dt>{_words(lead)}</dt><dd>{_words(words)}</dd>" for lead, words in pairs)
             return f"<dl class=verdict>{inside}</dl>"
         case Pairs(pairs, code):
@@ -64,7 +69,7 @@ def _part(part: Part) -> str:
             return f"<div class=formulas>{''.join(f'<div>{in_mathml(own)}</div>' for own in equations)}</div>"
         case Drawing():
             caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
-            return f"<figure>{part.figure.svg(part.alt, palette=None)}{caption}</figure>"
+            return f"<figure>{part.figure.svg(part.alt, colours=False)}{caption}</figure>"
         case Together(parts):
             return "\n".join(_part(own) for own in parts)
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import detrend
 
 from ..recording import Array, Recording
-from .spectra import detrended
 
 REST_SHARE = 0.003
 """At rest: slower than this share of the top speed (the 99 % quantile of speed)."""
@@ -46,7 +46,7 @@ class Noise:
     def of(self, name: str) -> list[Array]:
         """One signal on every stretch that has it whole, its trend removed."""
         found = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
-        return [detrended(values) for values in found if np.all(np.isfinite(values))]
+        return [detrend(values) for values in found if np.all(np.isfinite(values))]
 
     def sd(self, name: str) -> float:
         """Standard deviation of one signal; nan where it was not recorded."""

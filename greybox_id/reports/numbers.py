@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from ..signals import SIGNALS
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+MOST_DIGITS = 7
+"""Significant digits at most, however small a standard deviation is said to be: no sensor tells more."""
 SMALLEST, LARGEST = -3, 5
 """Powers of ten between which numbers are written out."""
 
@@ -40,9 +42,14 @@ def number(value: float, digits: int = 3) -> str:
     return f"{_minus(f'{value / 10.0**power:.{digits - 1}f}')}·10{_raised(power)}"
 
 
+def rmse(value: float) -> str:
+    """A root mean square error of predictions, to two digits; infinite where they diverge."""
+    return "diverges" if value == math.inf else number(value, 2)
+
+
 def with_sd(value: float, sd: float, digits: int = 2) -> str:
     """Estimate ± standard deviation, to so many digits of the latter."""
-    if not (math.isfinite(sd) and sd > 0.0):
+    if not (math.isfinite(value) and math.isfinite(sd) and sd > 0.0):
         return number(value)
     shown = together(value, sd, by=sd * 10 ** (2 - digits))
     if shown.power:
@@ -78,7 +85,8 @@ class together:  # noqa: N801 - reads as a word where it is used
         largest = max(*(abs(v) for v in values), by)
         power = _power(largest)
         self.power = 0 if SMALLEST <= power < LARGEST else power
-        decimals = max(0, 1 - (_power(by) - self.power))
+        most = MOST_DIGITS - 1 - (power - self.power)
+        decimals = max(0, min(1 - (_power(by) - self.power), most))
         self.words = tuple(_minus(f"{value / 10.0**self.power:.{decimals}f}") for value in values)
 
 

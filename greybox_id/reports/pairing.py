@@ -10,7 +10,7 @@ import numpy as np
 from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import Prediction
-from .spectra import correlation
+from ..statistics import correlation_time, resampled
 
 DRAWS = 2000
 """Of blocks, with replacement, for each interval."""
@@ -58,7 +58,8 @@ def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paire
     sample_time : s.
     """
     one, other = first**2, second**2
-    length = max(round(LEAST_SECONDS / sample_time), round(TIMES * _correlation_rows(other - one, run)), 1)
+    off = other - one - np.mean(other - one)
+    length = max(round(LEAST_SECONDS / sample_time), round(TIMES * correlation_time(off[:, None])), 1)
     blocks: list[tuple[float, float, int]] = []
     for number_ in np.unique(run):
         rows = np.flatnonzero(run == number_)
@@ -66,23 +67,16 @@ def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paire
         blocks += [
             (float(one[part].sum()), float(other[part].sum()), len(part)) for part in np.array_split(rows, count)
         ]
-    low = high = float("nan")
-    if len(blocks) >= LEAST_BLOCKS:
-        table = np.array(blocks)
-        drawn = table[np.random.default_rng(0).integers(0, len(table), (DRAWS, len(table)))].sum(axis=1)
-        low, high = np.quantile(np.sqrt(drawn[:, 1] / drawn[:, 2]) - np.sqrt(drawn[:, 0] / drawn[:, 2]), (0.025, 0.975))
+    low, high = resampled(np.array(blocks), _difference, DRAWS) if len(blocks) >= LEAST_BLOCKS else (np.nan, np.nan)
     return Paired(
         float(np.sqrt(one.mean())), float(np.sqrt(other.mean())), float(low), float(high), length * sample_time,
         len(blocks),
     )  # fmt: skip
 
 
-def _correlation_rows(values: Array, run: Array) -> float:
-    """Correlation time in rows: one and twice the sum of the correlations up to the first that is not positive."""
-    parts = [(values[run == k], values[run == k]) for k in np.unique(run)]
-    rho = correlation(parts, min(len(values) // 4, 2000))
-    stop = int(np.argmax(~(rho > 0))) if np.any(~(rho > 0)) else len(rho)
-    return float(1.0 + 2.0 * np.sum(rho[1:stop]))
+def _difference(sums: Array) -> float:
+    """By how much two RMSE differ, of sums of squares and their count."""
+    return float(np.diff(np.sqrt(sums[:2] / sums[2]))[0])
 
 
 def pairs_of(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:

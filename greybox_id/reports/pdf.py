@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import struct
 import tempfile
+import zlib
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
 import typst
 
+from ..errors import BadInput
 from ..files import replacing
-from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, Verdict
+from ..guard import MARK
+from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .drawing import Drawing
 from .equations.typst import in_typst
 from .words import Span, is_symbol_index, named, spans
@@ -28,11 +32,26 @@ def write_pdf(document: Document, out: str | Path) -> Path:
 
 def write_png(document: Document, out: str | Path, dots_per_inch: int = 150) -> Path:
     """Write the first page of a report as a PNG, atomically. Raises `BadInput` where the file cannot be written."""
-    return _write(rendered(document, "png", dots_per_inch), Path(out))
+    return _write(_marked(rendered(document, "png", dots_per_inch)), Path(out))
 
 
 def rendered(document: Document, kind: Literal["pdf", "png"] = "pdf", dots_per_inch: int = 150) -> bytes:
-    """The bytes of the PDF, or of its first page as PNG. No date is in them: they depend on what is shown alone."""
+    """The bytes of the PDF, or of its first page as PNG. No date is in them: they depend on what is shown alone.
+
+    Raises
+    ------
+    BadInput : the pages cannot be laid out, as nothing can be written to the folder for temporary files.
+    """
+    try:
+        return _rendered(document, kind, dots_per_inch)
+    except OSError as error:
+        raise BadInput(
+            f"Pages cannot be laid out in {tempfile.gettempdir()}: {error.strerror or error}. Make room there, or name "
+            "another folder in TMPDIR."
+        ) from error
+
+
+def _rendered(document: Document, kind: Literal["pdf", "png"], dots_per_inch: int) -> bytes:
     with tempfile.TemporaryDirectory(prefix="greybox-") as name:
         folder = Path(name)
         text = resources.files(__package__).joinpath(LAYOUT).read_text("utf-8")
@@ -75,7 +94,7 @@ def _part(part: Part) -> dict[str, Any]:
             return {"kind": "text"} | own
         case Points():
             return {"kind": "points", "items": [_spans(item) for item in part.items]}
-        case Verdict():
+        case VerdictBox():
             return {"kind": "verdict", "pairs": [[_spans(lead), _spans(words)] for lead, words in part.pairs]}
         case Pairs():
             pairs = [
@@ -112,6 +131,13 @@ def _plain(found: tuple[Span, ...]) -> list[dict[str, Any]]:
         }
         for span in found
     ]
+
+
+def _marked(png: bytes) -> bytes:
+    """A PNG that says which software made it, right after its header, which is 33 bytes long."""
+    words = b"tEXtSoftware\0" + MARK.encode()
+    chunk = struct.pack(">I", len(words) - 4) + words + struct.pack(">I", zlib.crc32(words))
+    return png[:33] + chunk + png[33:]
 
 
 def _write(content: bytes, target: Path) -> Path:

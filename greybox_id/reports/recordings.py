@@ -10,9 +10,13 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..parameter import Array
 from ..provenance import DataRecord
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
+
+SECONDS = 15.0
+"""Length of a typical stretch."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,39 @@ def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
             part = Prediction(whole.rows[inside], whole.predicted[inside], whole.measured[inside], whole.run[inside])
             found.append((number, part))
     return found
+
+
+def typical_stretch(one: Seen) -> tuple[int, int]:
+    """The rows of the stretch whose error is nearest to that of the whole recording: neither its best nor its worst.
+
+    The error is the mean over the outputs of the mean square, each relative to its own over the recording.
+    """
+    whole = one.predicted[one.main]
+    average = _mean_squares(whole, len(whole.rows))
+    length = max(2, round(SECONDS / one.recording.sample_time))
+    best, least = (int(whole.rows[0]), int(whole.rows[-1]) + 1), np.inf
+    parts = [part for _, part in run_rows(one, one.main)]
+    length = min(length, max(len(part.rows) for part in parts))
+    for part in (part for part in parts if len(part.rows) >= length):
+        means = _mean_squares(part, length)
+        distance = np.abs(np.log(np.maximum(np.mean(means / np.maximum(average, 1e-300), axis=1), 1e-12)))
+        k = int(np.argmin(distance))
+        if distance[k] < least:
+            best, least = (int(part.rows[k]), int(part.rows[k + length - 1]) + 1), float(distance[k])
+    return best
+
+
+def _mean_squares(part: Prediction, length: int) -> Array:
+    """(windows, outputs) mean square of the residuals over every stretch of so many rows, those that were read."""
+    residual = part.predicted - part.measured
+    known = np.isfinite(residual)
+
+    def sums(values: Array) -> Array:
+        total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+        return np.asarray(total[length:] - total[:-length])
+
+    squares = np.where(known, residual, 0.0) ** 2
+    return np.asarray(sums(squares) / np.maximum(sums(known.astype(float)), 1.0))
 
 
 def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:

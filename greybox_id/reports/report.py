@@ -62,9 +62,9 @@ def kind_of(out: str | Path, kind: str | None = None) -> str:
     """
     suffix = {"htm": "html"}.get(own := Path(out).suffix.lower().lstrip("."), own)
     if suffix not in FORMATS:
-        raise BadInput(f"{out}: a report is a .pdf or a .html file; name it so with --out.")
+        raise BadInput(f"{out}: a report is a .pdf or a .html file; name it so with ‹out›.")
     if kind not in (None, suffix):
-        raise BadInput(f"{out} is named as {suffix.upper()}, but --format says {kind}; leave one of them away.")
+        raise BadInput(f"{out} is named as {suffix.upper()}, but ‹format› says {kind}; omit one of them.")
     return suffix
 
 

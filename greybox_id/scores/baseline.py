@@ -1,4 +1,4 @@
-"""What any model must beat: the last reading held."""
+"""What any fit must beat: the persistence, and the model as it was before it was fitted."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.runs import MotionRun
 from ..engine.motion.simulator import Simulator
+from ..fit import Fit
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from .metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
+from .metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors, score_motion
 
 Scores = Mapping[str, Mapping[str, Error]]
 
@@ -31,10 +32,19 @@ def score_beside_hold(
         name = FREE_RUN if horizon is None else ahead(horizon)
         found = predictor.free_run() if horizon is None else predictor.ahead(horizon)
         for scores, predictions in ((own, found), (held, hold(found, predictor.runs, horizon))):
-            told = prediction_errors(model.outputs, predictions, recording.sample_time)
+            told = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
             if told:
                 scores[name] = told
     return own, held
+
+
+def unfitted_scores(fit: Fit, recording: Recording) -> Scores:
+    """Errors of a fit's model as it was before it was fitted; empty where that was not kept."""
+    before = {name: value for name, value in fit.how.get("unfitted", {}).items() if name in fit.model}
+    if not isinstance(fit.model, MotionModel) or not before:
+        return {}
+    model = fit.model.with_parameters(*(fit.model[name].with_value(value) for name, value in before.items()))
+    return score_motion(Simulator(model), recording, model.values)
 
 
 def hold(predictions: Predictions, runs: Sequence[MotionRun], horizon: float | None) -> Predictions:

@@ -3,7 +3,8 @@
 honest : windows never cross a join; all samples pooled; open loop (fed-back inputs measured).
 published : as in the papers on model-structured networks: windows laid across joins, the mean over batches of
     100 windows of each batch's RMSE, an incomplete last batch dropped; open loop with measured a_x and a_y. A
-    recording of fewer than 100 windows is pooled.
+    recording of fewer than 100 windows is pooled. The papers' fractions of variance unexplained are two: that of
+    their library's validator (`Error.fvu_published`) and the pooled one of their adaptations (`Error.fvu_pooled`).
 closed_loop : no window across a join, pooled; the model runs on its own predictions from the first window of
     each run to its end.
 
@@ -14,17 +15,19 @@ run from the first row of each run to its end. Hybrid models are scored in free 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
 
 from ..engine.hybrid.free_run import free_run
 from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.runs import Mask
 from ..engine.motion.simulator import Simulator
 from ..engine.sensing import Sensing
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
+from ..fit import FREE_RUN as FREE_RUN
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
@@ -32,9 +35,38 @@ from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
 
+ASTRAY = 10.0
+"""A prediction that is off by more than so many times the range of the readings has diverged."""
+
 Protocol = Literal["honest", "published", "closed_loop"]
 PROTOCOLS: tuple[Protocol, ...] = ("honest", "published", "closed_loop")
 BATCH = 100
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Where predictions go astray: further from the readings than `ASTRAY` times their range, or no numbers at all.
+
+    Attributes
+    ----------
+    run : number of the first run in which they do, from 1.
+    after : s from the start of that run (free run) or the horizon (so many seconds ahead).
+    share : of the runs, or of the predictions so many seconds ahead.
+    free : whether it is a free run that diverges.
+    """
+
+    run: int
+    after: float
+    share: float
+    free: bool
+
+    @property
+    def words(self) -> str:
+        """As the end of a sentence."""
+        if self.free:
+            return f"diverges after {self.after:.3g} s in run {self.run}"
+        share = f"{100 * self.share:.2g} %" if self.share < 0.995 else "all"
+        return f"diverges in {share} of the predictions {self.after:g} s ahead"
 
 
 @dataclass(frozen=True)
@@ -48,12 +80,26 @@ class Error:
         or over the batches of the published protocol.
     fvu : fraction of variance unexplained, var(error)/var(measured), over all samples.
     samples : predictions scored.
+    spread : standard deviation of the readings, in the output's unit; NaN where it was not kept.
+    diverges : where the model's prediction goes astray; None where it does not. No RMSE is told then: it is infinite.
+    fvu_published : (var(error)/var(measured) + var(error)/var(predicted))/2 over full batches, as nnodely's validator
+        has it; NaN outside the published protocol.
+    fvu_pooled : sum of squared errors over that of the readings about their mean: a bias counts; NaN likewise.
     """
 
     rmse: float
     rmse_sd: float
     fvu: float
     samples: int
+    spread: float = np.nan
+    diverges: Divergence | None = None
+    fvu_published: float = np.nan
+    fvu_pooled: float = np.nan
+
+    @property
+    def fit_percent(self) -> float:
+        """100 (1 - RMSE / standard deviation of the readings), as system identification has it; 100 is perfect."""
+        return 100.0 * (1.0 - self.rmse / self.spread) if self.spread > 0 else np.nan
 
 
 @dataclass(frozen=True)
@@ -73,9 +119,11 @@ class Prediction:
     run: Array
 
 
-def predictions(model: MemoryModel, recording: Recording, protocol: Protocol = "honest") -> Prediction:
-    """Predict a recording one sample ahead (open loop) or freely (closed loop)."""
-    trace = Trace(model)
+def predictions(
+    model: MemoryModel, recording: Recording, protocol: Protocol = "honest", trace: Trace | None = None
+) -> Prediction:
+    """Predict a recording one sample ahead (open loop) or freely (closed loop); `trace` is the model's, if at hand."""
+    trace = Trace(model) if trace is None else trace
     found = runs(trace, recording, across_joins=protocol == "published")
     sensing = Sensing(trace)
     p = model.values
@@ -104,7 +152,6 @@ def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:
 
 HORIZONS = (0.1, 0.5, 1.0, 2.0)
 """Seconds ahead at which motion models are scored."""
-FREE_RUN = "free run"
 
 
 def ahead(horizon: float) -> str:
@@ -132,22 +179,43 @@ def score_motion(
     found[FREE_RUN] = predictor.free_run()
     scores: dict[str, dict[str, Error]] = {}
     for name, prediction in found.items():
-        own = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time)
+        horizon = None if name == FREE_RUN else next(own for own in horizons if ahead(own) == name)
+        own = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time, horizon)
         if own:
             scores[name] = own
     return scores
 
 
 def prediction_errors(
-    outputs: Sequence[str], prediction: Prediction | Predictions, sample_time: float
+    outputs: Sequence[str], prediction: Prediction | Predictions, sample_time: float, horizon: float | None = None
 ) -> dict[str, Error]:
-    """Errors of every output that was read."""
+    """Errors of every output that was read; predictions of a free run where no horizon, s, is given."""
     found = {}
     for k, output in enumerate(outputs):
         read = np.isfinite(prediction.measured[:, k]) & ~np.isnan(prediction.predicted[:, k])
         if np.any(read):
-            found[output] = _error(prediction.predicted[read, k], prediction.measured[read, k], sample_time, "honest")
+            own = _error(prediction.predicted[read, k], prediction.measured[read, k], sample_time, "honest")
+            astray = _divergence(prediction, k, read, sample_time, horizon)
+            found[output] = own if astray is None else Error(np.inf, np.nan, np.inf, own.samples, own.spread, astray)
     return found
+
+
+def _divergence(
+    prediction: Prediction | Predictions, k: int, read: Mask, sample_time: float, horizon: float | None
+) -> Divergence | None:
+    """Whether the predictions of an output go astray in the rows that were read."""
+    measured, predicted, run = prediction.measured[read, k], prediction.predicted[read, k], prediction.run[read]
+    far = ASTRAY * float(np.ptp(measured)) or ASTRAY * max(float(np.max(np.abs(measured))), 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        astray = ~(np.abs(predicted - measured) <= far)
+    if not np.any(astray):
+        return None
+    first = int(run[astray][0])
+    if horizon is not None:
+        return Divergence(first + 1, horizon, float(np.mean(astray)), free=False)
+    begin = prediction.rows[np.argmax(prediction.run == first)]
+    after = (prediction.rows[read][astray][0] - begin) * sample_time
+    return Divergence(first + 1, float(after), len(np.unique(run[astray])) / len(np.unique(run)), free=True)
 
 
 def _score_memory(model: MemoryModel, recording: Recording) -> dict[Protocol, dict[str, Error]]:
@@ -164,11 +232,13 @@ def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> di
     }
 
 
-def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, float]]]:
+def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Scores as plain data for JSON."""
     return {
         protocol: {
             name: {"rmse": e.rmse, "rmse_sd": e.rmse_sd, "fvu": e.fvu, "samples": e.samples}
+            | ({} if e.diverges is None else {"diverges": asdict(e.diverges)})
+            | ({"fvu_published": e.fvu_published, "fvu_pooled": e.fvu_pooled} if protocol == "published" else {})
             for name, e in by_output.items()
         }
         for protocol, by_output in scores.items()
@@ -184,18 +254,51 @@ def _predicted(run: Run, p: Array, protocol: Protocol) -> Array:
 
 
 def _error(predicted: Array, measured: Array, sample_time: float, protocol: Protocol) -> Error:
-    residual = predicted - measured
-    square = residual**2
-    if protocol == "published" and len(square) >= BATCH:
-        batches = square[: len(square) // BATCH * BATCH].reshape(-1, BATCH).mean(axis=1)
-        rmse, sd = float(np.mean(np.sqrt(batches))), _standard_error(np.sqrt(batches))
-    else:
-        rmse = float(np.sqrt(np.mean(square)))
-        length = max(1, min(len(square), round(1.0 / sample_time)))
-        blocks = square[: len(square) // length * length].reshape(-1, length).mean(axis=1)
-        sd = _standard_error(blocks) / (2 * rmse) if rmse > 0 else 0.0
-    variance = float(np.var(measured))
-    return Error(rmse, sd, float(np.var(residual)) / variance if variance > 0 else float("nan"), len(residual))
+    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged leaves the range of numbers
+        residual = predicted - measured
+        square = residual**2
+        if protocol == "published" and len(square) >= BATCH:
+            batches = square[: len(square) // BATCH * BATCH].reshape(-1, BATCH).mean(axis=1)
+            rmse, sd = float(np.mean(np.sqrt(batches))), _standard_error(np.sqrt(batches))
+        else:
+            rmse = float(np.sqrt(np.mean(square)))
+            length = max(1, min(len(square), round(1.0 / sample_time)))
+            blocks = square[: len(square) // length * length].reshape(-1, length).mean(axis=1)
+            sd = _standard_error(blocks) / (2 * rmse) if rmse > 0 else 0.0
+        variance = float(np.var(measured))
+        fvu = float(np.var(residual)) / variance if variance > 0 else float("nan")
+        of_papers = _as_published(predicted, measured) if protocol == "published" else (np.nan, np.nan)
+    return Error(rmse, sd, fvu, len(residual), float(np.sqrt(variance)), None, *of_papers)
+
+
+def _as_published(predicted: Array, measured: Array) -> tuple[float, float]:
+    """Both fractions of variance unexplained of the papers: the validator's and the pooled one."""
+    error = predicted - measured
+    full = slice(0, _full_batches(len(error)))
+    variances = [float(np.var(own[full])) for own in (error, measured, predicted)]
+    about_mean = float(np.sum((measured - np.mean(measured)) ** 2))
+    validator = 0.5 * (variances[0] / variances[1] + variances[0] / variances[2]) if min(variances[1:]) > 0 else np.nan
+    return validator, float(np.sum(error**2)) / about_mean if about_mean > 0 else np.nan
+
+
+def _full_batches(samples: int) -> int:
+    """Samples in full batches; all, where there is not one."""
+    return samples // BATCH * BATCH or samples
+
+
+def aic(residual: Array, parameters: int, effective: float | None = None) -> float:
+    """Akaike's criterion as published: n ln 2 pi + n ln var(e) + sum e^2/var(e) + 2 k.
+
+    Parameters
+    ----------
+    residual : (samples,) errors of one output; what is no full batch is left out, as published.
+    parameters : k.
+    effective : number of independent samples that they count as; None counts each, as published.
+    """
+    own = residual[: _full_batches(len(residual))] if effective is None else residual
+    n = float(len(own)) if effective is None else effective
+    variance = float(np.var(own))
+    return float(n * np.log(2 * np.pi * variance) + n * np.mean(own**2) / variance + 2 * parameters)
 
 
 def _standard_error(blocks: Array) -> float:

@@ -66,7 +66,7 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
     """
     if isinstance(model, MotionModel):
         if open_loop:
-            raise BadInput(f"{model.name} has states and no open loop; say how far to look ahead with --horizon.")
+            raise BadInput(f"{model.name} has states and no open loop; say how far to look ahead with ‹horizon›.")
         predictor = Predictor(Simulator(model), recording, model.values)
         if horizon is None:
             return _as_prediction(predictor.free_run())
@@ -74,15 +74,13 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
         return _as_prediction(predictor.ahead(horizon))
     if isinstance(model, HybridModel):
         if horizon is not None or open_loop:
-            raise BadInput(
-                f"{model.name} runs freely from the start of each run; leave --horizon and --open-loop away."
-            )
+            raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
         return hybrid_predictions(model, recording)
     assert isinstance(model, MemoryModel)
     if horizon is not None:
         raise BadInput(
-            f"{model.name} is a model with memory: it predicts freely or, with --open-loop, one sample ahead; leave "
-            "--horizon away."
+            f"{model.name} is a model with memory: it predicts freely or, with ‹open_loop›, one sample ahead; omit "
+            "‹horizon›."
         )
     return predictions(model, recording, "closed_loop" if model.feedback is not None and not open_loop else "honest")
 
@@ -110,8 +108,8 @@ def assumed(model: Model, recording: Recording, start: Mapping[str, float]) -> l
         read = state.name in recording and bool(np.any(np.isfinite(recording[state.name])))
         if state.name in SIGNALS and not read and state.name not in start and not callable(state.start):
             found.append(
-                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit}; say where "
-                f"with --start-state {state.name}=VALUE."
+                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
+                "hand over where it starts."
             )
     return found
 

@@ -38,7 +38,7 @@ NEGLIGIBLE = 1e-3
 objective in PATIENCE steps has stopped learning anything that its residuals could show."""
 
 Mask = NDArray[np.bool_]
-Search = Literal["shorten", "damp"]
+Search = Literal["line_search", "levenberg_marquardt"]
 
 
 class Status(Enum):
@@ -91,7 +91,7 @@ def gauss_newton(
     max_steps: int = 100,
     tolerance: float = 1e-8,
     negligible: float = NEGLIGIBLE,
-    search: Search = "shorten",
+    search: Search = "line_search",
     on_step: OnStep | None = None,
 ) -> Solution:
     """Minimise a lifted least-squares problem.
@@ -103,8 +103,8 @@ def gauss_newton(
     max_steps : accepted steps at most.
     tolerance : stop when a full Gauss-Newton step promises a decrease of less than this share of the objective.
     negligible : stop when PATIENCE steps together gain less than this share of the objective; 0 never does.
-    search : what is done to a step that fails: "shorten" it first, which suits hundreds of weights, or "damp" it
-        (Levenberg-Marquardt), which suits a few physical parameters in a bent valley of condition 1e9.
+    search : what is done to a step that fails: "line_search" shortens it first, which suits hundreds of weights,
+        "levenberg_marquardt" damps it, which suits a few physical parameters in a bent valley of condition 1e9.
     on_step : progress, and a way to stop.
 
     Returns
@@ -124,7 +124,8 @@ def gauss_newton(
             if not (np.all(np.isfinite(equations.H)) and np.all(np.isfinite(equations.g))):
                 status = Status.STALLED if steps else Status.NOT_FINITE
                 break
-            decrement = _decrease(equations, _step(problem, point.x, equations, 0.0)) / max(point.objective, 1e-300)
+            full = _decrease(equations, _step(problem, point.x, equations, 0.0))
+            decrement = max(full, _single_decrease(problem, point.x, equations)) / max(point.objective, 1e-300)
             if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
@@ -165,12 +166,12 @@ class _Search:
     def __init__(self, kind: Search) -> None:
         self.kind = kind
         self.share = 1.0
-        self.damping = LEAST_DAMPING if kind == "shorten" else FIRST_DAMPING
+        self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
 
 
 def _descent(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
     """The next point, None where nothing lowers the objective."""
-    return (_shortened if memory.kind == "shorten" else _damped)(problem, point, equations, memory)
+    return (_shortened if memory.kind == "line_search" else _damped)(problem, point, equations, memory)
 
 
 def _shortened(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
@@ -220,7 +221,7 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
 
 def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:
     """Where a step leads that is taken in logarithms of the positive unknowns."""
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # zero times infinity, of unknowns that add their step
         return _within(problem, np.where(_positive(problem, x), x * np.exp(step), x + step))
 
 
@@ -327,3 +328,19 @@ def _solved(H: Array, b: Array) -> Array:
 
 def _decrease(equations: NormalEquations, step: Array) -> float:
     return float(-(equations.g @ step + 0.5 * step @ equations.H @ step))
+
+
+def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
+    """The most that the quadratic model promises for moving one unknown alone, within its bounds.
+
+    A full step promises no less, but for rounding: where H spans more than numbers hold, its step can come out as
+    nothing at all, and a point with an enormous gradient would pass for an optimum.
+    """
+    curvature = np.diag(equations.H)
+    moving = problem.free & (curvature > 0) & np.isfinite(x)
+    if not np.any(moving):
+        return 0.0
+    g, h = equations.g[moving], curvature[moving]
+    with np.errstate(all="ignore"):
+        step = np.clip(-g / h, (problem.bounds[0] - x)[moving], (problem.bounds[1] - x)[moving])
+        return float(np.nanmax(-(g * step + 0.5 * h * step**2), initial=0.0))

@@ -24,10 +24,14 @@ from .programs import UNLIMITED, Condensed, Lifted, bounds_of
 
 SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
+NEAR = 5e-3
+"""Gradient, by unknowns in units of their curvature, at which an optimum of a network is confirmed: no weight by itself
+would move by more than a two-hundredth of the standard deviation that it has where all others stay. Ipopt's steps are
+those of Gauss-Newton, which gain slowly along a network's bent valleys; besides, the objective must hardly fall."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class IpoptVerdict:
     """What Ipopt said.
 
     Attributes
@@ -48,7 +52,7 @@ class Verdict:
 
 def ipopt(
     problem: Problem | MotionProblem, x: Array, *, max_iterations: int = 200, warm: bool = False, lifted: bool = True
-) -> tuple[Solution, Verdict]:
+) -> tuple[Solution, IpoptVerdict]:
     """Minimise a lifted least-squares problem with Ipopt.
 
     Parameters
@@ -70,11 +74,12 @@ def ipopt(
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.tol": 1e-4 if warm else 1e-6,
+        "ipopt.tol": (NEAR if isinstance(program, Condensed) else 1e-4) if warm else 1e-6,
         "ipopt.linear_solver": "mumps",
         "ipopt.mu_strategy": "adaptive",
         "ipopt.fixed_variable_treatment": "make_parameter",
         "error_on_fail": False,
+        "show_eval_warnings": False,  # a trial point beyond all bounds is Ipopt's affair; it shortens the step
         **program.derivatives,
     }
     if warm:
@@ -87,7 +92,7 @@ def ipopt(
         }
     solver = cs.nlpsol("ipopt", "ipopt", program.nlp, options)
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
-    scale = program.scale if isinstance(program, MotionProgram) else np.ones(program.size)
+    scale = np.ones(program.size) if isinstance(program, Lifted) else program.scale
     low, high = (bound / scale for bound in bounds_of(problem, limited, program.size))
     start = program.start(limited, warm)
     found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
@@ -107,7 +112,7 @@ def ipopt(
     solution = Solution(
         unknowns, matched, status, int(stats["iter_count"]), objective, np.nan, tuple(trajectory.get("obj", ()))
     )
-    return solution, Verdict(
+    return solution, IpoptVerdict(
         words=stats["return_status"].replace("_", " "),
         iterations=int(stats["iter_count"]),
         gradient=float(trajectory.get("inf_du", [np.nan])[-1]),
@@ -119,4 +124,4 @@ def ipopt(
 def _program(problem: Problem | MotionProblem, x: Array, lifted: bool) -> Condensed | Lifted | MotionProgram:
     if isinstance(problem, MotionProblem):
         return MotionProgram(problem, x)
-    return Lifted(problem) if problem.closed_loop and lifted else Condensed(problem)
+    return Lifted(problem) if problem.closed_loop and lifted else Condensed(problem, x)

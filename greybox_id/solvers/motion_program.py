@@ -14,7 +14,7 @@ import numpy as np
 
 from ..engine.motion.lanes import Lanes
 from ..engine.motion.runs import Index
-from ..engine.motion.shooting import MotionProblem, Simulated
+from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..parameter import Array
 
 
@@ -50,15 +50,15 @@ class MotionProgram:
         nodes = self.problem.simulated_nodes(x).starts[self._inner]
         return np.asarray(np.concatenate([x, nodes.ravel()]) / self.scale)
 
-    def evaluate(self, X: Array) -> Lifted:
+    def evaluate(self, X: Array) -> LiftedMotion:
         """Everything in the program's own units."""
         values, scale = X * self.scale, self.scale
         x, nodes = values[: self.unknowns], values[self.unknowns :].reshape(len(self._inner), self.states)
         f, gaps, g, gaps_by, H = at_nodes(self.problem, x, nodes)
-        return Lifted(f, gaps, g * scale, gaps_by * scale, H * np.outer(scale, scale))
+        return LiftedMotion(f, gaps, g * scale, gaps_by * scale, H * np.outer(scale, scale))
 
 
-class Lifted(NamedTuple):
+class LiftedMotion(NamedTuple):
     """The lifted problem at a point: by all variables, [x, nodes].
 
     Attributes
@@ -77,7 +77,7 @@ class Lifted(NamedTuple):
     H: Array
 
 
-def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> Lifted:
+def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
     """The lifted problem at nodes that need not match.
 
     Parameters
@@ -92,11 +92,11 @@ def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> Lifted:
     begin = np.empty((len(cut.interval), size))
     begin[cut.first], begin[~cut.first] = starts, inner
     z_end, Z_end, y, Y = problem.simulator.kernel.linearise(begin, cut.segments, p[cut.interval], cut.reads, moving)
-    nodes = Simulated(lanes, cut, begin, cut.gathered(y))
+    nodes = SimulatedRuns(lanes, cut, begin, cut.gathered(y))
     e, weight = (cut.scattered(own) for own in problem.targets.weighted(nodes.y, nodes.taken))
     total = len(x) + inner.size
     H, g, gaps_by = np.zeros((total, total)), np.zeros(total), np.zeros((inner.size, total))
-    H[: len(x), : len(x)], g[: len(x)] = problem.believed, problem.pull_of_beliefs(x)
+    H[: len(x), : len(x)], g[: len(x)] = problem.believed, problem.pull_of_priors(x)
     for lane, variables in enumerate(_variables(problem, cut)):
         of_p, others = slice(0, len(moving)), slice(len(moving), None)
         by = np.zeros((size, len(variables)))  # the lane's beginning by its variables
@@ -116,7 +116,7 @@ def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> Lifted:
             end[:, of_p] += Z_end[lane, :, size:]
             gaps_by[np.ix_(np.sum(~cut.first[: lane + 1]) * size + np.arange(size), variables)] += end
     before = np.flatnonzero(~cut.first) - 1
-    return Lifted(problem.objective(x, nodes), (z_end[before] - inner).ravel(), g, gaps_by, H)
+    return LiftedMotion(problem.objective(x, nodes), (z_end[before] - inner).ravel(), g, gaps_by, H)
 
 
 def _variables(problem: MotionProblem, cut: Lanes) -> Iterator[Index]:

@@ -22,37 +22,49 @@ UNLIMITED = 1e10
 
 
 class Condensed:
-    """The problem as a program over the parameters alone: open loop, or closed with the nodes eliminated."""
+    """The problem as a program over the parameters alone: open loop, or closed with the nodes eliminated.
 
-    def __init__(self, problem: Problem) -> None:
+    Unknowns are in units of their own curvature at x: Ipopt's tolerance is one for all of them, and curvatures of a
+    network's weights and of a vehicle's numbers span ten orders of magnitude.
+
+    Attributes
+    ----------
+    scale : (unknowns,) what one unit of an unknown of the program is.
+    """
+
+    def __init__(self, problem: Problem, x: Array) -> None:
         self.size = problem.layout.size
-        X = cs.MX.sym("X", self.size)
+        curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
+        told = problem.free & np.isfinite(curvature) & (curvature > 0)
+        self.scale = np.where(told, 1.0 / np.sqrt(np.where(told, curvature, 1.0)), 1.0)
+        Z = cs.MX.sym("Z", self.size)
+        X = cs.DM(self.scale) * Z
         residuals = [cs.mtimes(_sparse(problem.R), X) - problem.r]
         for k, run in enumerate(problem.runs):
             p = X[problem.layout.index[k].tolist()]
             y = _simulated(run, p) if problem.closed_loop else _model(run, None, p)
             residuals.append(cs.vec(_observed_error(problem, k, y, p)))
-        self.nlp = {"x": X, "f": 0.5 * cs.sumsqr(cs.vertcat(*residuals))}
+        self.nlp = {"x": Z, "f": 0.5 * cs.sumsqr(cs.vertcat(*residuals))}
         empty, gamma = cs.MX.sym("none", 0), cs.MX.sym("gamma")
-        self._equations = _NormalEquations("normal_equations", problem)
+        self._equations = _NormalEquations("normal_equations", problem, self.scale)
         g, H = self._equations(X)
         self.derivatives = {
-            "grad_f": cs.Function("grad_f", [X, empty], [self.nlp["f"], g]),
-            "hess_lag": cs.Function("hess_lag", [X, empty, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
+            "grad_f": cs.Function("grad_f", [Z, empty], [self.nlp["f"], g]),
+            "hess_lag": cs.Function("hess_lag", [Z, empty, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
         }
 
     def start(self, x: Array, warm: bool) -> Array:
         """Starting point."""
         del warm
-        return x
+        return x / self.scale
 
 
 class _NormalEquations(cs.Callback):  # type: ignore[misc]
-    """Gradient and Gauss-Newton Hessian of the objective."""
+    """Gradient and Gauss-Newton Hessian of the objective, by unknowns in units of `scale`."""
 
-    def __init__(self, name: str, problem: Problem) -> None:
+    def __init__(self, name: str, problem: Problem, scale: Array) -> None:
         cs.Callback.__init__(self)
-        self._problem = problem
+        self._problem, self._scale = problem, scale
         self._last: tuple[Array, list[cs.DM]] | None = None
         self.construct(name, {})
 
@@ -72,7 +84,8 @@ class _NormalEquations(cs.Callback):  # type: ignore[misc]
         x = np.asarray(arguments[0].full()).ravel()
         if self._last is None or not np.array_equal(self._last[0], x):
             equations = self._problem.normal_equations(x, self._problem.simulated_nodes(x))
-            self._last = (x, [cs.DM(equations.g), cs.DM(equations.H)])
+            by = self._scale
+            self._last = (x, [cs.DM(by * equations.g), cs.DM(np.outer(by, by) * equations.H)])
         return self._last[1]
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..engine.least_squares import LeastSquares, Matched
 from ..parameter import Array
+from ..statistics import correlation_time
 
 Mask = NDArray[np.bool_]
 
@@ -165,26 +166,3 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     begin, end = first[piece], first[piece + 1]
     edges = np.unique(np.where(short[piece], np.where(edges - begin < end - edges, begin, end), edges))
     return _Plan(local, edges, first, correlation, squares / max(1, int(np.count_nonzero(together))))
-
-
-def correlation_time(residuals: Array) -> float:
-    """Integrated autocorrelation time of residuals, rows: 1 + 2 sum of autocorrelations, the longest of all outputs.
-
-    Residuals average over so many rows as if they were one. The sum ends at five times itself (Sokal, Monte Carlo
-    methods in statistical mechanics, 1997). About zero, not about their mean: a lasting offset is correlation too.
-
-    Parameters
-    ----------
-    residuals : (rows, outputs), zero where there was no reading.
-    """
-    rows = len(residuals)
-    share = np.count_nonzero(residuals, axis=0) / max(1, rows)
-    residuals, share = residuals[:, share > 0.0], share[share > 0.0]
-    if residuals.size == 0:
-        return 1.0
-    power = np.abs(np.fft.rfft(residuals, 2 * rows, axis=0)) ** 2
-    products = np.fft.irfft(power, 2 * rows, axis=0)[:rows]
-    times = 2.0 * np.cumsum(products / products[0], axis=0) - 1.0
-    enough = np.arange(rows)[:, None] * share >= 5.0 * times
-    last = np.where(np.any(enough, axis=0), np.argmax(enough, axis=0), rows - 1)
-    return max(1.0, float(np.max(times[last, np.arange(len(share))] / share)))

@@ -23,7 +23,7 @@ HALF = 0.5
 NO_NEWS = 0.7
 """A standard deviation above this share of the prior's says that the recording added little."""
 TOGETHER = 0.95
-"""Two parameters correlated more than this are told only in combination."""
+"""Two parameters correlated more than this are identifiable only in combination."""
 NAMED, LEAST_NAMED = 4, 0.25
 """So many parameters are named of an open direction, if they move at least this share of the one that moves most."""
 
@@ -48,14 +48,15 @@ class Undetermined:
     def about(self) -> str:
         """Why, in a plain sentence."""
         if not np.isfinite(self.sd):
-            return f"{self.name}: neither the recording nor a prior tells it."
+            return f"{self.name}: not identifiable: neither the recording nor a prior informs it."
         if self.sd > NO_NEWS * self.prior_sd:
-            return f"{self.name}: mostly prior; its standard deviation is {self.sd / self.prior_sd:.0%} of the prior's."
+            share = f"{self.sd / self.prior_sd:.0%} of the prior's"
+            return f"{self.name}: dominated by the prior; its standard deviation is {share}."
         return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
 
 
 @dataclass(frozen=True)
-class Pair:
+class CorrelatedPair:
     """Two parameters that stand for each other."""
 
     first: str
@@ -66,7 +67,7 @@ class Pair:
         """What it means, in a plain sentence."""
         combined = "sum" if self.correlation < 0 else "difference"
         return (
-            f"{self.first} and {self.second} are told only together, as a weighted {combined} "
+            f"{self.first} and {self.second} are identifiable only in combination, as a weighted {combined} "
             f"(correlation {self.correlation:+.3f})."
         )
 
@@ -107,7 +108,7 @@ class Identifiability:
     """
 
     undetermined: tuple[Undetermined, ...]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[CorrelatedPair, ...]
     directions: tuple[Direction, ...]
     condition: float
 
@@ -211,11 +212,12 @@ def determined(combination: Callable[[Array], float], x: Array, covariance: Arra
     return Determined(estimate, sd, sd / abs(estimate) if estimate else (np.inf if sd else 0.0))
 
 
-def _pairs(names: Sequence[str], correlation: Array) -> tuple[Pair, ...]:
+def _pairs(names: Sequence[str], correlation: Array) -> tuple[CorrelatedPair, ...]:
     first, second = np.nonzero(np.triu(np.abs(correlation) > TOGETHER, 1))
     order = np.argsort(-np.abs(correlation[first, second]), kind="stable")
     return tuple(
-        Pair(names[i], names[j], float(correlation[i, j])) for i, j in zip(first[order], second[order], strict=True)
+        CorrelatedPair(names[i], names[j], float(correlation[i, j]))
+        for i, j in zip(first[order], second[order], strict=True)
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..fit import Fit
-from ..models.effects import EFFECTS
 from .identifiability import Identifiability, identifiability
 
 
@@ -39,6 +38,7 @@ def absent(fit: Fit) -> dict[str, str]:
     found = {}
     for name in fit.model.effects:
         low, high = fit.interval(name)
-        if name in EFFECTS and low <= EFFECTS[name].parameter.array <= high:
-            found[name] = f"may be absent: the interval holds {float(EFFECTS[name].parameter.array):g}"
+        null = fit.model[name].null
+        if null is not None and low <= null <= high:
+            found[name] = f"may be absent: the interval holds {null:g}"
     return found

@@ -13,7 +13,7 @@ Structural and practical identifiability analysis by exploiting the profile like
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal, NamedTuple
 
@@ -60,15 +60,23 @@ class Profile:
     ends : how either side ends.
     unknowns : (points, unknowns) all unknowns along the profile.
     settled : whether every point was optimised to its end.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> found = gb.fit("kinematic", lap, vehicle="roboracer").profile("yaw_lag")
+    >>> found.identifiable
+    True
     """
 
     index: int
-    values: Array
-    rise: Array
+    values: Array = field(repr=False)
+    rise: Array = field(repr=False)
     allowed: float
     interval: tuple[float, float]
     ends: tuple[End, End]
-    unknowns: Array
+    unknowns: Array = field(repr=False)
     settled: bool
 
     @property
@@ -228,11 +236,11 @@ class _Walk:
             starts.insert(0, last + along * (value - last[self.index]) / along[self.index])
         for start in starts:
             start[self.index] = value
-            solution = gauss_newton(self.held, start, negligible=0.0, search="damp")
+            solution = gauss_newton(self.held, start, negligible=0.0, search="levenberg_marquardt")
             for _ in range(REPEATS):
                 if solution.status not in (Status.SLOW, Status.STEP_LIMIT) or self._settled(solution):
                     break
-                solution = gauss_newton(self.held, solution.x, negligible=0.0, search="damp")
+                solution = gauss_newton(self.held, solution.x, negligible=0.0, search="levenberg_marquardt")
             if solution.status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if solution.status is not Status.NOT_FINITE:

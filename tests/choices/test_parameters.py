@@ -56,15 +56,15 @@ def test_choices_reach_the_parts_of_a_model_with_memory():
     [
         (Choices(fix=["masss=3"]), "no parameter masss"),
         (Choices(fix=["I_zz=3"]), "Did you mean I_z?"),
-        (Choices(fix=["m=3.5m"]), "--fix m: unit"),
+        (Choices(fix=["m=3.5m"]), "fix m: unit"),
         (Choices(fix=["m=0.1kg"]), "0.1 kg is outside what models take for it, 0.5 to 60000 kg"),
-        (Choices(free=["steering_delay"]), "--with steering_delay"),
+        (Choices(free=["steering_delay"]), "effects steering_delay"),
         (Choices(prior=["B_f=6"]), "MEAN±SD"),
         (Choices(prior=["B_f"]), "is not NAME=MEAN±SD"),
-        (Choices(start=["l_f=1.4"]), "--free l_f"),
-        (Choices(fix=["B_f"], free=["B_f"]), "--fix B_f and --free B_f exclude each other"),
+        (Choices(start=["l_f=1.4"]), "free l_f"),
+        (Choices(fix=["B_f"], free=["B_f"]), "fix B_f and free B_f exclude each other"),
         (Choices(fix=["B_f"], prior=["B_f=6±1"]), "exclude each other"),
-        (Choices(per_run=["l_f"]), "--free l_f"),
+        (Choices(per_run=["l_f"]), "free l_f"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_said_of_a_parameter_is_a_sentence(car, choices, says):
@@ -90,7 +90,7 @@ def test_effects_are_free_held_or_believed():
     ("written", "says"),
     [
         (["stering_lag"], "Did you mean steering_lag?"),
-        (["steering_lag=3kg"], "--with steering_lag: unit"),
+        (["steering_lag=3kg"], "effects steering_lag: unit"),
         (["steering_lag", "steering_lag=1"], "there twice"),
     ],
 )
@@ -109,7 +109,7 @@ def test_a_free_effect_takes_what_the_vehicle_states_of_it_and_starts_where_it_i
 
 
 def test_effects_of_models_with_memory_need_a_magnitude():
-    with pytest.raises(BadInput, match="--with steering_rate_limit=VALUE"):
+    with pytest.raises(BadInput, match="effects steering_rate_limit=VALUE"):
         Wanted("msnn_lat", effects=magnitudes(["steering_rate_limit"])).model()
     assert Wanted("msnn_lat", effects=magnitudes(["steering_rate_limit=2"])).model()["steering_rate_limit"].array == 2.0
 
@@ -126,7 +126,7 @@ def test_noise_is_read_in_the_signals_unit(car):
 
 
 def test_a_model_is_the_vehicles_own_where_none_is_named():
-    with pytest.raises(BadInput, match="names no model; add --model"):
+    with pytest.raises(BadInput, match="names no model; add model"):
         Wanted(None, vehicle("full_size_car")).model()
 
 

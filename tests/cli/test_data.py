@@ -58,7 +58,7 @@ def test_a_file_is_converted_to_a_kind_that_reads_back_the_same(lap, tmp_path):
 
 
 def test_a_file_is_never_converted_onto_itself(lap):
-    assert "the file that is read" in refused("data", "convert", lap(), "--out", lap())
+    assert "is read by this command" in refused("data", "convert", lap(), "--out", lap())
 
 
 def test_what_resampling_costs_is_told(tmp_path):
@@ -93,3 +93,34 @@ def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
 
 def test_a_map_is_a_toml_file(lap, tmp_path):
     assert ".toml" in refused("data", "map", lap(), "--out", tmp_path / "car.json")
+
+
+def test_a_part_is_checked_and_converted(lap, tmp_path):
+    told = greybox(
+        "data", "check", lap(), "--between", "10:30", "--where", "v_x > 0 and abs(steer) < 0.05", "--json"
+    ).told
+    (file,) = told["files"]
+    assert 100 < file["rows"] < 401
+    assert file["trusted"]
+    out = tmp_path / "part.csv"
+    assert greybox("data", "convert", lap(), "--between", ":9.99", "--out", out, "--json").told["rows"] == 200
+    assert "names w, which is not recorded" in refused("data", "check", lap(), "--where", "w > 1")
+    assert "is not START:STOP in seconds" in refused("data", "check", lap(), "--between", "nan:1")
+    assert "ends before it starts" in refused("data", "check", lap(), "--between", "3:1")
+
+
+def test_files_are_joined_and_never_onto_one_of_them(lap, tmp_path):
+    first = lap()
+    other = tmp_path / "imu.csv"
+    time = np.arange(0, 40, 0.01)
+    np.savetxt(other, np.column_stack([time, np.sin(time)]), delimiter=",", header="time,a_y", comments="")
+    out = tmp_path / "joined.parquet"
+    told = greybox("data", "join", first, other, "--out", out, "--json").told
+    assert set(told["signals"]) == {"v_x", "yaw_rate", "steer", "a_y"}
+    assert told["offsets"][0] == {
+        "file": "imu", "against": "lap[1]", "signal": None, "offset_s": None, "sd_s": None, "taken_off": False,
+    }  # fmt: skip
+    before = other.read_bytes()
+    assert "would be written over" in refused("data", "join", first, other, "--out", other)
+    assert other.read_bytes() == before
+    assert "two files or more" in refused("data", "join", first, "--out", out)

@@ -78,3 +78,14 @@ def test_a_small_examination_is_made(tmp_path):
     assert made.code == 0
     assert made.told["counts"] == {"null": 1}
     assert len(made.told["seal"]) == 64
+
+
+def test_options_of_another_tier_are_refused(tmp_path):
+    out = tmp_path / "exam"
+    assert "--cases does not go with --tier foreign" in refused(
+        "exam", "make", "--tier", "foreign", "--cases", 3, "--out", out
+    )
+    assert "--family does not go with --tier clean" in refused("exam", "make", "--family", "slipx", "--out", out)
+    assert 'no family "bike"' in refused("exam", "make", "--tier", "foreign", "--family", "bike", "--out", out)
+    assert "name their folder with --data" in refused("exam", "make", "--tier", "injected", "--out", out)
+    assert not out.exists()

@@ -2,6 +2,7 @@
 
 import json
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -112,3 +113,39 @@ def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypat
     forces = lap.with_signals(drive_force=np.zeros(len(lap)))
     with pytest.raises(BadInput, match=r"drive is .*drive_force in .*motor_current in"):
         fit_model(model, [lap, forces], how=How(solver="gauss-newton"))
+
+
+def test_every_key_of_a_parameter_file_is_told(tmp_path):
+    asked = ("--vehicle", "full_size_car", "--with", "steering_lag=50ms", "--target", "autoware", "--json")
+    told = greybox("export", *asked, "--out", tmp_path / "aw").told
+    keys = {(own["file"], own["key"]): own for own in told["keys"]}
+    assert keys["simulator_model.param.yaml", "steer_time_constant"]["from"] == "steering_lag"
+    assert "default" in keys["simulator_model.param.yaml", "steer_time_delay"]
+    manifest = json.loads((tmp_path / "aw" / "manifest.json").read_text())
+    assert manifest["keys"] == told["keys"]
+
+
+def test_a_unit_may_be_named_by_itself(tmp_path):
+    call = ("export", "--vehicle", "full_size_car", "--target", "fmu", "--out", tmp_path / "my car.fmu", "--json")
+    assert greybox(*call).told["written"] == [str(tmp_path / "my car.fmu")]
+    assert [own.name for own in tmp_path.iterdir()] == ["my car.fmu"]
+    with zipfile.ZipFile(tmp_path / "my car.fmu") as held:
+        assert 'modelName="my_car"' in held.read("modelDescription.xml").decode()
+    assert greybox(*call).code == 0  # the same bytes
+    another = (*call, "--with", "steering_delay=30ms")
+    assert "--overwrite" in refused(*another)
+    assert greybox(*another, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (("--target", "mjcf", "--out", "car"), "no slip curve"),
+        (("--target", "tir", "--out", "car.tir"), "a target writes a folder"),
+        (("--target", "fmi", "--out", "car"), "Did you mean"),
+    ],
+)
+def test_what_is_no_target_is_a_sentence(tmp_path, monkeypatch, more, said):
+    monkeypatch.chdir(tmp_path)
+    assert said in refused("export", "--vehicle", "full_size_car", *more)
+    assert not list(tmp_path.iterdir())

@@ -68,7 +68,7 @@ def test_it_stands_beside_equations_of_motion(fitted, files, tmp_path):
     assert both.code == 0, both.err
     (sentence,) = both.told["verdict"]
     assert "its errors in free run are" in sentence
-    assert "not to be told apart in yaw rate" in sentence  # three seconds are too few blocks
+    assert "indistinguishable in yaw rate" in sentence  # three seconds are too few blocks
     said = target.read_text("utf-8")
     assert "hybrid_force" in said
     assert "yaw acceleration" not in said  # only one of them predicts it
@@ -78,13 +78,13 @@ def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_pa
     path, _ = fitted
     model = ("fit", "--model", "hybrid_force", files[0], "--columns", "canonical", *SMALL)
     assert "does not go with hybrid_force" in refused(*model, "--horizon", "1")
-    assert "leave --solver away" in refused(*model, "--solver", "ipopt", "--out", tmp_path)
+    assert "omit --solver" in refused(*model, "--solver", "ipopt", "--out", tmp_path)
     assert "acts on" in refused(*model, "--with", "steering_delay=0.02")
     assert "runs freely" in refused("predict", path, files[2], "--columns", "canonical", "--horizon", "1")
     assert greybox("report", path, "--out", tmp_path / "report.pdf").code == 0
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
     assert "weights mean little" in refused("profile", path, "m")
-    assert "the gap of hybrid" in refused("gap", files[2], "--columns", "canonical", "--fit", path)
+    assert "The gap of hybrid" in refused("gap", files[2], "--columns", "canonical", "--fit", path)
     assert "Give it no start" in refused(
         "simulate", path, files[2], "--columns", "canonical", "--start-state", "v_y=1", "--out", tmp_path / "s.csv"
     )

@@ -18,11 +18,7 @@ STIFF = 1.2
 """B_f of the car that was driven, over the vehicle file's."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _uncompiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GREYBOX_COMPILE", "0")
-        yield
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +87,7 @@ def test_a_person_sees_data_fit_parameters_and_errors(laps, tmp_path):
     assert "fit lateral, 7 free parameters, whole runs" in words
     assert "held m = 1457.2 kg, l_f = 1.296 m" in words
     assert "by run yaw_rate_bias:" in words
-    assert "determined together" in words
+    assert "identifiable combination" in words
     assert "C_alpha_f" in words
     assert "N/rad cornering stiffness, front axle" in words
     assert "RMSE 0.1 s 0.5 s 1 s 2 s free run residual sd" in words
@@ -142,15 +138,15 @@ def test_a_fit_predicts_so_many_seconds_ahead(fitted, laps, tmp_path):
     assert "400 rows in 2 runs, free run" in shown.out
 
 
-def test_a_fit_is_validated_on_several_recordings_beside_the_last_reading_held(fitted, laps):
+def test_a_fit_is_validated_on_several_recordings_beside_the_persistence(fitted, laps):
     path, told = fitted
     called = greybox("validate", path, *laps, "--json")
     assert set(called.told["metrics"]) == set(map(str, laps))
     assert called.told["metrics"][str(laps[1])] == told["metrics"]["validate"]
-    held = called.told["last_reading_held"][str(laps[1])]
+    held = called.told["persistence"][str(laps[1])]
     assert held["1 s ahead"]["yaw_rate"]["rmse"] > 3 * told["metrics"]["validate"]["1 s ahead"]["yaw_rate"]["rmse"]
     shown = greybox("validate", path, laps[1]).out
-    assert "last reading held" in shown
+    assert "persistence" in shown
     assert "±" in shown
     assert "free run" in shown
 
@@ -219,7 +215,7 @@ def test_wrong_use_of_a_fit_is_a_sentence(fitted, laps, tmp_path):
     assert "the SI unit is rad/s" in refused("simulate", path, laps[0], "--start-state", "yaw_rate=1m", *out)
     assert "no FIT" in refused("simulate", path, laps[0], "--model", "lateral", *out)
     assert "Name a FIT and a RECORDING" in refused("simulate", laps[0], *out)
-    assert ".csv or .parquet" in refused("simulate", path, laps[0], "--out", tmp_path / "p.xlsx")
+    assert ".csv, .parquet, .mf4 or .mcap" in refused("simulate", path, laps[0], "--out", tmp_path / "p.xlsx")
     assert "is not a fit of greybox-id" in refused("validate", _json(tmp_path / "no.json"), laps[0])
     bare = written(without(driven("single_track", runs=1), "steer"), tmp_path / "bare.csv")
     assert "lacks steer, which lateral needs" in refused("validate", path, bare)
@@ -233,6 +229,6 @@ def _json(path):
 def test_a_force_per_unit_that_belongs_to_another_drive_signal_is_doubted():
     recording = Recording("run", np.arange(4.0), {"drive_force": np.ones(4)})
     (doubt,) = doubts_of_drive(build("single_track"), [recording])
-    assert "--fix force_per_unit=1" in doubt
+    assert "fix force_per_unit at 1," in doubt
     commanded = Recording("run", np.arange(4.0), {"ax_cmd": np.ones(4)})
     assert doubts_of_drive(build("single_track"), [commanded]) == []

@@ -20,10 +20,7 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
 from greybox_id.reports.gap.saved import load_gap
 
-
-@pytest.fixture(autouse=True)
-def _uncompiled(monkeypatch):
-    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")
@@ -138,11 +135,11 @@ def test_a_folder_takes_the_diagnosis_its_picture_report_and_vehicle(laps, asked
 def test_a_failure_leaves_what_was_there_and_the_answer_is_told(laps, asked, tmp_path, monkeypatch):
     asked.said = clear(strip=None)
     report = tmp_path / "gap.pdf"
-    report.write_text("before")
+    report.write_text("%PDF-1.7 greybox-id before")
     monkeypatch.setattr("greybox_id.reports.pdf.rendered", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         greybox("gap", laps[0], "--vehicle", "full_size_car", "--report", report)
-    assert report.read_text() == "before"
+    assert report.read_text() == "%PDF-1.7 greybox-id before"
     assert [file.name for file in tmp_path.iterdir()] == ["gap.pdf"]
 
 
@@ -233,7 +230,7 @@ def test_a_person_reads_whether_where_which_and_how_far():
     assert "18 ms [5, 60] 0.04 cannot be told from 1 on this recording" in words
     assert "with steering_delay the excess closes by 84 % [76, 90] on lap8 (held out)" in words
     assert "yaw_rate [rad/s] 0.018 → 0.013 (0.012)" in words
-    assert "would not show here: mass_change up to 0.12" in words
+    assert "below the detection limit here: mass_change up to 0.12" in words
 
 
 def test_doubts_on_the_data_come_first():
@@ -249,4 +246,42 @@ def test_what_makes_things_worse_is_said():
 def test_without_held_out_recordings_that_is_said():
     words = " ".join(printed(CASES["aliased"](), 160).split())
     assert "on lap7, which chose it" in words
-    assert "name some with --held-out" in words
+    assert "not known: hold some out" in words
+
+
+@pytest.mark.parametrize("rows", [3, 8, 24])
+def test_a_recording_of_less_than_a_second_is_a_sentence(rows, tmp_path):
+    short = written(driven("single_track", runs=1, seconds=2.0).rows(0, rows), tmp_path / "short.csv")
+    assert "nothing that a simulation lacks shows in so little" in refused("gap", short, "--vehicle", "full_size_car")
+
+
+@pytest.mark.slow
+def test_thirty_rows_end_in_a_diagnosis_that_claims_nothing(tmp_path):
+    short = written(driven("single_track", runs=1, seconds=2.0).rows(0, 30), tmp_path / "short.csv")
+    called = greybox("gap", short, "--vehicle", "full_size_car", "--json")
+    assert called.code == 0, called.err
+    assert called.told["applied"] == []
+
+
+def test_a_simulation_that_diverges_is_identifiable_in_words():
+    """An error of 10^5 m/s is none: predictions that leave the range of the readings tenfold diverge."""
+    found = clear()
+    assert found.held_out is not None
+    errors = tuple(replace(own, before=np.inf) for own in found.held_out.errors)
+    screen = Console(width=160, record=True)
+    with screen.capture() as shown:
+        show(screen, replace(found, held_out=replace(found.held_out, errors=errors)))
+    assert "diverges →" in shown.get()
+
+
+@pytest.mark.slow
+def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
+    monkeypatch.delenv("GREYBOX_COMPILE")
+    after, *before = laps
+    options = ["--since", *before, "--vehicle", "full_size_car", "--model", "single_track"]
+    said = greybox("gap", after, *options).out
+    assert "Changed" in said
+    assert "Same" in said
+    told = greybox("gap", after, *options, "--json").told
+    assert {own["effect"] for own in told["changed"]} == set(told["applied"])
+    assert {"since", "scatter", "drift", "changed", "not_changed"} <= set(told)

@@ -75,5 +75,5 @@ def test_bad_input_is_a_sentence(tmp_path):
 def test_the_network_itself_is_never_written_over(tmp_path):
     own = tmp_path / "net.json"
     own.write_text((FOLDER / "lat_small.json").read_text(encoding="utf-8"), encoding="utf-8")
-    assert "is the network itself" in refused("import", own, "--out", own)
+    assert "is read by this command" in refused("import", own, "--out", own)
     assert own.read_text(encoding="utf-8") == (FOLDER / "lat_small.json").read_text(encoding="utf-8")

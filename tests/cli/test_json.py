@@ -6,8 +6,8 @@ import re
 import click
 import pytest
 from calling import greybox
-from documents import page
 from driven import driven, written
+from json_pages import PAGE, agree, never_met
 from made_gaps import clear
 from networks import FOLDER
 
@@ -24,6 +24,7 @@ FORMS = {
     "data check": [("data", "check", LAP)],
     "data map": [("data", "map", SHIPPED)],
     "data convert": [("data", "convert", LAP, "--out", "lap.mat")],
+    "data join": [("data", "join", LAP, "lap8.csv", "--out", "joined.csv")],
     "datasets list": [("datasets", "list")],
     "datasets make": [("datasets", "make", "virtual_lap")],
     "models": [("models",)],
@@ -31,75 +32,58 @@ FORMS = {
     "effects": [("effects",)],
     "effects NAME": [("effects", "steering_rate_limit")],
     "fit, equations of motion": [MOTION],
-    "fit, maps with memory and hybrids": [("fit", *TINY, SHIPPED, "--solver", "gauss-newton", "--out", "map")],
+    "fit, maps with memory and hybrids": [
+        ("fit", *TINY, SHIPPED, "--solver", "gauss-newton", "--out", "map"),
+        (
+            "fit",
+            *TINY,
+            SHIPPED,
+            "--solver",
+            "gauss-newton",
+            "--out",
+            "map",
+            "--validate",
+            SHIPPED,
+            "--calibrate",
+            "timing",
+        ),
+    ],
     "validate": [("validate", "run/fit.json", LAP), ("validate", "net.json", SHIPPED, "--columns", "roboracer")],
-    "predict": [("predict", "run/fit.json", LAP), ("predict", "net.json", SHIPPED, "--columns", "roboracer")],
+    "predict": [
+        ("predict", "run/fit.json", LAP),
+        ("predict", "net.json", SHIPPED, "--columns", "roboracer"),
+        ("predict", "tiny/fit.json", SHIPPED, "--columns", "roboracer", "--calibrate", "timing"),
+    ],
+    "sample": [("sample", "run/fit.json", "--method", "laplace", "--draws", "50", "--out", "posterior.parquet")],
     "simulate": [("simulate", "run/fit.json", LAP)],
     "profile": [("profile", "run/fit.json", "--parameter", "I_z", "--out", "curve.csv")],
+    "grid": [("grid", "msnn_bench_lat", SHIPPED, "--columns", "roboracer", "--set", "q=4,9", "--strength", "1")],
+    "adapt": [("adapt", "net.json", SHIPPED, "--columns", "roboracer", "--out", "adapted")],
     "report": [("report", "run/fit.json")],
     "gap": [("gap", LAP, "--vehicle", "full_size_car", "--held-out", "lap8.csv")],
     "track": [("track", LAP, "--vehicle", "full_size_car", "--model", "lateral", "--tune", "0s")],
-    "export": [("export", "run/fit.json", "--target", "casadi", "--out", "car")],
+    "export": [
+        ("export", "run/fit.json", "--target", "casadi", "--out", "car"),
+        ("export", "--vehicle", "full_size_car", "--target", "autoware", "--out", "aw"),
+    ],
     "import": [("import", str(FOLDER / "lat.json"), "--out", "net2.json")],
+    "import, vehicles": [("import", "vehicle_info.param.yaml", "--out", "info.toml")],
 }
 """Section of the page -> calls that between them show every key that may not be missing."""
-ELSEWHERE = {"datasets fetch", "exam make", "exam run", "exam score"}
-
-
-def expanded(path):
-    """Paths with one of the names in braces each."""
-    found = re.search(r"\{(.*?)\}", path)
-    if not found:
-        return [path]
-    names = [name.strip() for name in found[1].split(",")]
-    return [own for name in names for own in expanded(path[: found.start()] + name + path[found.end() :])]
-
-
-def documented():
-    """Section -> its tree of keys: a key as written -> the keys below it."""
-    sections = {}
-    for title, body in re.findall(r"^## greybox (.*?)\n(.*?)(?=^## |\Z)", page("json.md"), re.MULTILINE | re.DOTALL):
-        tree = sections.setdefault(title, {})
-        for cell in re.findall(r"^\| (`.*?`) \|", body, re.MULTILINE):
-            for path in (own for code in re.findall(r"`(.*?)`", cell) for own in expanded(code)):
-                node = tree
-                for key in path.split("."):
-                    node = node.setdefault(key, {})
-    return sections
-
-
-PAGE = documented()
-
-
-def agree(value, tree, where=""):
-    """Where value and page differ; keys of the page that are met are marked by None in the tree."""
-    if isinstance(value, list):
-        for own in value:
-            agree(own, tree, where)
-        return
-    keys = {key.rstrip("?").removesuffix("[]"): key for key in tree if key is not None}
-    if not keys or value is None:
-        return
-    assert isinstance(value, dict), f"{where} has keys in docs/json.md, but is {value!r:.60}"
-    (anything,) = [key for key in keys if key.startswith("<")] or [None]
-    for name, own in value.items():
-        key = keys.get(name, anything)
-        assert key is not None, f"{where}.{name} is missing in docs/json.md"
-        written_as = keys[key] if key == anything else key
-        assert isinstance(own, list) or "[]" not in written_as, f"{where}.{name} is no list"
-        tree[written_as][None] = True
-        agree(own, tree[written_as], f"{where}.{name}")
-    lacking = {name for name, key in keys.items() if not key.endswith("?") and name != anything} - set(value)
-    assert not lacking, f"{where} has no {lacking}, which docs/json.md names"
-
-
-def never_met(tree, where=""):
-    """Keys of the page that no call has shown."""
-    for key, below in tree.items():
-        if key is not None:
-            if None not in below:
-                yield f"{where}.{key}"
-            yield from never_met(below, f"{where}.{key}")
+FLEET = {f"fleet {name}" for name in ("run", "status", "estimate", "report")}  # held by tests/fleet
+ELSEWHERE = {
+    "bench msnn",
+    "bench truck",
+    "datasets fetch",
+    "design",
+    "exam make",
+    "exam run",
+    "exam score",
+    "loop agent",
+    "loop demo",
+    "serve",
+    *FLEET,
+}
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +97,8 @@ def folder(tmp_path_factory):
             written(driven("lateral", runs=1, seconds=6.0, seed=seed), folder / name)
         (folder / "fit.out").write_text(greybox(*MOTION, "--json").out)
         greybox("import", FOLDER / "lat.json", "--out", "net.json")
+        greybox("fit", *TINY, SHIPPED, "--solver", "gauss-newton", "--out", "tiny")
+        (folder / "vehicle_info.param.yaml").write_text("/**:\n  ros__parameters:\n    wheel_base: 2.79\n")
         yield folder
 
 
@@ -140,6 +126,17 @@ def test_keys_of_a_track_are_those_of_the_page(monkeypatch):
     assert list(never_met(PAGE["track"])) == []
 
 
+@pytest.mark.slow
+def test_keys_of_a_design_are_those_of_the_page(monkeypatch):
+    monkeypatch.delenv("GREYBOX_COMPILE")
+    part = ("--columns", "roboracer", "--between", "0:20")
+    call = ("fit", "--model", "single_track", "--vehicle", "roboracer", SHIPPED, *part, "--out", "st")
+    assert greybox(*call).code in (0, 3)
+    quick = ("--arena", "disc:12", "--duration", "5", "--effort", "0.03", "--speed-max", "4", "--out", "next")
+    agree(greybox("design", "st/fit.json", *quick, "--json").told, PAGE["design"], "design")
+    assert list(never_met(PAGE["design"])) == [".separation[].pair", ".separation[].nats", ".separation[].p10"]
+
+
 def test_keys_of_a_fetch_are_those_of_the_page(monkeypatch):
     monkeypatch.setattr("greybox_id.cli.datasets.fetch", lambda dataset, *_: [folder_of(dataset) / "train.csv"])
     agree(greybox("datasets", "fetch", next(iter(PUBLIC)), "--json").told, PAGE["datasets fetch"])
@@ -160,3 +157,20 @@ def test_the_page_has_every_command():
         commands |= {f"{name} {own}" for own in command.commands} if isinstance(command, click.Group) else {name}
     assert {re.split(r",| NAME", title)[0] for title in PAGE} == commands - {"completion"}
     assert set(PAGE) == {*FORMS, *ELSEWHERE}
+
+
+def test_keys_of_a_bench_are_those_of_the_page(tmp_path, monkeypatch):
+    import greybox_id.bench.msnn as bench
+
+    monkeypatch.setattr(bench, "ENTRIES", bench.ENTRIES[:1])
+    monkeypatch.setattr(bench, "_closed", lambda *_: [])
+    monkeypatch.setattr(bench, "QUICK_GRIDS", {})
+    for name, shipped_as in (("train", "racer_train"), ("valid", "racer_valid"), ("tire_set_1", "racer_valid")):
+        (tmp_path / f"{name}.csv").write_bytes(shipped(shipped_as).read_bytes())
+    told = greybox("bench", "msnn", "--data", tmp_path, "--quick", "--out", tmp_path / "bench.json", "--json").told
+    agree(told, PAGE["bench msnn"], "bench msnn")
+    protocols = {(row["table"], row["protocol"]) for row in told["rows"]}
+    assert protocols == {(1, "published"), (1, "honest"), (3, "published"), (3, "honest")}
+    assert {row["paper"] for row in told["rows"] if row["table"] == 1 and row["split"] == "valid"} == {
+        0.154, 0.158, 0.181
+    }  # fmt: skip

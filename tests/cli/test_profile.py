@@ -8,14 +8,9 @@ import pytest
 from calling import greybox, refused
 from driven import driven, written
 
-from greybox_id.cli import profile as command
+from greybox_id.api import profiles as command
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _uncompiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GREYBOX_COMPILE", "0")
-        yield
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")

@@ -88,7 +88,7 @@ def test_json_is_one_object_with_what_was_found(files):
         "count", "nis", "inside", "correlation", "correlation_bound", "gated", "rms",
     }  # fmt: skip
     assert told["estimates"]["C_alpha_f"]["unit"] == "N/rad"
-    assert 0 < told["estimates"]["C_alpha_f"]["told_in"] <= 1
+    assert 0 < told["estimates"]["C_alpha_f"]["identifiable_in"] <= 1
     assert told["written"] == [str(files / "estimates.csv"), str(files / "estimates.json")]
 
 
@@ -99,12 +99,19 @@ def test_people_read_tables_and_what_to_mind(files):
     said = called.out
     assert "EKF: 500 rows in 1 run" in said
     assert "NIS" in said
-    assert "nothing here measures the sideslip itself" in " ".join(said.split())
+    assert "nothing here measures the sideslip" not in said, "the lap holds v_y"
+    assert "truth sideslip: RMSE" in " ".join(said.split())
+    assert "of it is within two sd, where 95 % is due" in " ".join(said.split())
+    lap = pd.read_csv(files / "lap.csv").drop(columns="v_y")
+    lap.to_csv(files / "without.csv", index=False)
+    without = greybox("track", "--vehicle", files / "car.toml", files / "without.csv", "--out", files / "e.csv",
+                      *STATED, "--tune", "0s")  # fmt: skip
+    assert "nothing here measures the sideslip itself" in " ".join(without.out.split())
 
 
 def test_forces_take_the_place_of_tyres_where_they_are_named(files):
     told = track(files, "--parameters", "F_yf,F_yr")
-    assert "told_in" in told["estimates"]["F_yf"]
+    assert "identifiable_in" in told["estimates"]["F_yf"]
     assert "walk_F_yf" in told["noise"]
 
 
@@ -128,11 +135,11 @@ def test_what_is_left_beside_the_table_has_a_report(files):
 def test_another_file_beside_the_table_is_not_written_over(files):
     (files / "mine.json").write_text('{"mine": 1}')
     said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "mine.csv")
-    assert "mine.json is another file than a track" in said
+    assert "mine.json is there already" in said
     assert (files / "mine.json").read_text() == '{"mine": 1}'
     said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "new.csv",
                    "--apply", files / "new.json")  # fmt: skip
-    assert "new.json is another file than a track" in said
+    assert "new.json is named by" in said
 
 
 def test_a_vehicle_file_with_what_was_tuned_gives_the_same_estimates_again(files):
@@ -179,12 +186,12 @@ def test_lines_are_followed_through_standard_input(files, monkeypatch):
         (["--noise", "walk_vy=1"], "There is no noise walk_vy. Did you mean walk_v_y"),
         (["--noise", "walk_v_y"], "NAME=SIZE"),
         (["--tune", "-3s"], "a duration is a number of seconds, zero or more"),
-        (["--out", "estimates.txt"], ".csv or .parquet"),
+        (["--out", "estimates.txt"], ".mf4 or .mcap"),
         (["--filter", "pf"], "ekf"),
         (["--gate", "0"], "gate"),
         (["--model", "msnn_lat"], "map with memory"),
         (["--follow"], "--follow reads standard input"),
-        (["--fit", "fit.json"], "leave one of them away"),
+        (["--fit", "fit.json"], "omit one of them"),
     ],
 )
 def test_what_cannot_be_done_is_a_sentence(files, more, said):

@@ -2,14 +2,15 @@
 
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from greybox_id.datasets.column_map import column_map, parse_column_map, shipped_maps
-from greybox_id.datasets.units import to_si
 from greybox_id.errors import BadInput, GreyboxError
 from greybox_id.signals import SIGNALS
+from greybox_id.units import to_si
 
 GOOD = """
 name = "mine"
@@ -36,7 +37,7 @@ column = "lap"
 
 
 def test_shipped_maps_can_all_be_read_and_say_where_their_files_come_from():
-    assert set(shipped_maps()) == {"canonical", "roboracer", "truck", "revs_250lm"}
+    assert set(shipped_maps()) == {"canonical", "roboracer", "truck", "revs_250lm", "dart"}
     for name in shipped_maps():
         mapping = column_map(name)
         assert mapping.name == name
@@ -153,3 +154,40 @@ def test_a_mutated_map_never_ends_in_a_traceback(position, length, text):
 def test_any_unit_is_converted_or_refused(unit):
     with suppress(GreyboxError):
         assert to_si(unit).unit
+
+
+def test_a_lookup_bends_values_before_their_unit_is_converted():
+    column = parse_column_map(
+        '[time]\nunit="s"\n[signals.steer]\nunit="deg"\nscale=0.01\nlookup=[[-1, 0, 1], [-20, 1, 10]]', "m.toml"
+    ).signals["steer"]
+    found = column.convert(np.array([-100.0, -50.0, 0.0, 50.0, 100.0, 300.0, np.nan]))
+    np.testing.assert_allclose(np.degrees(found), [-20, -9.5, 1, 5.5, 10, 10, np.nan])
+
+
+@pytest.mark.parametrize(
+    "points", ["[[0, 1], [0]]", "[[0], [1]]", "[[1, 0], [0, 1]]", "[1, 2]", "'x'", "[[0, 1], [0, 'a']]"]
+)
+def test_a_lookup_that_is_none_is_refused(points):
+    with pytest.raises(BadInput, match="lookup"):
+        parse_column_map(f'[time]\nunit="s"\n[signals.steer]\nunit="rad"\nlookup={points}', "m.toml")
+
+
+def test_poses_need_x_y_and_yaw_and_known_keys():
+    signals = "".join(f'[signals.{name}]\nunit="{unit}"\n' for name, unit in (("x", "m"), ("y", "m"), ("yaw", "rad")))
+    head = '[time]\nunit="s"\n'
+    own = parse_column_map(f"[[poses]]\nif_column='a'\n[[poses]]\nforward=1.5\n{head}{signals}", "m.toml").poses
+    assert [(own.if_column, own.forward) for own in own] == [("a", 0.0), ("", 1.5)]
+    for text, words in (
+        (f"[poses]\n{head}[signals.x]\nunit='m'", "map y, yaw under"),
+        (f"[poses]\nforwards=1\n{head}{signals}", "Did you mean forward"),
+        (f"poses=3\n{head}{signals}", "must be a table"),
+        (f"[poses]\nleft='a'\n{head}{signals}", "finite number"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            parse_column_map(text, "m.toml")
+
+
+@pytest.mark.parametrize("column", ["[]", "[1]", "['a', ' ']", "3"])
+def test_names_of_a_column_are_text(column):
+    with pytest.raises(BadInput, match="column must be"):
+        parse_column_map(f'[time]\nunit="s"\n[signals.v_x]\nunit="m/s"\ncolumn={column}', "m.toml")

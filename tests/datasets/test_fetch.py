@@ -128,7 +128,7 @@ def test_gone_offline_and_by_hand_are_sentences(server, tmp_path):
     nowhere = (Remote("lap.csv", "http://127.0.0.1:9/lap.csv"),)
     with pytest.raises(BadInput, match=r"cannot be reached.*online"):
         fetch(dataset(server, files=nowhere), tmp_path)
-    with pytest.raises(BadInput, match="yourself and read them with --columns truck"):
+    with pytest.raises(BadInput, match="yourself and read them with columns truck"):
         fetch(PUBLIC["truck"], tmp_path)
 
 

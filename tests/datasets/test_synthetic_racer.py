@@ -11,8 +11,8 @@ import pytest
 
 from greybox_id.datasets.shipped import SHIPPED, shipped
 from greybox_id.datasets.synthetic_racer import COLUMNS, SEED, files
-from greybox_id.datasets.synthetic_racer.car import GRAVITY, Car, Motion
-from greybox_id.datasets.synthetic_racer.drive import RUNS, Run, simulate
+from greybox_id.datasets.synthetic_racer.car import GRAVITY, Car, CarMotion
+from greybox_id.datasets.synthetic_racer.drive import RUNS, DrivenRun, simulate
 from greybox_id.datasets.synthetic_racer.driver import Driver, Pid, PurePursuit, Stanley
 from greybox_id.datasets.synthetic_racer.sensors import measure
 from greybox_id.datasets.synthetic_racer.track import closed_track, raceline, speed_profile
@@ -23,11 +23,11 @@ STRAIGHT_CAR = replace(Car(), steer_trim=0.0)
 
 LAST_DIGIT = {c: 10.0 ** -int(f[2]) for c, f in zip(COLUMNS, files._FORMATS, strict=True)}
 
-SHORT = {"racer_valid": (Run(Pid, 1.5, 2.0, 3.0, 3.0), Run(PurePursuit, 1.0, 2.0, 3.0, 3.0, lead=0.5))}
+SHORT = {"racer_valid": (DrivenRun(Pid, 1.5, 2.0, 3.0, 3.0), DrivenRun(PurePursuit, 1.0, 2.0, 3.0, 3.0, lead=0.5))}
 
 
 def rolling(v):
-    return Motion(v_x=v, drive_speed=v / Car().R)
+    return CarMotion(v_x=v, drive_speed=v / Car().R)
 
 
 def circling(steer, v, duration=4.0):
@@ -138,7 +138,7 @@ def test_driver_keeps_to_the_path(steering):
 
 
 def at_start(track):
-    return Motion(x=track.x[0], y=track.y[0], yaw=track.yaw[0])
+    return CarMotion(x=track.x[0], y=track.y[0], yaw=track.yaw[0])
 
 
 def self_driven(track, steering):

@@ -107,8 +107,8 @@ def test_shipped_vehicles_say_where_every_number_comes_from(name):
     assert {"m", "I_z", "l_f", "l_r", "h_cg", "B_f", "C_f", "D_f", "c_0", "force_per_unit"} <= set(car.values)
 
 
-def test_the_five_vehicles_are_there():
-    assert set(shipped_vehicles()) == {"roboracer", "simrod", "ferrari_250lm", "truck", "full_size_car"}
+def test_the_six_vehicles_are_there():
+    assert set(shipped_vehicles()) == {"roboracer", "simrod", "ferrari_250lm", "truck", "full_size_car", "dart"}
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_limits_may_be_open(tmp_path):
         ("null\0byte.toml", "no valid path"),
     ],
 )
-def test_a_vehicle_that_is_not_there_is_told_in_a_sentence(wanted, says):
+def test_a_vehicle_that_is_not_there_is_identifiable_in_a_sentence(wanted, says):
     with pytest.raises(BadInput, match=says):
         vehicle(wanted)
 

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from greybox_id import __version__
 from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
 from greybox_id.datasets.vehicle_text import write_vehicle
 from greybox_id.errors import BadInput
+from greybox_id.guard import VEHICLE_MARK
 from greybox_id.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e99, max_value=1e99)
@@ -70,6 +72,7 @@ def test_it_reads_as_a_person_would_write_it(tmp_path):
         ),
     )
     assert write_vehicle(car, tmp_path / "car.toml").read_text() == (
+        f"{VEHICLE_MARK} {__version__}\n"
         'name = "car"\n'
         "steer_max = 0.5\n"
         "\n"
@@ -101,7 +104,7 @@ def test_a_file_already_there_is_replaced_whole(tmp_path):
     path = tmp_path / "car.toml"
     path.write_text("name = 'old'\n" * 1000)
     write_vehicle(Vehicle("new"), path)
-    assert path.read_text() == 'name = "new"\n'
+    assert path.read_text() == f'{VEHICLE_MARK} {__version__}\nname = "new"\n'
     assert list(tmp_path.iterdir()) == [path]
 
 

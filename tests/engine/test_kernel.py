@@ -1,14 +1,19 @@
 """The kernel: compiled and in CasADi's virtual machine the same numbers, right derivatives, compiled once."""
 
+import ctypes
+import errno
+import hashlib
 import itertools
 import os
 import stat
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import casadi as cs
 import numpy as np
 import pytest
 
+from greybox_id import scratch
 from greybox_id.engine import compiler, emit, kernel
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
@@ -48,6 +53,11 @@ def empty_cache(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("GREYBOX_CACHE", str(folder))
     return folder
+
+
+def kernels(cache):
+    """Compiled libraries in a cache, and whatever else lies beside them."""
+    return sorted((cache / "kernels").iterdir())
 
 
 def functions(nz, ns, np_, step, output):
@@ -266,17 +276,141 @@ def worked(lanes=3, compiled=None):
 
 @needs_compiler
 def test_compiling_waits_until_it_pays_and_a_library_in_the_cache_is_used(empty_cache, monkeypatch):
-    monkeypatch.setattr(kernel, "LOOKS", 20)
     monkeypatch.setattr(kernel, "PAYS", 50)
     made, _ = worked(4)
     assert not made.compiled
     made.simulate(*driven(1, 10))
     assert made.compiled
     monkeypatch.setattr(Compiler, "compile", None)  # from here on it is an error to compile
-    assert not worked(1)[0].compiled
-    assert worked(2)[0].compiled
+    assert not worked(4)[0].compiled
+    assert worked(5)[0].compiled
     assert worked(compiled=True)[0].compiled
-    assert len(list(empty_cache.iterdir())) == 1
+    assert len(kernels(empty_cache)) == 1
+
+
+@needs_compiler
+def test_a_first_run_gives_the_same_digits_as_a_later_one(empty_cache, monkeypatch):
+    monkeypatch.setattr(kernel, "PAYS", 50)
+
+    def found():
+        made = Kernel(*single_track())
+        return [made.simulate(*driven(lanes, 10)) for lanes in (4, 1, 3)]
+
+    cold, warm = found(), found()
+    assert all(
+        np.array_equal(a, b) for one, other in zip(cold, warm, strict=True) for a, b in zip(one, other, strict=True)
+    )
+
+
+@needs_compiler
+def test_a_prepared_kernel_runs_compiled_from_the_first_call(empty_cache):
+    made = Kernel(*single_track())
+    made.prepare()
+    made.simulate(*driven(1, 10))
+    assert made.compiled
+
+
+@needs_compiler
+@pytest.mark.parametrize("damage", ["truncated", "empty", "one byte", "another library"])
+def test_a_damaged_library_is_made_again(damage, empty_cache):
+    _, right = worked(compiled=True)
+    (path,) = kernels(empty_cache)
+    whole = path.read_bytes()
+    other = bytes([whole[len(whole) // 2] ^ 1])
+    path.unlink()  # this process has it mapped
+    path.write_bytes(
+        {
+            "truncated": whole[: len(whole) // 2],
+            "empty": b"",
+            "one byte": whole[: len(whole) // 2] + other + whole[len(whole) // 2 + 1 :],
+            "another library": whole + b"x",
+        }[damage]
+    )
+    made, found = worked(compiled=True)
+    assert made.compiled
+    assert_same(found, right)
+    (path,) = kernels(empty_cache)
+    assert path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:32])
+
+
+@needs_compiler
+@pytest.mark.parametrize("mode", [0o777, 0o775, 0o702])
+def test_a_folder_that_others_can_write_to_is_not_used_and_that_is_said_once(mode, empty_cache, caplog):
+    compiler._told_once.cache_clear()
+    (empty_cache / "kernels").mkdir(parents=True)
+    (empty_cache / "kernels").chmod(mode)
+    for _ in range(2):
+        assert worked(compiled=True)[0].compiled
+    assert kernels(empty_cache) == []
+    assert [own.getMessage().count("others can write to it") for own in caplog.records] == [1]
+
+
+@needs_compiler
+@pytest.mark.parametrize("what", ["folder", "library"])
+def test_what_belongs_to_another_user_is_not_executed(what, empty_cache, monkeypatch):
+    worked(compiled=True)
+    (path,) = kernels(empty_cache)
+    loaded = []
+    real = ctypes.CDLL
+    monkeypatch.setattr(
+        ctypes, "CDLL", lambda name, *more, **others: loaded.append(name) or real(name, *more, **others)
+    )
+    if what == "folder":
+        monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    else:
+        content = path.read_bytes() + b"planted"
+        path.unlink()
+        path = path.with_name(f"{path.stem[:-32]}{hashlib.sha256(content).hexdigest()[:32]}.so")
+        path.write_bytes(content)
+        path.chmod(0o666)
+    assert worked(compiled=True)[0].compiled
+    assert loaded
+    assert str(path) not in loaded
+
+
+@needs_compiler
+def test_a_planted_library_under_the_right_name_is_not_executed(empty_cache):
+    worked(compiled=True)
+    (path,) = kernels(empty_cache)
+    planted = path.with_name(f"{path.stem[:-32]}{'0' * 32}.so")
+    planted.write_bytes(b"planted")
+    path.unlink()
+    assert worked(compiled=True)[0].compiled
+    assert planted not in kernels(empty_cache)
+
+
+@pytest.mark.parametrize("said", ['gcc "', "gcc 'x", "   ", "/nowhere/cc -O2"])
+def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_cache, caplog):
+    monkeypatch.setenv("CC", said)
+    monkeypatch.setattr(kernel, "PAYS", 0)
+    compiler._told_once.cache_clear()
+    made, found = worked()
+    assert_same(found, worked(compiled=False)[1])
+    if not made.compiled:
+        assert "about five times slower" in caplog.text
+
+
+@needs_compiler
+def test_a_full_disk_where_libraries_are_kept_ends_in_an_answer(empty_cache, monkeypatch):
+    def full(self, *more, **others):
+        if empty_cache in self.parents:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return whole(self, *more, **others)
+
+    whole = Path.write_text
+    monkeypatch.setattr(Path, "write_text", full)
+    assert worked(compiled=True)[0].compiled
+    assert kernels(empty_cache) == []
+
+
+@needs_compiler
+def test_what_a_killed_compiler_left_is_swept(empty_cache):
+    folder = empty_cache / "kernels"
+    folder.mkdir(mode=0o700, parents=True)
+    left = folder / f".greybox-{scratch._machine()}-4194304-1-{'0' * 12}"
+    left.mkdir()
+    worked(compiled=True)
+    assert not left.exists()
 
 
 @needs_compiler
@@ -310,7 +444,7 @@ def test_with_a_broken_compiler_it_works(tmp_path, empty_cache, monkeypatch):
         assert not worked()[0].compiled
         with pytest.raises(CannotCompile, match="compiler"):
             worked(compiled=True)
-    assert list(empty_cache.iterdir()) == []
+    assert kernels(empty_cache) == []
 
 
 def test_an_operation_without_c_stays_with_the_virtual_machine(monkeypatch):
@@ -328,7 +462,7 @@ def test_several_may_compile_the_same_at_once(empty_cache):
     with ThreadPoolExecutor(4) as pool:
         results = [found for _, found in pool.map(lambda _: worked(compiled=True), range(4))]
     assert all(np.array_equal(a, b) for found in results for a, b in zip(found, results[0], strict=True))
-    assert len(list(empty_cache.iterdir())) == 1
+    assert len(kernels(empty_cache)) == 1
 
 
 @needs_compiler

@@ -12,6 +12,7 @@ from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadInput
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
+from greybox_id.parameter import Parameter
 
 
 def predicted(model, recording, across_joins=False):
@@ -60,10 +61,10 @@ def test_no_window_crosses_a_join(name):
 @pytest.mark.parametrize("name", TINY)
 def test_no_window_crosses_a_missing_value(name):
     model = scattered(tiny(name))
-    recording = drive(70)
-    steer = recording["steer"].copy()
-    steer[30] = np.nan
-    found = predicted(model, recording.with_signals(steer=steer))
+    recording, signal = drive(70), "steer" if "steer" in model.inputs else "v_x"
+    values = recording[signal].copy()
+    values[30] = np.nan
+    found = predicted(model, recording.with_signals(**{signal: values}))
     cut = predicted(model, recording.rows(0, 30)) | {
         row + 31: y for row, y in predicted(model, recording.rows(31, 70)).items()
     }
@@ -111,11 +112,10 @@ def variants(name):
     model = tiny(name)
     yield "bare", model
     yield "late sensor", model + sensor_latency_imu
-    if "steering_rate_limit" not in model.effects:
+    if "steer" in model.inputs and "steering_rate_limit" not in model.effects:
         limited = model + steering_rate_limit.at(1.7)
         yield "limit held", limited
-        yield "limit free", limited.with_parameters(type(limited["F_y" if "long" in name else "F"])(
-            "steering_rate_limit", "rad/s", 1.7, (0.1, 10.0)))  # fmt: skip
+        yield "limit free", limited.with_parameters(Parameter("steering_rate_limit", "rad/s", 1.7, (0.1, 10.0)))
 
 
 def sharing():

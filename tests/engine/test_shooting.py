@@ -144,8 +144,8 @@ def test_a_run_scoped_parameter_has_a_value_and_a_prior_per_run():
     x = problem.unknowns(np.array([1.0, 0.04]))
     late = x.copy()
     late[2] += 0.03
-    assert np.sum(problem.belief_residuals(x) ** 2) == pytest.approx(0.0)
-    assert np.sum(problem.belief_residuals(late) ** 2) == pytest.approx(1.0)
+    assert np.sum(problem.prior_residuals(x) ** 2) == pytest.approx(0.0)
+    assert np.sum(problem.prior_residuals(late) ** 2) == pytest.approx(1.0)
     assert problem.shared(late)[1] == pytest.approx(0.05)
 
 

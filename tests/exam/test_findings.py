@@ -132,3 +132,32 @@ def test_workshop_bars_are_wider():
     assert {own.key: own.passed for own in measures(errors, "clean")}["false_alarms"] is False
     assert {own.key: own.passed for own in measures(errors, "workshop")}["false_alarms"] is True
     assert all(own.bar is None for own in measures(errors, "real"))
+
+
+def test_names_that_are_applied_and_not_there_are_counted():
+    right = finding(SINGLE, says("imu_mount_pitch", applied=["imu_mount_pitch"]))
+    assert right.beside == ()
+    more = finding(SINGLE, says("accel_bias_x", "yaw_inertia", applied=["accel_bias_x", "yaw_inertia"]))
+    assert (more.first, more.beside) == (True, ("yaw_inertia",))
+    assert finding(SINGLE, says("accel_bias_x", "yaw_inertia", applied=["accel_bias_x"])).beside == ()
+    null = finding(NULL, says("grip_scale", applied=["grip_scale"]))
+    found = {own.key: own for own in measures([right, more, null, finding(OUTSIDE, says("puncture"))], "foreign")}
+    assert (found["beside"].value, found["beside"].of, found["beside"].passed) == (0.5, 2, False)
+    assert found["null_names"].value == 1.0
+
+
+def test_outside_the_vocabulary_a_name_at_one_half_is_named():
+    low = finding(OUTSIDE, diagnosis(gap_detected=True, ranking=[ranked("grip_scale", 0.3)]))
+    high = finding(OUTSIDE, diagnosis(gap_detected=True, ranking=[ranked("grip_scale", 0.6)]))
+    assert (low.beside, high.beside) == ((), ("grip_scale",))
+
+
+def test_a_budget_tells_how_much_went_to_names_that_are_not_there():
+    budget = [
+        {"effect": "accel_bias_x", "share": 0.7, "low": 0.6, "high": 0.8},
+        {"effect": "yaw_inertia", "share": 0.1, "low": 0.0, "high": 0.2},
+        {"unnamed": 0.2, "low": 0.1, "high": 0.3},
+    ]
+    assert finding(SINGLE, says("accel_bias_x", budget=budget)).misplaced == 0.1
+    assert isnan(finding(SINGLE, says("accel_bias_x")).misplaced)
+    assert isnan(finding(SINGLE, says("accel_bias_x", budget=[])).misplaced)

@@ -16,11 +16,11 @@ sys.path.insert(0, str(EXAMPLE))
 from prediction import Prediction  # noqa: E402
 from race import driven  # noqa: E402
 from scene import PAIRS, PERIOD, Scene  # noqa: E402
-from track import track  # noqa: E402
 
 from greybox_id.datasets.vehicle_file import parse_vehicle  # noqa: E402
 from greybox_id.datasets.virtual_vehicle import SteppedCar, vehicle_file_text  # noqa: E402
 from greybox_id.models.registry import model_of, with_effects  # noqa: E402
+from greybox_id.racing.track import Usage, track  # noqa: E402
 
 FIRST_BENDS = 12.0
 """m."""
@@ -38,7 +38,7 @@ def models(scene):
 
 
 def test_curvature_is_the_turn_of_the_line():
-    one = track(1.3, 0.3, 8.0, 3.0, 5.0, 7.0)
+    one = track(1.3, 0.3, Usage(8.0, 3.0, 5.0, 7.0))
     turns = np.gradient(one.yaw, one.s)
     assert np.abs(turns - one.curvature)[1:-1].max() < 2e-3 * np.abs(one.curvature).max()
     steps = np.hypot(np.diff(one.x), np.diff(one.y))
@@ -47,14 +47,14 @@ def test_curvature_is_the_turn_of_the_line():
 
 
 def test_speeds_stay_within_the_friction_ellipse():
-    one = track(1.3, 0.3, 8.0, 3.0, 5.0, 7.0)
+    one = track(1.3, 0.3, Usage(8.0, 3.0, 5.0, 7.0))
     a_x = (np.roll(one.speed, -1) ** 2 - one.speed**2) / (2 * one.spacing)
     a_y = one.speed**2 * one.curvature
     assert np.all((a_x / np.where(a_x > 0, 3.0, 5.0)) ** 2 + (a_y / 8.0) ** 2 < 1.02)
 
 
 def test_a_pose_is_found_again_on_the_track():
-    one = track(1.3, 0.3, 8.0, 3.0, 5.0, 7.0)
+    one = track(1.3, 0.3, Usage(8.0, 3.0, 5.0, 7.0))
     k, off, turned = 1200, 0.15, 0.2
     x, y = one.x[k] - off * np.sin(one.yaw[k]), one.y[k] + off * np.cos(one.yaw[k])
     found = one.project(x, y, one.yaw[k] + turned, one.s[k] + 0.3)

@@ -51,7 +51,7 @@ def test_a_fit_of_a_file_is_saved_and_loaded_and_says_that_nothing_is_known_of_i
 def test_a_sample_time_that_nnodely_made_up_is_asked_for(tmp_path):
     body = body_of("lat_small")
     body["Info"]["SampleTime"] = 1
-    with pytest.raises(BadInput, match=r"1 s, which nnodely writes where none was given.*--sample-time 0.05"):
+    with pytest.raises(BadInput, match=r"1 s, which nnodely writes where none was given.*sample_time 0.05"):
         imported(tmp_path, body)
     assert imported(tmp_path, body, sample_time=0.02).fit.model.sample_time == 0.02
 

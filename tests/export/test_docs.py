@@ -80,3 +80,10 @@ def test_onnxruntime_steps(tmp_path, monkeypatch):
 def test_the_gyms_parameters_are_read(tmp_path, monkeypatch):
     names, _ = example("yaml", "f1tenth", tmp_path, monkeypatch)
     assert names["params"]["m"] == 3.5
+
+
+def test_fmpy_simulates_the_unit(tmp_path, monkeypatch):
+    names, _ = example("fmpy", "fmu", tmp_path, monkeypatch)
+    found = names["found"]
+    assert (found["v_x"][0], len(found)) == (15.0, 501)
+    assert np.max(found["yaw_rate"]) > 0.1

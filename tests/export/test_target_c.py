@@ -227,3 +227,16 @@ def test_cmake_builds_and_tests_it(tmp_path):
     run(needed("cmake"), "-S", folder, "-B", build_folder)
     run("cmake", "--build", build_folder)
     run("ctest", "--test-dir", build_folder)
+
+
+@pytest.mark.parametrize(
+    "flags", [("-ffast-math",), ("-Ofast",), ("-O2", "-ffinite-math-only"), ("-O3", "-ffast-math")]
+)
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("model", [motion("single_track on pacejka"), memory("msnn_lat")], ids=["motion", "memory"])
+def test_flags_that_change_the_numbers_end_the_compilation(model, compiler, flags, tmp_path):
+    folder = write(model, "c", tmp_path / "car")
+    command = [needed(compiler), "-std=c99", *flags, "-c", folder / "car.c", "-o", tmp_path / "car.o"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "#error" in done.stderr or "need sums taken" in done.stderr or "stay so" in done.stderr

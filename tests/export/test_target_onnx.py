@@ -79,7 +79,7 @@ def test_parameters_that_are_to_stay_are_constants(name, moving):
     assert {own.name.partition("[")[0] for own in equations.parameters} == set(moving)
 
 
-def test_precision_opset_and_names_are_told_in_graph_and_manifest(tmp_path):
+def test_precision_opset_and_names_are_identifiable_in_graph_and_manifest(tmp_path):
     folder = write(motion("kinematic", ("steering_delay",)), "onnx", tmp_path / "out")
     graph = onnx.load(folder / "car_step.onnx")
     told = {entry.key: entry.value for entry in graph.metadata_props}

@@ -2,10 +2,19 @@
 
 import numpy as np
 import pytest
+from driven import driven
 
 from greybox_id.engine.motion.runs import MotionRun
 from greybox_id.errors import BadInput
-from greybox_id.filters.findings import lost, must_be_finite, only_over_mass, told_rows, untold
+from greybox_id.filters.findings import (
+    distrusted_data,
+    lost,
+    must_be_finite,
+    only_over_mass,
+    told_rows,
+    too_quiet,
+    untold,
+)  # fmt: skip
 from greybox_id.filters.kernel import blank_history
 from greybox_id.filters.laid import LaidRun
 from greybox_id.filters.state_space import Tracked
@@ -57,9 +66,11 @@ def test_a_number_is_told_where_it_is_known_twice_as_well_as_before():
 def test_where_a_stiffness_is_open_is_said_by_the_slip_angle():
     told, slip = np.arange(100) >= 40, np.linspace(0.0, 0.1, 100)
     said = untold("C_alpha_f", told, slip, "F_yf")
-    assert said.startswith("C_alpha_f: in 40 % of the rows the recording does not tell it, mostly where the slip angle")
+    assert said.startswith(
+        "C_alpha_f: in 40 % of the rows the recording does not inform it, mostly where the slip angle"
+    )
     assert "below 2.0°" in said
-    assert said.endswith("The lateral force F_yf is told there, too.")
+    assert said.endswith("The lateral force F_yf is identifiable there, too.")
     assert untold("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""
 
 
@@ -69,3 +80,17 @@ def test_what_is_calibrated_on_motion_is_said_to_be_over_mass():
     assert "C_alpha_f / m, C_alpha_r / m, I_z / m" in said
     assert "m = 1450 kg was held" in said
     assert only_over_mass(build("kinematic")) == []
+
+
+def test_noise_below_what_a_recording_resolves_is_said():
+    (said,) = too_quiet({"noise_yaw_rate": 2.5e-5, "noise_a_y": 0.1}, {"yaw_rate": 1e-3, "a_y": 0.02})
+    assert said.startswith("noise_yaw_rate = 2.5e-05 rad/s is less than the recording resolves (0.001")
+
+
+def test_what_the_checks_distrust_is_said_of_signals_that_are_used():
+    recording = driven("lateral", runs=1, seconds=40.0)
+    wrong = recording.with_signals(a_y=recording["a_y"] / 9.81)
+    said = distrusted_data(wrong, {"a_y", "yaw_rate"})
+    assert any(own.startswith("Data check: a_y is") for own in said)
+    assert distrusted_data(wrong, {"yaw_rate"}) == []
+    assert distrusted_data(recording, {"a_y", "yaw_rate"}) == []

@@ -147,7 +147,7 @@ def test_an_infinite_number_is_a_sentence(cell, column):
 
 def test_noise_of_readings_must_be_stated():
     out = io.StringIO()
-    with pytest.raises(BadInput, match=r"must be stated to follow a vehicle: noise_a_y \(--noise NAME=SIZE"):
+    with pytest.raises(BadInput, match=r"must be stated to follow a vehicle: noise_a_y \(noise NAME=SIZE"):
         follow(wrong(), (), (), EFFECTS, How(noise={"noise_yaw_rate": 0.01}), column_map("canonical"),
                io.StringIO(HEADER + ROW), out)  # fmt: skip
 

@@ -5,7 +5,7 @@ import pytest
 from filter_cases import driven_space
 
 from greybox_id.errors import BadInput
-from greybox_id.filters.noise import origins, scatter_of, start_levels, units
+from greybox_id.filters.noise import origins, resolution_of, scatter_of, start_levels, units
 from greybox_id.recording import Recording
 
 
@@ -93,3 +93,13 @@ def test_what_never_changes_has_some_scatter_all_the_same():
     recording = Recording("r", 0.01 * np.arange(50), {"yaw_rate": np.zeros(50), "a_y": np.full(50, np.nan)})
     found = scatter_of(recording, ("yaw_rate", "a_y"))
     assert all(0 < size < np.inf for size in found.values())
+
+
+def test_the_least_noise_is_a_step_over_the_root_of_twelve_and_a_share_of_the_scatter():
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(2000)
+    fine = np.sin(time) + 0.01 * rng.standard_normal(len(time))
+    floors = resolution_of(
+        Recording("r", time, {"a_y": fine, "yaw_rate": np.round(np.sin(time), 2)}), ["a_y", "yaw_rate"]
+    )
+    assert floors["a_y"] == pytest.approx(0.2 * 0.01, rel=0.1)
+    assert floors["yaw_rate"] == pytest.approx(0.01 / np.sqrt(12), rel=0.05)

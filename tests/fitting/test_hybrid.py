@@ -119,7 +119,7 @@ def test_one_short_recording_is_refused_in_a_sentence():
 
 
 def test_ipopt_is_refused_in_a_sentence():
-    with pytest.raises(BadInput, match="leave --solver away"):
+    with pytest.raises(BadInput, match="omit solver"):
         trained("hybrid_force", manoeuvres(C_F, C_R)[:2], solver="ipopt")
 
 

@@ -110,7 +110,7 @@ def test_early_stopping_keeps_the_step_that_is_best_on_the_validation_recording(
     assert found.mode == "early stopping"
     assert found.stages[0].status == Status.EARLY.value
     assert found.stages[0].certificate is None  # Ipopt would carry on to where it was stopped from going
-    with pytest.raises(BadInput, match="--validate"):
+    with pytest.raises(BadInput, match="name one with validation"):
         fit(linear_toy(2), [train], how=How("early stopping"))
 
 

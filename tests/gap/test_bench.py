@@ -17,9 +17,7 @@ HERE = {
 COLUMNS = (*HERE, "m", "D_r", "B_f")
 
 
-@pytest.fixture(autouse=True)
-def _uncompiled(monkeypatch):
-    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")

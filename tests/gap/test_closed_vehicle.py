@@ -20,10 +20,7 @@ from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.scores.prediction import simulate
 from greybox_id.vehicle import ChosenModel, Stated
 
-
-@pytest.fixture(autouse=True)
-def _uncompiled(monkeypatch):
-    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture

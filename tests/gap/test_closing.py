@@ -19,9 +19,7 @@ TOLERANT = Vehicle("car", CAR.values, {"steering_ratio": Stated(sd=0.01)}, NOISE
 SD = np.array([0.1, 1.0])
 
 
-@pytest.fixture(autouse=True)
-def _uncompiled(monkeypatch):
-    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")

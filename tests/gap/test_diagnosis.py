@@ -129,10 +129,11 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
     assert gap.gap_detected
     assert gap.unknown_probability > 0.5
     assert gap.applied == ()
-    assert gap.ranking  # the nearest names are told, with what is left for them to be present
-    assert sum(own.probability for own in gap.ranking) < 0.5 * len(gap.ranking)
-    assert "in its place would" in gap.unknown
-    assert "(held out)" in gap.unknown  # how far stand-ins would go is told on what chose nothing
+    assert gap.ranking  # the nearest names are told, and why they are none
+    assert max(own.probability for own in gap.ranking) < 0.5
+    assert any("mimics" in own.reason for own in gap.ranking)
+    assert gap.budget.held_out
+    assert sum(own.share for own in gap.budget.shares) + gap.budget.unnamed.share == pytest.approx(1.0)
     assert gap.held_out.closed == 0.0
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
@@ -296,6 +297,7 @@ def test_rows_held_stale_are_found_and_counted():
     assert first.probability > 0.9
     assert first.interval[0] <= 0.06 <= first.interval[1]
     assert gap.applied == ()
+    assert "nothing that a simulation could add" in first.reason
 
 
 @pytest.mark.slow
@@ -303,6 +305,7 @@ def test_jitter_of_the_sampling_instant_is_found_where_commands_jump():
     gap = diagnosed(lap({"timestamp_jitter": 0.003}))
     told(gap, "timestamp_jitter", 0.003, within=0.15)
     assert gap.applied == ()
+    assert "nothing that a simulation could add" in gap.ranking[0].reason
 
 
 @pytest.mark.slow

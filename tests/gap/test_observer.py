@@ -10,10 +10,7 @@ from greybox_id.gap.observer import PULLED, SEEN, observed, with_seen
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording, join
 
-
-@pytest.fixture(autouse=True)
-def _uncompiled(monkeypatch):
-    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 def predicted(model, recordings, *observers):

@@ -9,7 +9,7 @@ from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_o
 from greybox_id.gap.axes import Candidate
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit, settled
-from greybox_id.gap.search import MOST_SD
+from greybox_id.gap.search import MOST_SD, REACH_SD
 
 SD = np.array([0.1, 0.4])
 
@@ -84,7 +84,7 @@ def test_a_tolerance_reaches_so_far_and_what_is_further_off_is_a_gap():
     bench = linear_bench(X, [1.0, 0.0], SD)
     search = search_on(bench, SD, [axis(0, sd=0.01)])
     (base,) = refit(search, [search.start_of(search.at_means())])
-    assert base.theta[0] == pytest.approx(MOST_SD * 0.01)
+    assert base.theta[0] == pytest.approx(REACH_SD * 0.01)
     found = search.project(base.e, X[:, :, 1:], base.theta, base.linear)
     assert found.step[0] == pytest.approx(1.0 - base.theta[0], abs=0.02)  # the tolerance stays at its bound
     (gap,) = refit(search, [Start((candidate(1),), np.array([0.0]), base.theta, base.linear)])

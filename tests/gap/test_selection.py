@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
+from greybox_id.gap.colour import colour, white_noise
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
 from greybox_id.gap.selection import CLOSE, NEAR, REPLACING, _in_each_place, _polished, select
@@ -13,7 +14,11 @@ SD, WORTH = np.array([0.1, 0.1]), 7.0
 
 def selected(bench, count, nuisances=()):
     search = search_on(bench, SD, nuisances)
-    return select(search, [candidate(k) for k in range(count)], bench.counted, WORTH)
+
+    def whitener(search, own):
+        return white_noise(SD, bench.counted, bench.rows) if own is None else colour(own.e, bench.counted, bench.rows)
+
+    return select(search, [candidate(k) for k in range(count)], whitener, WORTH)
 
 
 def settled_cost(search, own):

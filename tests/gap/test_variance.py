@@ -100,7 +100,7 @@ def test_where_nothing_changes_there_is_nothing_to_tell():
     assert jitter(bench, -measured, 0 * measured, SD, bench.counted) is None
 
 
-def test_jitter_is_told_in_several_runs_and_what_does_not_count_is_left_out():
+def test_jitter_is_identifiable_in_several_runs_and_what_does_not_count_is_left_out():
     bench, e, y = scattered(0.005, lengths=[2000, 2, 3998])
     good = bench.counted.copy()
     good[3000:3500] = False

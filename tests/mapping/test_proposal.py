@@ -183,3 +183,32 @@ def test_on_real_recordings_nothing_decided_is_wrong(real_data, file):
     assert not wrong
     assert {n for n in true.signals if n not in true.extra_units} - set(found.signals) <= hard
     assert {entry.signal for entry in proposal.open} >= hard
+
+
+HEADING = {"time": "t", "v_x": "vx", "yaw_rate": "gyro_z", "steer": "delta", "yaw": "phi", "x": "px", "y": "py",
+           "a_x": "acc_x", "a_y": "acc_y"}  # fmt: skip
+
+
+@pytest.mark.parametrize("factors", [(), ("yaw",)])
+def test_a_heading_called_phi_is_asked_about_as_yaw(disguised, factors):
+    (entry,) = propose(disguised(HEADING, factors=factors)).open
+    assert (entry.column, entry.signal, entry.unit) == ("phi", "yaw", "deg" if factors else "rad")
+    assert "may be roll or heading" in " ".join(entry.reasons)
+
+
+def test_a_roll_angle_called_phi_is_a_question_that_says_what_else_it_may_be(disguised):
+    file = disguised(HEADING, without=("yaw",))
+    frame = pd.read_csv(file)
+    frame["phi"] = 0.03 * np.sin(frame["t"])
+    frame.to_csv(file, index=False)
+    (entry,) = propose(file).open
+    assert (entry.column, entry.signal) == ("phi", "roll")
+    assert "then write yaw instead of roll" in " ".join(entry.reasons)
+
+
+def test_omega_is_asked_about_as_yaw_rate(disguised):
+    proposal = propose(disguised({**PLAIN, "yaw_rate": "omega"}))
+    (entry,) = proposal.open
+    assert (entry.column, entry.signal, entry.unit) == ("omega", "yaw_rate", "rad/s")
+    assert "the angular velocity of a wheel or a motor" in " ".join(entry.reasons)
+    assert '#? yaw_rate = { column = "omega", unit = "rad/s" }' in as_toml(proposal, "car")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.engine.belief import belief_rows
+from greybox_id.engine.prior_rows import prior_rows
 from greybox_id.models.impulse_response import fading, fading_prior
 from greybox_id.parameter import Parameter
 
@@ -13,7 +13,7 @@ from greybox_id.parameter import Parameter
 @given(st.integers(1, 15), st.floats(0.1, 3.0), st.floats(0.4, 0.95), st.floats(0.5, 4.0))
 def test_the_fading_priors_covariance_is_the_tc_kernel(length, sd, decay, strength):
     prior = fading_prior(length, sd=sd, decay=decay, axes=1, strength="transient")
-    R, _ = belief_rows([Parameter("F", "1", fading(length), prior=prior)], {"transient": strength})
+    R, _ = prior_rows([Parameter("F", "1", fading(length), prior=prior)], {"transient": strength})
     found = np.linalg.inv((R.T @ R).toarray()) * strength**2
     age = np.arange(length)[::-1]
     expected = sd**2 * np.minimum(decay ** age[:, None], decay ** age[None, :])
@@ -22,7 +22,7 @@ def test_the_fading_priors_covariance_is_the_tc_kernel(length, sd, decay, streng
 
 def test_rows_of_a_matrix_of_responses_are_independent():
     prior = fading_prior(4, sd=1.0, decay=0.7, axes=2)
-    R, _ = belief_rows([Parameter("F", "1", np.zeros((3, 4)), prior=prior)])
+    R, _ = prior_rows([Parameter("F", "1", np.zeros((3, 4)), prior=prior)])
     covariance = np.linalg.inv((R.T @ R).toarray())
     for row in range(3):
         covariance[4 * row : 4 * row + 4, 4 * row : 4 * row + 4] = 0
@@ -31,7 +31,7 @@ def test_rows_of_a_matrix_of_responses_are_independent():
 
 def test_the_prior_is_met_exactly_at_its_mean():
     F = fading(6)
-    R, r = belief_rows([Parameter("F", "1", F, prior=fading_prior(6, sd=0.5, decay=0.7, axes=1))])
+    R, r = prior_rows([Parameter("F", "1", F, prior=fading_prior(6, sd=0.5, decay=0.7, axes=1))])
     np.testing.assert_allclose(R @ F - r, 0, atol=1e-12)
 
 

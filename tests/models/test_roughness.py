@@ -12,21 +12,47 @@ from greybox_id.vehicle import Stated, Vehicle
 
 SD = {"B_f": Stated(10.0, 0.2), "C_f": Stated(1.4, 0.01), "c_0": Stated(200.0, 8.0), "c_2": Stated(0.45, 0.02)}
 USUAL = 15.0
+DRIVEN = {"speed": USUAL, "steer": 0.1, "drive": 2.0}
 TURNING = (12.0, -0.3, 0.5)
 """v_x, v_y and yaw rate of a turn to the left."""
 
 
 def rough(name="single_track", **values):
-    return with_roughness(build(name), Vehicle("car", {**SD, **values}), USUAL)
+    return with_roughness(build(name), Vehicle("car", {**SD, **values}), DRIVEN)
 
 
 def test_they_stand_beside_stated_tolerances_and_nowhere_else():
-    assert rough().effects == ("steered_wheels", "power_of_c_0", "power_of_c_2")
-    assert rough(c_0=Stated(200.0)).effects == ("steered_wheels", "power_of_c_2")
-    assert rough(C_f=Stated(1.4)).effects == ("power_of_c_0", "power_of_c_2")
+    assert named() == ("steered_wheels", "power_of_c_0", "power_of_c_2")
+    assert named(c_0=Stated(200.0)) == ("steered_wheels", "power_of_c_2")
+    assert named(C_f=Stated(1.4)) == ("power_of_c_0", "power_of_c_2")
     exact = Vehicle("car", {name: replace(own, sd=None) for name, own in SD.items()})
-    assert with_roughness(build("single_track"), exact, USUAL).effects == ()
+    assert with_roughness(build("single_track"), exact, DRIVEN).effects == ()
     assert rough("kinematic").effects == ()
+
+
+def named(**values):
+    """Those that are no errors of a force by regime."""
+    return tuple(name for name in rough(**values).effects if not name.startswith("form_"))
+
+
+@pytest.mark.parametrize("name", ["single_track", "lateral"])
+def test_errors_of_form_are_relative_to_the_force_and_grow_with_how_one_drives(name):
+    model = rough(name)
+    forms = [own for own in model.effects if own.startswith("form_")]
+    drives = {"single_track": 4, "lateral": 3}[name]
+    assert len([own for own in forms if "F_yf" in own]) == drives
+    assert all(model[own].prior.sd == 0.01 for own in forms)
+
+
+def test_an_error_of_the_front_force_by_steering_is_that_share_of_it_at_the_usual_angle():
+    model = rough()
+    given = {"steer": 0.1, "drive": 0.0}
+    without, with_it = (rates(model, TURNING, p=vector(model, form_F_yf_steer=k), **given) for k in (0.0, 0.1))
+    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    before, after = (p["m"] * (own["v_y"] + TURNING[2] * TURNING[0]) for own in (without, with_it))
+    turning = without["yaw_rate"] * p["I_z"]
+    F_yf = (p["l_r"] * before + turning) / (p["l_f"] + p["l_r"])
+    assert after - before == pytest.approx(0.1 * F_yf, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["steered_wheels", "power_of_c_0", "power_of_c_2"])

@@ -10,10 +10,13 @@ first order in angles that is ours with tyres of that slope. Two differences rem
 
 import numpy as np
 import pytest
+from driving import read
 from linearised import outputs, rates, run, vector
 from scipy.integrate import solve_ivp
 
+from greybox_id.errors import BadInput
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
 from greybox_id.models.single_track import single_track
 from greybox_id.models.tyres import TYRES
 
@@ -89,3 +92,25 @@ def test_a_gentle_step_steer_is_commonroads():
     z = run(model, [v, 0.0, 0.0], 1500, 0.002, p=p, steer=steer, drive=0.0)[::10]
     assert np.allclose(z[:, 2], x[5], atol=1e-3 * np.abs(x[5]).max())
     assert np.allclose(z[:, 1], v * np.sin(x[6]), atol=1e-3 * v * np.abs(x[6]).max())
+
+
+def test_a_motor_gives_what_its_dead_band_and_its_back_emf_leave():
+    model = build("single_track", {"drive": "motor"})
+    numbers = {"force_per_unit": 25.0, "motor_damping": 5.0, "dead_band": 0.2}
+    for throttle, v_x, force in ((0.1, 1.0, 0.0), (0.5, 2.0, 0.3 * 15), (0.5, 0.0, 0.3 * 25), (-0.6, 2.0, -0.4 * 25)):
+        found = read(model, ("drive_force",), {"v_x": v_x}, {"steer": 0.0, "drive": throttle}, **numbers)
+        assert found["drive_force"] == pytest.approx(force)
+
+
+def test_a_motor_without_dead_band_and_back_emf_is_the_linear_drive():
+    linear, motor = build("single_track"), build("single_track", {"drive": "motor"})
+    assert "dead_band" not in linear
+    assert linear.settings == {"tyre": "pacejka"}
+    for drive in (-0.7, 0.0, 0.3):
+        states, inputs = {"v_x": 12.0, "v_y": 0.3, "yaw_rate": 0.2}, {"steer": 0.05, "drive": drive}
+        assert read(linear, ("a_x", "a_y"), states, inputs) == read(motor, ("a_x", "a_y"), states, inputs)
+
+
+def test_an_unknown_drive_is_refused():
+    with pytest.raises(BadInput, match="no drive 'engine'; there are linear, motor"):
+        build("single_track", {"drive": "engine"})

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from linearised import matrices
 
+from greybox_id.choices.parameters import Choices
+from greybox_id.choices.wanted import Wanted
 from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
 from greybox_id.errors import BadInput, BadModel
 from greybox_id.models.effects import EFFECTS
@@ -31,7 +33,31 @@ def test_a_number_alone_is_held_where_it_is_geometry_or_mass_and_a_start_elsewhe
         assert model[name].fixed is fixed
         assert model[name].prior is None
     assert model["E_f"].fixed, "what a model holds by itself stays held"
-    assert model["h_cg"] == build("single_track")["h_cg"], "what is not stated stays as it is"
+    assert model["C_f"] == build("single_track")["C_f"], "what is not stated and has no size stays as it is"
+
+
+def test_what_is_not_stated_is_scaled_with_mass_and_size():
+    small = Vehicle(
+        "1:10", {"m": Stated(1.58), "l_f": Stated(0.082), "l_r": Stated(0.093), "wheel_radius": Stated(0.036)}
+    )
+    model = with_vehicle(build("longitudinal"), small)
+    wheels = 4 * float(model["I_w"].array) / 0.036**2
+    assert wheels == pytest.approx(4 / 0.32**2 / 1450 * 1.58), "they add as large a share to it as to a car's mass"
+    assert float(model["c_0"].array) == pytest.approx(200 / 1450 * 1.58)
+    assert float(model["force_per_unit"].array) == pytest.approx(1.58)
+    of_car = with_vehicle(build("single_track"), car())
+    assert float(of_car["h_cg"].array) == pytest.approx(0.55 * 2.7 / 2.76)
+    assert float(of_car["I_z"].array) == pytest.approx(2270 * 1500 / 1450 * (2.7 / 2.76) ** 2)
+    assert not of_car["I_z"].fixed
+    unstated = with_vehicle(build("single_track"), Vehicle("nothing stated", {}))
+    assert unstated.parameters == build("single_track").parameters
+
+
+def test_what_is_said_of_mass_scales_what_nothing_is_said_of():
+    chosen = Wanted("longitudinal", choices=Choices(fix=("m=1.58kg", "wheel_radius=36mm"), start=("c_0=0.5N",))).model()
+    assert float(chosen["I_w"].array) == pytest.approx(1.58 / 1450 * (0.036 / 0.32) ** 2)
+    assert float(chosen["c_0"].array) == 0.5
+    assert Wanted("longitudinal", choices=Choices(fix=("c_1",))).model()["I_w"].array == 1.0
 
 
 def test_a_number_with_an_sd_is_free_with_that_belief():

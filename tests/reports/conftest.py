@@ -13,10 +13,10 @@ from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
+from greybox_id.reports.driven import driven as seen_driven
 from greybox_id.reports.memory.drawings import memory_drawings
 from greybox_id.reports.memory.seen import seen
 from greybox_id.reports.motion.drawings import motion_drawings
-from greybox_id.reports.motion.driven import driven as seen_driven
 from greybox_id.reports.noise import noise
 
 

@@ -55,7 +55,9 @@ def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
     assert body["report"] == str(tmp_path / "fit.pdf")
     assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
     assert str(tmp_path / "figures" / "traces.svg") in body["figures"]
-    assert len(body["verdict"]) == 3
+    can_be_used, *three = body["verdict"]
+    assert can_be_used.startswith("Usable with care. Not validated")
+    assert len(three) == 3
 
 
 @pytest.mark.usefixtures("_uncompiled")
@@ -66,7 +68,8 @@ def test_equations_of_motion_have_a_report_too(motion_fit, laps, tmp_path):
     path = replace(motion_fit, data=data).save(tmp_path / "fit.json")
     result = CliRunner().invoke(report, [str(path), "--figures", str(tmp_path / "figures")], catch_exceptions=False)
     assert result.exit_code == 0
-    assert "lap2" in result.stdout.splitlines()[0]
+    assert result.stdout.splitlines()[0].startswith("Usable with care.")
+    assert "lap2" in result.stdout.splitlines()[1]
     assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
     assert (tmp_path / "figures" / "tyres.svg").is_file()
 
@@ -95,7 +98,7 @@ def test_a_diagnosis_has_a_report_and_is_not_compared(fitted, tmp_path):
     gap = tmp_path / "gap.json"
     gap.write_text(as_text(clear(), Made("car", "greybox gap x", 0, "0.1.0")), encoding="utf-8")
     result = CliRunner().invoke(report, [str(gap)], catch_exceptions=False)
-    assert result.stdout.startswith("The simulation departs from the vehicle")
+    assert result.stdout.startswith("The simulation deviates from the vehicle")
     assert (tmp_path / "gap.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(BadInput, match="only fits are compared"):
         CliRunner().invoke(report, [str(fitted), str(gap)], catch_exceptions=False)

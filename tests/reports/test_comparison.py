@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from greybox_id.reports.comparison import Named, common_role, comparison
+from greybox_id.reports.comparison import NamedFit, common_role, comparison
 from greybox_id.reports.document import Table, Together
 from greybox_id.reports.html import page
 from greybox_id.reports.pairing import paired
@@ -54,7 +54,7 @@ def test_too_few_blocks_tell_no_interval():
 def two(motion_fit, laps):
     car = motion_fit.model
     worse = replace(motion_fit, model=car.with_parameters(car["B_f"].with_value(0.5 * float(car["B_f"].array))))
-    return [Named("right", motion_fit, tuple(laps)), Named("soft", worse, tuple(laps))]
+    return [NamedFit("right", motion_fit, tuple(laps)), NamedFit("soft", worse, tuple(laps))]
 
 
 def tables(parts):
@@ -95,8 +95,8 @@ def test_fits_judged_on_other_files_are_not_compared(two):
 
 def test_horizons_are_drawn_in_their_order_and_outputs_that_several_fits_predict(two, small_fit, train, validate):
     (drawing,) = (own for own in comparison(two).drawings if own.name == "comparison")
-    assert [words for _, words in drawing.figure.panels[0].x.ticks] == ["0.1", "0.5", "1", "2", "free"]
-    assert [panel.title for panel in drawing.figure.panels] == ["v_y", "yaw rate", "a_y"]
-    maps = [Named(name, small_fit, (train, validate)) for name in ("one", "other")]
+    assert [own.get_text() for own in drawing.figure.first().get_xticklabels()] == ["0.1", "0.5", "1", "2", "free"]
+    assert [ax.get_title() for ax in drawing.figure.axes] == ["v_y", "yaw rate", "a_y"]
+    maps = [NamedFit(name, small_fit, (train, validate)) for name in ("one", "other")]
     (drawing,) = comparison(maps).drawings
-    assert [words for _, words in drawing.figure.panels[0].x.ticks] == ["0.05"]
+    assert [own.get_text() for own in drawing.figure.first().get_xticklabels()] == ["0.05"]

@@ -63,7 +63,7 @@ def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit,
     said = memory_content(one, found, None)
     mass, gravity = said.parameters.rows
     assert mass[2:6] == ("0.600 ± 0.090", "[0.500, 0.776]", "kg", "3.50 ± 0.10")
-    assert mass[6].startswith("29.0 prior standard deviations from its prior")
+    assert mass[6].startswith("conflicts with the prior (29.0 sd)")
     assert gravity[3:6] == ("–", "m/s²", "held")
 
 

@@ -19,8 +19,8 @@ from greybox_id.reports.equations.expression import (
     Call,
     Cases,
     Comparison,
+    Constant,
     Equation,
-    Number,
     Power,
     Product,
     Quotient,
@@ -34,7 +34,7 @@ from greybox_id.reports.equations.motion import motion_equations
 from greybox_id.reports.equations.shared import MOST_TERMS, readable
 from greybox_id.reports.equations.symbolic import Reader
 from greybox_id.reports.equations.typst import in_typst
-from greybox_id.reports.motion.settled import without_memory
+from greybox_id.reports.settled import without_memory
 
 FUNCTIONS = {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "arctan": math.atan, "arctan2": math.atan2, "abs": abs,
@@ -51,7 +51,7 @@ def value(of, known):
         return value(own, known)
 
     match of:
-        case Number(number):
+        case Constant(number):
             return number
         case Symbol():
             return known[of]

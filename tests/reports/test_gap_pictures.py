@@ -14,18 +14,17 @@ from greybox_id.gap import Ranked, Where
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Formulas, Together
 from greybox_id.reports.equations.typst import in_typst
+from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.gap.content import Made, gap_content
 from greybox_id.reports.gap.figures.bars import bars
 from greybox_id.reports.gap.figures.ranking import aliases, relative
-from greybox_id.reports.gap.figures.regimes import regimes
+from greybox_id.reports.gap.figures.regimes import OPACITY, regimes
 from greybox_id.reports.gap.figures.spectra import spectra
 from greybox_id.reports.gap.figures.strips import strips
 from greybox_id.reports.gap.page import drawings, write_picture
 from greybox_id.reports.gap.report import gap_report, write_report
 from greybox_id.reports.html import page as html
 from greybox_id.reports.pdf import rendered
-from greybox_id.reports.plot.areas import Bars, Cells
-from greybox_id.reports.plot.marks import Band, Curve, Notice
 
 MADE = Made(
     "full-size car",
@@ -36,27 +35,23 @@ MADE = Made(
 )
 
 
-def marks_of(panel, kind):
-    return [mark for mark in panel.marks if isinstance(mark, kind)]
-
-
 def test_bars_are_as_high_as_errors_and_the_floor_lies_across():
     closure = clear().gap
-    panel = bars(closure, True).panels[2]
+    ax = bars(closure, True).axes[2]
     own = [e for e in closure.errors if e.channel == "yaw_rate"]
-    before, after = marks_of(panel, Bars)
-    assert before.top.tolist() == [e.before for e in own]
-    assert after.top.tolist() == [e.after for e in own]
-    (floor,) = marks_of(panel, Curve)
-    assert floor.y[::3].tolist() == [e.floor for e in own]
-    assert panel.title == "yaw rate [rad/s]"
-    assert [words for _, words in panel.x.ticks] == ["0.1", "0.5", "2", "free"]
-    assert len(marks_of(bars(closure, False).panels[2], Bars)) == 1
+    before, after = ([bar.get_height() for bar in bars] for bars in ax.containers)
+    assert before == [e.before for e in own]
+    assert after == [e.after for e in own]
+    (floor,) = ax.lines
+    assert floor.get_ydata()[::3].tolist() == [e.floor for e in own]
+    assert ax.get_title() == "yaw rate [rad/s]"
+    assert [words.get_text() for words in ax.get_xticklabels()] == ["0.1", "0.5", "2", "free"]
+    assert len(bars(closure, False).axes[2].containers) == 1
 
 
 def test_a_channel_that_is_not_recorded_has_no_panel():
-    assert len(bars(without_v_y().gap, True).panels) == 4
-    assert len(spectra(without_v_y().strip, True).panels) == 4
+    assert len(bars(without_v_y().gap, True).axes) == 4
+    assert len(spectra(without_v_y().strip, True).axes) == 4
 
 
 def test_what_cannot_be_told_apart_is_joined():
@@ -83,22 +78,34 @@ def test_intervals_are_counted_from_where_the_effect_is_not_there(effect, value,
 
 
 def test_the_map_is_grey_where_nothing_was_driven_and_says_where_there_is_no_gap():
-    own = clear().strip
-    never, cells = marks_of(regimes(own), Cells)
-    assert np.isfinite(never.share).sum() == np.isnan(cells.share).sum() == 4
-    np.testing.assert_allclose(cells.share, own.map["gap"] / np.nanmax(own.map["gap"]))
-    assert regimes(own).shades.label == "share of the gap [%]"
-    (empty,) = marks_of(regimes(none().strip), Notice)
-    assert "no gap to be placed" in empty.said
+    own, place, nowhere = clear().strip, Sheet((100.0,)).first(), Sheet((100.0,)).first()
+    regimes(place, own)
+    never, *shades = place.patches
+    assert never.get_label() == "never driven"
+    assert corners(never) == np.isnan(own.map["gap"]).sum() == 4
+    assert sum(map(corners, shades)) == np.isfinite(own.map["gap"]).sum()
+    (most,) = (shade for shade in shades if shade.get_alpha() == OPACITY[1])
+    i, j = np.unravel_index(np.nanargmax(own.map["gap"]), own.map["gap"].shape)
+    assert most.get_path().vertices[0].tolist() == [own.map["v_x"][i], own.map["a_y"][j]]
+    assert place.child_axes[0].get_ylabel() == "share of the gap [%]"
+    regimes(nowhere, none().strip)
+    assert "no gap to be placed" in " ".join(nowhere.texts[0].get_text().split())
 
 
 def test_the_stretch_that_holds_half_of_the_gap_is_shaded():
     own = clear()
-    panel = strips(own.strip, own.where.time, True).panels[0]
-    (shade,) = marks_of(panel, Band)
-    assert shade.x.tolist() == [31.5, 40.0]
-    assert len(marks_of(panel, Curve)) == 2
-    assert not marks_of(strips(own.strip, {}, False).panels[0], Band)
+    ax = strips(own.strip, own.where.time, True).first()
+    (shade,) = ax.collections
+    assert (shade.get_paths()[0].get_extents().intervalx == [31.5, 40.0]).all()
+    _, before, after = ax.lines
+    assert (before.get_ydata() == own.strip.before).all()
+    assert (after.get_ydata() == own.strip.after).all()
+    assert not strips(own.strip, {}, False).first().collections
+
+
+def corners(cells):
+    """Of a map, how many cells are of one shade."""
+    return len(cells.get_path().vertices) // 5
 
 
 def _odd():

@@ -8,20 +8,15 @@ from made_gaps import CASES, clear, none, strip
 
 from greybox_id.gap import Limit
 from greybox_id.reports.document import Formulas, Section, Together
+from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.gap import unseen
 from greybox_id.reports.gap.content import Made, Number
-from greybox_id.reports.gap.figures.limits import driven, limits
+from greybox_id.reports.gap.figures.limits import OPACITY, driven, limits
 from greybox_id.reports.gap.page import drawings
 from greybox_id.reports.gap.report import gap_report
 from greybox_id.reports.html import page
-from greybox_id.reports.plot.areas import Bars, Cells
-from greybox_id.reports.plot.marks import Notice
 
 MADE = Made("full-size car", "greybox gap lap7.csv --vehicle car.toml", 0, "0.1.0")
-
-
-def marks_of(panel, kind):
-    return [mark for mark in panel.marks if isinstance(mark, kind)]
 
 
 def cells(table):
@@ -84,20 +79,23 @@ def test_without_a_gap_limits_take_the_place_of_probabilities():
 
 
 def test_bars_reach_from_the_axis_to_the_size_over_the_usual_one():
-    panel, place = limits(replace(none(), strip=clear().strip)).panels
-    hidden, shown = marks_of(panel, Bars)
-    assert hidden.top.tolist() == [30.0, 2.3, 1.25]
-    assert shown.top.tolist() == [0.8, 0.25, 0.22]
-    assert "front stiffness" in [name for _, name in panel.y.ticks]
-    (time,) = marks_of(place, Cells)
-    assert np.isnan(time.share).sum() == 4  # where nothing was driven
-    assert np.nanmax(time.share) == 1.0
+    ax, place = limits(replace(none(), strip=clear().strip)).axes
+    hidden, shown = ([bar.get_x() + bar.get_width() for bar in bars] for bars in ax.containers)
+    assert hidden == pytest.approx([30.0, 2.3, 1.25])
+    assert shown == pytest.approx([0.8, 0.25, 0.22])
+    assert "front stiffness" in [name.get_text() for name in ax.get_yticklabels()]
+    time = clear().strip.map["time"]
+    drawn = sum(len(shade.get_path().vertices) // 5 for shade in place.patches)
+    assert drawn == time.size - 4  # nothing was driven there
+    assert max(shade.get_alpha() for shade in place.patches) == pytest.approx(OPACITY[1])
     assert limits(replace(none(), limits={}, strip=None)) is None
 
 
 @pytest.mark.parametrize("change", [{"map": {}}, {"map": {**strip().map, "time": np.zeros((6, 7))}}])
 def test_a_map_that_is_not_known_is_a_sentence(change):
-    assert marks_of(driven(replace(strip(), **change)), Notice)
+    ax = Sheet((50.0,)).first()
+    driven(ax, replace(strip(), **change))
+    assert "not known" in ax.texts[0].get_text()
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -45,7 +45,9 @@ def test_whether_there_is_a_gap():
     assert "cannot be told: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
     bare = clear(where=replace(clear().where, channels={}), p_value=NAN)
-    assert whether(bare) == "The simulation departs from the vehicle: its errors are 2.0 times the noise (p not known)."
+    assert (
+        whether(bare) == "The simulation deviates from the vehicle: its errors are 2.0 times the noise (p not known)."
+    )
 
 
 def test_where_is_silent_without_a_gap_and_names_shares_with_one():
@@ -54,7 +56,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert said.startswith("steering 78 % and M_z 15 %; 78 % of it in 22 % of the time, while the steering moves")
     assert said.endswith("half of it between 31.5 and 40 s, 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
-    assert where(everywhere) == "steering 78 % and M_z 15 %; anywhere alike"
+    assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))
     assert where(thin) == "yaw_rate; at high speed"  # 25 % of the gap in 30 % of the time is no share to name
 
@@ -94,9 +96,12 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
 
 
 def test_nothing_applied_closes_nothing():
-    gap = clear(applied=())
+    gap = clear(applied=(), moved=())
     assert how_far(gap, gap.gap, False) == "nothing was added to the model: the excess stays as it is on lap7"
     assert how_far(none(), none().gap, False) == "nothing to close on lap7"
+    assert how_far(clear(applied=()), gap.gap, True) == (
+        "no effect was added to the model, its parameters went to where the recordings have them on lap7 (held out)"
+    )
 
 
 def test_what_is_left_never_exceeds_everything_and_is_never_certain():
@@ -107,7 +112,8 @@ def test_what_is_left_never_exceeds_everything_and_is_never_certain():
 
 
 def test_doubts_come_first_and_many_are_counted():
-    assert [lead for lead, _ in verdict(aliased())] == ["Doubt", "Doubt", "Gap", "Where", "Which", "How far", "Left"]
+    leads = ["Doubt", "Doubt", "Gap", "Where", "Which", "Budget", "How far", "Left"]
+    assert [lead for lead, _ in verdict(aliased())] == leads
     many = verdict(clear(doubts=tuple(f"doubt {k}" for k in range(5))))
     assert many[3] == ("", "and 2 more doubts")
 

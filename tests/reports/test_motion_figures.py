@@ -13,9 +13,9 @@ from greybox_id.recording import Recording
 from greybox_id.reports.figures.convergence import convergence
 from greybox_id.reports.figures.correlation import correlation, correlations
 from greybox_id.reports.figures.handling import handling
-from greybox_id.reports.figures.tyres import band, tyres
+from greybox_id.reports.figures.tyres import share_with_band, tyres
 from greybox_id.reports.motion.drawings import motion_drawings
-from greybox_id.reports.motion.settled import OverSlip, steady_turns
+from greybox_id.reports.settled import OverSlip, steady_turns
 from greybox_id.scores.prediction import simulate
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -81,7 +81,7 @@ def test_the_band_of_a_linear_tyre_is_its_stiffness_s_interval(motion_fit, car):
     covariance = np.zeros((model.size, model.size))
     covariance[place, place] = sd**2
     fit = replace(motion_fit, model=model, covariance=covariance, dof={"C_alpha_f": np.array(5.0)})
-    share, low, high = band(fit, OverSlip(model, "f", 20.0), np.array([-0.02, 0.04]))
+    share, low, high = share_with_band(fit, OverSlip(model, "f", 20.0), np.array([-0.02, 0.04]))
     stiffness = float(model["C_alpha_f"].array)
     np.testing.assert_allclose((high - low) / 2, np.abs(share) * reach(5.0) * sd / stiffness, rtol=1e-6)
 
@@ -112,7 +112,7 @@ def test_turns_end_where_there_is_none_that_is_steady(car):
 
 def test_starts_that_end_alike_do_not_look_different(motion_fit):
     stage = replace(motion_fit.stages[-1], starts=(100.0, 100.00001))
-    assert convergence(stage).panels[1].y.high > 0.1
+    assert convergence(stage).grid[0, 1].get_ylim()[1] > 0.1
 
 
 def test_a_solve_of_no_steps_and_one_start_has_no_picture(motion_fit):
@@ -122,7 +122,7 @@ def test_a_solve_of_no_steps_and_one_start_has_no_picture(motion_fit):
 
 
 def test_a_drive_of_half_a_second_is_drawn_all_the_same(motion_fit, motion_found, laps):
-    from greybox_id.reports.motion.driven import driven
+    from greybox_id.reports.driven import driven
 
     short = laps[2].rows(0, 12)
     record = replace(motion_fit.data[2], samples=12, runs=1, duration=0.44)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from letters_of import troubles
 
-from greybox_id.reports.convergence import spread_of, starts
-from greybox_id.reports.figures.starts import REACH
+from greybox_id.reports.convergence import starts
+from greybox_id.reports.figures.starts import REACH, spread_of
 from greybox_id.reports.figures.starts import starts as picture
-from greybox_id.reports.plot.marks import Curve, Letters
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +52,10 @@ def test_a_single_start_and_files_that_kept_none_have_no_picture(motion_fit, thr
 
 def test_what_is_far_off_lies_at_the_edge_beside_an_arrow(motion_fit, three):
     figure = picture(motion_fit, three)
-    (panel,) = figure.panels
-    assert [name for _, name in panel.y.ticks] == ["steering delay", "I_z"]
-    other, same = (mark for mark in panel.marks if isinstance(mark, Curve))
-    assert (-REACH, 0.0) in zip(other.x, other.y, strict=True)
-    assert sorted(same.x.tolist()) == pytest.approx([0, 0, 0, 2.5], abs=1e-9)
-    assert sum(isinstance(mark, Letters) for mark in panel.marks) == 1
+    (ax,) = figure.axes
+    assert [own.get_text() for own in ax.get_yticklabels()] == ["steering delay", "I_z"]
+    _, other, same = ax.lines
+    assert (-REACH, 0.0) in zip(*other.get_data(), strict=True)
+    assert sorted(same.get_xdata()) == pytest.approx([0, 0, 0, 2.5], abs=1e-9)
+    assert [own.get_text() for own in ax.texts] == ["<"]
     assert troubles(figure.svg()) == []

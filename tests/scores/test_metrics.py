@@ -1,10 +1,14 @@
 """Errors under every protocol, against examples written out."""
 
+import json
+
 import numpy as np
 import pytest
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny, without
 
-from greybox_id.scores.metrics import Prediction, as_dict, errors, predictions, score
+from greybox_id.datasets.read import read
+from greybox_id.models.registry import prepared
+from greybox_id.scores.metrics import Prediction, aic, as_dict, errors, predictions, score
 
 
 def as_prediction(residual, measured=None):
@@ -95,3 +99,44 @@ def test_scores_as_plain_data_hold_numbers():
     plain = as_dict(score(speed_toy(), drive()))
     assert set(plain["honest"]["a_x"]) == {"rmse", "rmse_sd", "fvu", "samples"}
     assert plain["honest"]["a_x"]["samples"] == round(drive().duration / DT) + 1 - 2
+
+
+def test_the_papers_fractions_of_variance_unexplained_are_the_validators_and_the_pooled_one():
+    rng = np.random.default_rng(0)
+    measured, residual = 2 + rng.standard_normal(250), 0.5 + 0.3 * rng.standard_normal(250)
+    found = errors(linear_toy(), as_prediction(residual, measured), "published")["yaw_rate"]
+    e, y = residual[:200], measured[:200]  # the last 50 are no full batch
+    assert found.fvu_published == pytest.approx(0.5 * np.var(e) / np.var(y) + 0.5 * np.var(e) / np.var(y + e))
+    assert found.fvu_pooled == pytest.approx(np.sum(residual**2) / np.sum((measured - measured.mean()) ** 2))
+    assert np.isnan(errors(linear_toy(), as_prediction(residual, measured), "honest")["yaw_rate"].fvu_published)
+
+
+def test_akaikes_criterion_is_that_of_normal_residuals():
+    rng = np.random.default_rng(1)
+    residual = 0.2 + 0.3 * rng.standard_normal(250)
+    full, variance = residual[:200], np.var(residual[:200])
+    density = -0.5 * np.log(2 * np.pi * variance) - full**2 / (2 * variance)
+    assert aic(residual, 7) == pytest.approx(-2 * np.sum(density) + 2 * 7)
+    counted = -2 * 50 * np.mean(-0.5 * np.log(2 * np.pi * np.var(residual)) - residual**2 / (2 * np.var(residual)))
+    assert aic(residual, 7, effective=50) == pytest.approx(counted + 14)
+
+
+def test_the_authors_weights_have_the_figures_that_their_validator_printed(real_data):
+    """Golden row: Lateral_Dynamics_Ablation_1 of the authors' repository on valid.csv, all digits that are known."""
+    saved = json.loads((real_data / "roboracer" / "lateral_net.json").read_text())
+    model = prepared("msnn_lat", drive(60), {**saved["centres"], "curvature_gain": 3.0})
+    weights = saved["parameters"]
+    kappa = {q: np.array([weights[f"k{q}_{v}_{d}_{a}"][0][0] for v, d, a in np.ndindex(2, 5, 2)]) for q in range(1, 5)}
+    fir = np.array([[weights[f"PFir10{1 + 4 * v + 2 * a}W"] for a in range(2)] for v in range(2)])[..., 0]
+    model = model.with_values(np.concatenate([*kappa.values(), fir.ravel()]))
+    valid = read(real_data / "roboracer" / "valid.csv", "roboracer")
+    found = predictions(model, valid.with_signals(a_x=-valid["a_x"]), "published")  # it was fed -a_x
+    error = errors(model, found, "published")["yaw_rate"]
+    residual = found.predicted[:, 0] - found.measured[:, 0]
+    assert error.rmse == pytest.approx(0.1088, abs=5e-5)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(0.1169, abs=5e-5)
+    assert error.fvu_published == pytest.approx(0.0310, abs=5e-5)
+    full, measured = residual[:1100], found.measured[:1100, 0]
+    assert len(residual) - len(full) < 100
+    assert np.var(full) / np.var(measured) == pytest.approx(0.0309, abs=5e-5)
+    assert aic(residual, model.size) == pytest.approx(-1234.5, abs=0.05)

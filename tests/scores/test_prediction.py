@@ -50,7 +50,7 @@ def test_a_simulation_from_given_states_is_as_fine_as_the_model_is_stiff(car):
 def test_states_nobody_knows_are_named(car):
     (first, second) = assumed(car, without(commands(), "v_x"), {})
     assert "does not hold v_x, so it starts at 0 m/s" in first
-    assert "--start-state yaw_rate=VALUE" in second
+    assert "hand over where it starts" in second
     assert assumed(car, driven("single_track", runs=1), {}) == []
 
 
@@ -84,7 +84,7 @@ def test_models_with_memory_say_what_they_cannot():
     recording = driven("single_track")
     with pytest.raises(BadInput, match="use greybox predict"):
         simulate(tiny("msnn_lat"), recording)
-    with pytest.raises(BadInput, match="leave --horizon away"):
+    with pytest.raises(BadInput, match="omit horizon"):
         predict(tiny("msnn_lat"), recording, 0.5)
     with pytest.raises(BadInput, match="has no states"):
         simulate(tiny("msnn_full"), recording, {"v_x": 1.0})

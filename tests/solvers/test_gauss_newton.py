@@ -8,6 +8,7 @@ from independent import free_run_of_full, lateral, longitudinal, predict_rows, w
 from scipy.optimize import least_squares
 from toys import drive, joined, linear_toy, looping, obeying_toy, scattered, speed_toy, tiny
 
+from greybox_id.engine.layout import NormalEquations
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.models.msnn_full import FullSettings, covering_full, msnn_full
@@ -184,3 +185,28 @@ def test_the_closed_loop_is_fitted_to_an_independent_simulation_of_the_full_mode
     solution = gauss_newton(problem, problem.start, max_steps=60)
     found = predictions(msnn_full(chosen).with_values(solution.x), told, "closed_loop")
     assert np.all(np.std(found.predicted - y[4:], axis=0) < 20 * spread)
+
+
+class Overwhelmed:
+    """Half of (x_0 - 3)^2 beside a curvature so large that rounding leaves nothing of the step."""
+
+    free, bounds = np.ones(2, dtype=bool), (np.full(2, -10.0), np.full(2, 10.0))
+
+    def simulated_nodes(self, x):
+        return x
+
+    def objective(self, x, nodes):
+        return 0.5 * float((x[0] - 3.0) ** 2)
+
+    def normal_equations(self, x, nodes):
+        return NormalEquations(self.H, self.pull(x))
+
+    H = np.array([[1.0, 1e150], [1e150, 1e300]])
+
+    def pull(self, x):
+        return np.array([x[0] - 3.0, (x[0] - 3.0) * 1e150])
+
+
+def test_a_point_with_a_large_gradient_is_no_optimum_though_rounding_leaves_no_step():
+    found = gauss_newton(Overwhelmed(), np.zeros(2), search="levenberg_marquardt", negligible=0.0)
+    assert found.status is not Status.CONVERGED or found.objective < 1e-6

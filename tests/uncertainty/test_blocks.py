@@ -1,29 +1,11 @@
-"""Blocks are long beside what correlates, and eliminating what a short piece tells changes nothing about the rest."""
+"""Eliminating what a short piece tells changes nothing about the rest."""
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from linear_problem import Linear, coloured
+from linear_problem import Linear
 
 from greybox_id.uncertainty import blocks
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 0.9])
-def test_the_correlation_time_is_the_one_of_the_noise(rho):
-    noise = coloured(np.random.default_rng(4), (2, 50_000), rho).T
-    assert blocks.correlation_time(noise) == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
-
-
-def test_a_sensor_read_every_fifth_row_is_correlated_over_five_times_as_many_rows():
-    noise = coloured(np.random.default_rng(4), 10_000, 0.8)[:, None]
-    sparse = np.zeros((50_000, 1))
-    sparse[::5] = noise
-    assert blocks.correlation_time(sparse) == pytest.approx(5 * blocks.correlation_time(noise), rel=0.01)
-
-
-@pytest.mark.parametrize("residuals", [np.zeros((50, 2)), np.ones((1, 1)), np.empty((0, 1))])
-def test_residuals_too_few_or_zero_count_as_independent(residuals):
-    assert blocks.correlation_time(residuals) == 1.0
 
 
 def predictions(rng, pieces=80, rows=15):

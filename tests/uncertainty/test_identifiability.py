@@ -36,7 +36,7 @@ def test_a_parameter_that_moved_little_from_its_prior_is_not_determined():
     prior = np.array([150.0, np.inf, np.inf, np.inf])
     found = identifiability(NAMES, X, covariance([0.12, 0.1, 1e-4, 0.2]), prior_sd=prior)
     assert [each.about() for each in found.undetermined] == [
-        "mass: mostly prior; its standard deviation is 80% of the prior's."
+        "mass: dominated by the prior; its standard deviation is 80% of the prior's."
     ]
 
 
@@ -59,7 +59,7 @@ def test_what_nothing_tells_comes_first_and_makes_the_matrix_singular():
     C[3, 3] = np.inf
     found = identifiability(NAMES, X, C)
     assert [each.name for each in found.undetermined] == ["length", "stiffness"]
-    assert found.about()[0] == "length: neither the recording nor a prior tells it."
+    assert found.about()[0] == "length: not identifiable: neither the recording nor a prior informs it."
     assert found.condition == np.inf
     assert "singular" in found.about()[-1]
 
@@ -80,7 +80,8 @@ def test_parameters_that_stand_for_each_other_are_named_in_pairs(correlation, wo
     found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.1], _01=correlation, _23=0.94))
     assert [(pair.first, pair.second) for pair in found.pairs] == [("mass", "stiffness")]
     assert found.pairs[0].about() == (
-        f"mass and stiffness are told only together, as a weighted {word} (correlation {correlation:+.3f})."
+        f"mass and stiffness are identifiable only in combination, as a weighted {word} "
+        f"(correlation {correlation:+.3f})."
     )
 
 

@@ -12,10 +12,11 @@ from pathlib import Path
 
 from ...errors import BadInput
 from ...files import near_file, replacing
+from ...guard import protect
 from ...recording import Recording
 from ..column_map import ColumnMap
 from .columns import columns_of
-from .contents import Contents, Group
+from .contents import Contents, Group, few_enough
 
 __all__ = ["SUFFIXES", "WRITTEN", "Contents", "Group", "bare_name", "contents", "hash_of", "write"]
 
@@ -44,12 +45,14 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
         The file cannot be read, is damaged or of no known kind, or an extra is missing: the sentence says which.
     """
     head = _head(file)
+    protect(file)
     suffix = _suffix(file)
     module = next((kind for magic, kind in MAGIC if head.startswith(magic)), None)
     module = "ros" if file.is_dir() else module or (SUFFIXES[suffix] if suffix else None)
     if module is None:
         raise BadInput(f"{file}: cannot tell the kind of file from its name; {', '.join(SUFFIXES)} can be read.")
     found: Contents = import_module(f".{module}", __name__).contents(file, mapping)
+    few_enough(len(found.names), str(file))
     return found
 
 
@@ -63,7 +66,7 @@ def write(recording: Recording, path: Path) -> None:
     """
     suffix = _suffix(path)
     if suffix not in WRITTEN:
-        raise BadInput(f"{path}: recordings are written as {', '.join(WRITTEN)}; name such a file with --out.")
+        raise BadInput(f"{path}: recordings are written as {', '.join(WRITTEN)}; name such a file with ‹out›.")
     with replacing(path) as beside:
         import_module(f".{SUFFIXES[suffix]}", __name__).write(columns_of(recording), beside)
 

@@ -65,7 +65,7 @@ class Apart:
     Parameters
     ----------
     file : the file.
-    reader : full name of a module with a class `Reader`, as those in `readers`.
+    reader : a class, as those in `readers`, as module:class.
     kind, extra : the kind of file and the extra that brings its library, for sentences.
     limits : what the reader may take; by default what is enough for a sound file.
 

@@ -9,10 +9,14 @@ from importlib import import_module
 from typing import Any
 
 from ...errors import BadInput, GreyboxError
-from ..table import Table
+from ..table import RawTable
 
 TIME = "time"
 """What a column map calls the clock of a group that has its own, whatever the file calls it."""
+LARGEST = 1_000_000_000
+"""Bytes that the text of a file, or the columns that are read of it, may take: five hours at 100 Hz of 69 numbers."""
+MOST_COLUMNS = 20_000
+"""Columns that a file may have; one with a million of them takes minutes to tell apart."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Group:
     name : what sentences call it; empty where a file is one group.
     names : full names of its columns.
     load : reads the named columns; a file's other columns are not touched.
-    prefix : what a full name has before the column's own; it may be left away where a file has one group.
+    prefix : what a full name has before the column's own; it may be omitted where a file has one group.
     clock : full name of the column with its time; empty where the column map has to name one.
     clock_unit : unit of that column; empty where the column map says it.
     units : units of columns, by full name, as far as the file states them.
@@ -32,14 +36,14 @@ class Group:
 
     name: str
     names: tuple[str, ...]
-    load: Callable[[Sequence[str]], Table]
+    load: Callable[[Sequence[str]], RawTable]
     prefix: str = ""
     clock: str = ""
     clock_unit: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
 
     def full(self, name: str, alone: bool = False) -> str | None:
-        """The full name of a column of this group; `alone`: the prefix may be left away."""
+        """The full name of a column of this group; `alone`: the prefix may be omitted."""
         if name in self.names:
             return name
         if alone and self.prefix + name in self.names:
@@ -81,7 +85,24 @@ class Contents:
         return None
 
 
-def whole(table: Table, kind: str) -> Contents:
+def bounded(size: float, where: str) -> None:
+    """Raise `BadInput` for more than is read at once, before it is laid out."""
+    if size > LARGEST:
+        raise BadInput(
+            f"{where} holds {size / 1e9:.3g} GB once it is laid out, and {LARGEST / 1e9:g} GB are read at most. Cut it "
+            "into parts, or leave columns out."
+        )
+
+
+def few_enough(columns: int, where: str) -> None:
+    """Raise `BadInput` for a file with more columns than are told apart."""
+    if columns > MOST_COLUMNS:
+        raise BadInput(
+            f"{where} has {columns} columns, and {MOST_COLUMNS} are read at most. Leave out those that hold no signals."
+        )
+
+
+def whole(table: RawTable, kind: str) -> Contents:
     """A file that is one table and has been read."""
     return Contents(table.where, (Group("", table.names, lambda _: table, units=table.units),), kind)
 

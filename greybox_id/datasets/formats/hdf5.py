@@ -13,10 +13,10 @@ from ..column_map import ColumnMap
 from .apart import Apart
 from .columns import Columns
 from .contents import Contents, needed, sound
-from .tree import Leaf, fits, groups_of, matrix_leaves
+from .tree import TreeLeaf, fits, groups_of, matrix_leaves
 
 KIND = "HDF5"
-READER = "greybox_id.datasets.readers.hdf5"
+READER = "greybox_id.datasets.readers.hdf5:Hdf5Reader"
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
@@ -35,7 +35,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
 
 def dataset_leaves(
     reader: Apart, file: Path, node: Mapping[str, Any], first: int, transposed: bool = False
-) -> Iterator[Leaf]:
+) -> Iterator[TreeLeaf]:
     """The columns in a dataset, each read when it is wanted.
 
     Parameters
@@ -64,7 +64,11 @@ def dataset_leaves(
 def write(columns: Columns, path: Path) -> None:
     """Write columns as datasets of the root, their units as attributes."""
     h5py = needed("h5py", "hdf5", str(path), KIND)
-    with h5py.File(path, "w") as opened:
+    # Made in memory: where the disk is full, the library fails again when it closes the file, and ends the process.
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as opened:
         for name, values in columns.values.items():
             dataset = opened.create_dataset(name, data=values, compression="gzip" if len(values) else None)
             dataset.attrs["unit"] = columns.units.get(name, "1")
+        opened.flush()
+        content = opened.id.get_file_image()
+    path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""MAT files: version 4 by scipy, 5 to 7 by `mat5`, 7.3 (which is HDF5) by h5py.
+"""MAT files: version 4 to 7 by scipy, 7.3 (which is HDF5) by h5py, each in a process of its own.
 
 Structs are flattened to dotted names: a timeseries saved as a struct is `speed.Data` on the clock `speed.Time`. Columns
 of matrices are counted from 1.
@@ -7,12 +7,12 @@ of matrices are counted from 1.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat, savemat
-from scipy.io.matlab import matfile_version
+from scipy.io import savemat
 
 from ...errors import BadInput
 from ..column_map import ColumnMap
@@ -20,10 +20,10 @@ from .apart import Apart
 from .columns import Columns
 from .contents import Contents, sound
 from .hdf5 import READER, dataset_leaves
-from .mat5 import Opaque, Value, mat5, texts
-from .tree import Leaf, groups_of, matrix_leaves
+from .tree import TreeLeaf, groups_of, matrix_leaves
 
 KIND = "MAT"
+OLDER = "greybox_id.datasets.readers.mat:MatReader"
 UNITS = "units"
 """A struct of texts of this name states units."""
 LONGEST_NAME = 63
@@ -42,13 +42,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
         newest = HDF5 in opened.read(1024)
     objects: list[str] = []
     with sound(str(file), KIND):
-        if newest:
-            leaves = list(_newest(file, objects))
-        else:
-            data = file.read_bytes()
-            held = mat5(data) if matfile_version(file, appendmat=False)[0] else _version_4(file)
-            units = {".".join(path[1:]): text for path, text in texts(held) if path[0] == UNITS}
-            leaves = [leaf for name, value in held.items() for leaf in _flat((name,), value, units, objects)]
+        leaves = list(_newest(file, objects) if newest else _older(file, objects))
     notes: tuple[str, ...] = ()
     if objects:
         lost = ", ".join(objects[:6])
@@ -71,23 +65,18 @@ def write(columns: Columns, path: Path) -> None:
     savemat(path, {**vectors, UNITS: dict(columns.units)}, do_compression=True, long_field_names=True)
 
 
-def _version_4(file: Path) -> dict[str, Value]:
-    return {name: value for name, value in loadmat(file, appendmat=False).items() if isinstance(value, np.ndarray)}
+def _older(file: Path, objects: list[str]) -> Iterator[TreeLeaf]:
+    reader = Apart(file, OLDER, KIND, "mat")
+    found = reader.answer("variables")
+    objects.extend(found["objects"])
+    units = {".".join(own["path"][1:]): own["text"] for own in found["texts"] if own["path"][0] == UNITS}
+    for number, own in enumerate(found["arrays"]):
+        path = tuple(own["path"])
+        load = cache(partial(reader.array, "values", number))
+        yield from matrix_leaves(path, tuple(own["shape"]), load, 1, units.get(".".join(path), ""))
 
 
-def _flat(path: tuple[str, ...], value: Value, units: Mapping[str, str], objects: list[str]) -> Iterator[Leaf]:
-    if isinstance(value, Opaque):
-        objects.append(".".join(path))
-    elif isinstance(value, list):
-        for number, record in enumerate(value, 1):
-            for name, own in record.items():
-                yield from _flat((*path, name) if len(value) == 1 else (*path, str(number), name), own, units, objects)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "iufb":
-        array = value
-        yield from matrix_leaves(path, array.shape, lambda: array, 1, units.get(".".join(path), ""))
-
-
-def _newest(file: Path, objects: list[str]) -> Iterator[Leaf]:
+def _newest(file: Path, objects: list[str]) -> Iterator[TreeLeaf]:
     reader = Apart(file, READER, "MAT 7.3", "hdf5")
     found = reader.answer("variables")
     objects.extend(name.replace("/", ".") for name in found["objects"])

@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 
 from ..column_map import ColumnMap
-from ..table import Table
+from ..table import RawTable
 from .apart import Apart
 from .columns import Columns
 from .contents import Contents, Group, needed, sound
 
 KIND = "MDF"
-READER = "greybox_id.datasets.readers.mdf"
+READER = "greybox_id.datasets.readers.mdf:MdfReader"
 MASTER = "t"
 """The clock of files we write; the column time keeps the recording's own, which may restart."""
 
@@ -56,19 +56,21 @@ def _groups(reader: Apart, file: Path, found: Sequence[Mapping[str, Any]]) -> It
         yield Group(title, tuple(names), load, f"{title}/", clock, "s" if clock else "", units)
 
 
-def _loader(reader: Apart, file: Path, names: Mapping[str, tuple[int, int]]) -> Callable[[Sequence[str]], Table]:
-    def load(wanted: Sequence[str]) -> Table:
+def _loader(reader: Apart, file: Path, names: Mapping[str, tuple[int, int]]) -> Callable[[Sequence[str]], RawTable]:
+    def load(wanted: Sequence[str]) -> RawTable:
         chosen = tuple(name for name in names if name in wanted)
         columns = tuple(pd.Series(reader.array("values", *names[name])) for name in chosen)
-        return Table(str(file), chosen, columns, 1)
+        return RawTable(str(file), chosen, columns, 1)
 
     return load
 
 
-def write(columns: Columns, path: Path) -> None:
-    """Write columns as one channel group of an MDF 4 file, with units."""
+def write(columns: Columns, path: Path, comment: str = "") -> None:
+    """Write columns as one channel group of an MDF 4 file, with units; the header says the comment."""
     asammdf = needed("asammdf", "mdf", str(path), KIND)
     with asammdf.MDF(version="4.10") as made:
+        if comment:
+            made.header.comment = comment
         made.append(
             [
                 asammdf.Signal(

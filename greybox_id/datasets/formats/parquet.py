@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..column_map import ColumnMap
-from ..table import Table, unique_names
+from ..table import RawTable, unique_names
 from .columns import Columns
-from .contents import Contents, sound, whole
+from .contents import Contents, Group, bounded, few_enough, sound
 
 UNIT = b"unit"
 
@@ -29,15 +29,24 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     BadInput
         The bytes are no undamaged Parquet file.
     """
-    with sound(str(file), KIND):
-        table = pq.read_table(io.BytesIO(file.read_bytes()))
-        names = tuple(str(name) for name in table.column_names)
-        unique_names(names, str(file))
-        columns = tuple(_series(table.column(k)) for k in range(table.num_columns))
-        units = {
-            str(field.name): field.metadata[UNIT].decode() for field in table.schema if UNIT in (field.metadata or {})
-        }
-    return whole(Table(str(file), names, columns, 1, units), KIND)
+    where = str(file)
+
+    def load(wanted: Sequence[str]) -> RawTable:
+        with sound(where, KIND):
+            chosen = list(dict.fromkeys(wanted))
+            with pq.ParquetFile(file) as opened:
+                bounded(max(8.0 * opened.metadata.num_rows * len(chosen), _bytes(opened.metadata, chosen)), where)
+                table = opened.read(chosen)
+            columns = tuple(_series(table.column(name)) for name in chosen)
+        return RawTable(where, tuple(chosen), columns, 1, {name: units[name] for name in chosen if name in units})
+
+    with sound(where, KIND):
+        schema = pq.read_schema(file)
+        names = tuple(str(name) for name in schema.names)
+        few_enough(len(names), where)
+        unique_names(names, where)
+        units = {str(own.name): own.metadata[UNIT].decode() for own in schema if UNIT in (own.metadata or {})}
+    return Contents(where, (Group("", names, load, units=units),), KIND)
 
 
 def write(columns: Columns, path: Path) -> None:
@@ -47,6 +56,18 @@ def write(columns: Columns, path: Path) -> None:
         for name, values in columns.values.items()
     ]
     pq.write_table(pa.table(list(map(pa.array, columns.values.values())), schema=pa.schema(fields)), path)
+
+
+def _bytes(told: pq.FileMetaData, chosen: Sequence[str]) -> float:
+    """What columns take in memory, as the file says itself."""
+    whole = set(chosen)
+    found = 0.0
+    for group in (told.row_group(k) for k in range(told.num_row_groups)):
+        for own in (group.column(k) for k in range(group.num_columns)):
+            path = own.path_in_schema
+            if path in whole or path.partition(".")[0] in whole:
+                found += own.total_uncompressed_size
+    return found
 
 
 def _series(column: pa.ChunkedArray) -> pd.Series[Any]:

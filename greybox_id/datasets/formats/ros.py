@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ...errors import BadInput
+from ...scratch import scratch_folder
 from ..column_map import ColumnMap
-from ..table import Table
+from ..table import RawTable
 from .columns import Columns
 from .contents import TIME, Contents, Group, needed, sound
 from .ros_messages import fields_of, shipped_types, unit_of_path
@@ -110,14 +110,14 @@ class _Bag:
         prefix = f"{topic}."
         units = {prefix + name: unit_of_path(name) for name in fields}
 
-        def load(wanted: Sequence[str]) -> Table:
+        def load(wanted: Sequence[str]) -> RawTable:
             chosen = [field for name, field in fields.items() if prefix + name in wanted]
             stamps, messages = self.messages(topic)
             columns = [pd.Series(field.column(messages)) for field in chosen]
             names = [prefix + field.name for field in chosen]
             if prefix + TIME not in names:
                 names, columns = [*names, prefix + TIME], [*columns, pd.Series(stamps)]
-            return Table(str(self.file), tuple(names), tuple(columns), 1)
+            return RawTable(str(self.file), tuple(names), tuple(columns), 1)
 
         own = TIME in fields
         names = tuple(prefix + name for name in (*fields, *(() if own else (TIME,))))
@@ -164,8 +164,8 @@ def write(columns: Columns, path: Path) -> None:
     store.register(get_types_from_msg("".join(f"{kind} {name}\n" for name, kind in kinds.items()), MESSAGE))
     row = store.types[MESSAGE]
     lists = [values.tolist() for values in columns.values.values()]
-    with TemporaryDirectory(dir=path.parent) as folder:
-        bag = Path(folder) / "bag"
+    with scratch_folder(path.parent) as folder:
+        bag = folder / "bag"
         with rosbag2.Writer(bag, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
             connection = writer.add_connection(TOPIC, MESSAGE, typestore=store)
             times = np.round(columns.steady * 1e9).astype(np.int64).tolist()

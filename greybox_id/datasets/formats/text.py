@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
 import io
@@ -15,9 +16,9 @@ import pandas as pd
 
 from ...errors import BadInput
 from ..column_map import ColumnMap
-from ..table import Table, one_column, unique_names
+from ..table import RawTable, one_column, unique_names
 from .columns import Columns
-from .contents import Contents, whole
+from .contents import LARGEST, Contents, bounded, few_enough, whole
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 
@@ -34,12 +35,24 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
     BadInput
         The bytes are not UTF-8 text, the header line or the rows do not form a table.
     """
+    bounded(file.stat().st_size, str(file))
     data = file.read_bytes()
     if data.startswith(GZIP) or file.name.lower().endswith(".gz"):
         try:
-            data = gzip.decompress(data)
+            with gzip.open(io.BytesIO(data)) as opened:
+                data = opened.read(LARGEST + 1)
         except (OSError, EOFError, zlib.error) as error:
             raise BadInput(f"{file} is damaged: it cannot be unzipped ({error}). Fetch it again.") from error
+        if len(data) > LARGEST:
+            raise BadInput(
+                f"{file} holds more than {LARGEST / 1e9:g} GB of text once it is unzipped, which is the most that is "
+                "read. Cut it into parts, or leave columns out."
+            )
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        try:
+            data = data.decode("utf-16").encode()
+        except UnicodeDecodeError as error:
+            raise BadInput(f"{file} begins as UTF-16 text, but is none ({error.reason}). Save it as UTF-8.") from error
     return whole(csv_table(data, str(file), mapping.separator, mapping.decimal), KIND)
 
 
@@ -48,7 +61,7 @@ def write(columns: Columns, path: Path) -> None:
     pd.DataFrame(dict(columns.values)).to_csv(path, index=False)
 
 
-def csv_table(data: bytes, where: str, separator: str = ",", decimal: str = ".") -> Table:
+def csv_table(data: bytes, where: str, separator: str = ",", decimal: str = ".") -> RawTable:
     """The table in the bytes of a CSV file. Raises `BadInput` where they form none."""
     data = data.removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
@@ -62,8 +75,9 @@ def csv_table(data: bytes, where: str, separator: str = ",", decimal: str = ".")
     head, *rest = _LINE_END.split(data, maxsplit=1)
     body = rest[0] if rest else b""
     names = _header(head.decode("utf-8"), separator, where)
+    few_enough(len(names), where)
     if not body.strip():
-        return Table(where, names, tuple(pd.Series([], dtype=float) for _ in names), 2)
+        return RawTable(where, names, tuple(pd.Series([], dtype=float) for _ in names), 2)
     try:
         # One column more than the header names: a row that is too long shows itself there instead of shifting others.
         with warnings.catch_warnings():
@@ -91,7 +105,7 @@ def csv_table(data: bytes, where: str, separator: str = ",", decimal: str = ".")
     overflow = frame[len(names)].notna().to_numpy()
     if overflow.any():
         raise BadInput(_too_long(where, int(np.argmax(overflow)) + 2, names))
-    return Table(where, names, tuple(frame[k] for k in range(len(names))), 2)
+    return RawTable(where, names, tuple(frame[k] for k in range(len(names))), 2)
 
 
 def _header(line: str, separator: str, where: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ...errors import BadInput
-from ..table import Table
+from ..table import RawTable
 from .contents import Group
 
 TIMES = ("time", "t", "timestamp", "timestamps", "time_s", "stamp", "zeit")
@@ -25,7 +25,7 @@ SMALL = 2**26
 
 
 @dataclass(frozen=True)
-class Leaf:
+class TreeLeaf:
     """One column somewhere in a file.
 
     Attributes
@@ -44,7 +44,7 @@ class Leaf:
 
 def matrix_leaves(
     path: tuple[str, ...], shape: tuple[int, ...], load: Callable[[], NDArray[Any]], first: int, unit: str = ""
-) -> list[Leaf]:
+) -> list[TreeLeaf]:
     """The columns of an array: of a vector, lying or standing, one; of a matrix as many as its shorter side.
 
     Parameters
@@ -57,7 +57,7 @@ def matrix_leaves(
     """
     sides = [length for length in shape if length != 1] or [1] * (0 not in shape)
     if len(sides) == 1:
-        return [Leaf(path, sides[0], lambda: np.ravel(load()), unit)]
+        return [TreeLeaf(path, sides[0], lambda: np.ravel(load()), unit)]
     if len(sides) != 2 or min(sides) > MOST_WIDE or 0 in sides:
         return []
     lying = sides[0] < sides[1]
@@ -69,7 +69,7 @@ def matrix_leaves(
 
         return read
 
-    return [Leaf((*path, str(first + k)), max(sides), column(k), unit) for k in range(min(sides))]
+    return [TreeLeaf((*path, str(first + k)), max(sides), column(k), unit) for k in range(min(sides))]
 
 
 def fits(size: int, file_size: int, where: str) -> None:
@@ -80,7 +80,7 @@ def fits(size: int, file_size: int, where: str) -> None:
         )
 
 
-def groups_of(leaves: Iterable[Leaf], separator: str, time: str, where: str) -> tuple[Group, ...]:
+def groups_of(leaves: Iterable[TreeLeaf], separator: str, time: str, where: str) -> tuple[Group, ...]:
     """Columns by the clock they go with.
 
     Parameters
@@ -92,7 +92,7 @@ def groups_of(leaves: Iterable[Leaf], separator: str, time: str, where: str) -> 
     """
     everything = list(leaves)
     clocks = {leaf.path: leaf for leaf in everything if _is_time(leaf.path, separator, time)}
-    sets: dict[tuple[tuple[str, ...], str], list[Leaf]] = {}
+    sets: dict[tuple[tuple[str, ...], str], list[TreeLeaf]] = {}
     for leaf in everything:
         clock = _clock(leaf, clocks, separator, time)
         key = (clock.path, "") if clock else (leaf.path[:-1], str(leaf.rows))
@@ -106,7 +106,7 @@ def _is_time(path: tuple[str, ...], separator: str, time: str) -> bool:
     return separator.join(path) == time or path[-1] == time or path[-1].lower() in TIMES
 
 
-def _clock(leaf: Leaf, clocks: dict[tuple[str, ...], Leaf], separator: str, time: str) -> Leaf | None:
+def _clock(leaf: TreeLeaf, clocks: dict[tuple[str, ...], TreeLeaf], separator: str, time: str) -> TreeLeaf | None:
     """The time of a column: the nearest of its length, going up; the one the map names comes first."""
     for depth in range(len(leaf.path) - 1, -1, -1):
         near = [c for p, c in clocks.items() if p[:-1] == leaf.path[:depth] and c.rows == leaf.rows]
@@ -115,14 +115,14 @@ def _clock(leaf: Leaf, clocks: dict[tuple[str, ...], Leaf], separator: str, time
     return next((c for p, c in clocks.items() if separator.join(p) == time and c.rows == leaf.rows), None)
 
 
-def _group(leaves: Sequence[Leaf], clock: Leaf | None, separator: str, where: str) -> Group:
+def _group(leaves: Sequence[TreeLeaf], clock: TreeLeaf | None, separator: str, where: str) -> Group:
     names = {separator.join(leaf.path): leaf for leaf in leaves}
     folder = (clock or leaves[0]).path[:-1]
 
-    def load(wanted: Sequence[str]) -> Table:
+    def load(wanted: Sequence[str]) -> RawTable:
         chosen = tuple(name for name in names if name in wanted)
         columns = tuple(pd.Series(_plain(names[name].load())) for name in chosen)
-        return Table(where, chosen, columns, 1)
+        return RawTable(where, chosen, columns, 1)
 
     return Group(
         name=separator.join(folder),

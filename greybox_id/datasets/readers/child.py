@@ -39,7 +39,7 @@ def serve(
 
     Parameters
     ----------
-    module, file, folder : the reader's module, and what the reader is made with.
+    module, file, folder : the reader as module:class, and what it is made with.
     limits : s of the processor's time and bytes of memory from when the modules are imported.
     questions, answers : where messages come from and go to.
     """
@@ -51,7 +51,8 @@ def serve(
             return
         try:
             if reader is None:
-                made = import_module(module).Reader
+                place, _, name = module.partition(":")
+                made = getattr(import_module(place), name)
                 limit(*limits)
                 reader = made(file, folder)
             found = getattr(reader, question["ask"])(*question["of"])

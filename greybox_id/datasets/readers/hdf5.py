@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Reader:
+class Hdf5Reader:
     """An opened file."""
 
     def __init__(self, file: str, _: str) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .wire import KINDS
 
 
-class Reader:
+class MdfReader:
     """An opened file."""
 
     def __init__(self, file: str, folder: str) -> None:

@@ -113,7 +113,7 @@ class Car:
 
 
 @dataclass
-class Motion:
+class CarMotion:
     """State of the car. SI units, velocities in the car's axes; zero everywhere is standstill on flat ground."""
 
     x: float = 0.0
@@ -174,7 +174,7 @@ def motor_force(car: Car, current: float, speed: float) -> float:
     return car.F_brake_max * tanh(car.k_brake * current / car.F_brake_max) * grip
 
 
-def advance(car: Car, q: Motion, steer_command: float, current: float) -> None:
+def advance(car: Car, q: CarMotion, steer_command: float, current: float) -> None:
     """Advance the state by one `STEP`, in place.
 
     Semi-implicit Euler: slips first, forces from the new slips, then velocities, then positions. The tyre is a

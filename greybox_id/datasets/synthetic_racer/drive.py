@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from .car import STEP, Car, Motion, advance
+from .car import STEP, Car, CarMotion, advance
 from .driver import PERIOD, Driver, Pid, PurePursuit, Stanley, Steering
 from .sensors import SAMPLE_TIME, Sensors, measure
-from .track import Array, Track, raceline, speed_profile
+from .track import Array, Circuit, raceline, speed_profile
 
-Command = Callable[[float, Motion, float], tuple[float, float]]
+Command = Callable[[float, CarMotion, float], tuple[float, float]]
 """(time, state, measured speed) -> commanded steering angle, rad, and motor current, A."""
 
 _TRACES = (
@@ -23,7 +23,7 @@ _TRACES = (
 
 
 @dataclass(frozen=True)
-class Run:
+class DrivenRun:
     """One unbroken piece of a recording.
 
     Attributes
@@ -55,19 +55,23 @@ class Run:
         return round(self.duration / SAMPLE_TIME)
 
 
-RUNS: Mapping[str, tuple[Run, ...]] = MappingProxyType(
+RUNS: Mapping[str, tuple[DrivenRun, ...]] = MappingProxyType(
     {
         "racer_train": (
-            Run(Pid, 35.0, 3.6, 4.7, 3.2, pauses=((0.0, 1.6),), steer_delay=0.005),
-            Run(Stanley, 44.0, 2.4, 1.9, 1.6, lead=3.0, pauses=((18.0, 21.5), (41.0, 60.0)), steer_delay=0.02),
-            Run(PurePursuit, 22.0, 1.45, 4.0, 3.0, pauses=((0.0, 2.0),), clockwise=True, slalom=0.07, steer_delay=0.01),
-            Run(PurePursuit, 21.0, 1.55, 4.0, 3.0, lead=4.0, pauses=((18.5, 60.0),), slalom=0.07, steer_delay=0.02),
+            DrivenRun(Pid, 35.0, 3.6, 4.7, 3.2, pauses=((0.0, 1.6),), steer_delay=0.005),
+            DrivenRun(Stanley, 44.0, 2.4, 1.9, 1.6, lead=3.0, pauses=((18.0, 21.5), (41.0, 60.0)), steer_delay=0.02),
+            DrivenRun(
+                PurePursuit, 22.0, 1.45, 4.0, 3.0, pauses=((0.0, 2.0),), clockwise=True, slalom=0.07, steer_delay=0.01
+            ),
+            DrivenRun(
+                PurePursuit, 21.0, 1.55, 4.0, 3.0, lead=4.0, pauses=((18.5, 60.0),), slalom=0.07, steer_delay=0.02
+            ),
         ),
         "racer_valid": (
-            Run(Stanley, 23.0, 2.4, 1.9, 1.6, pauses=((0.0, 1.2), (3.2, 6.0)), steer_delay=0.0),
-            Run(Pid, 16.0, 3.6, 4.7, 3.2, lead=5.0, pauses=((13.5, 60.0),), steer_delay=0.005),
-            Run(PurePursuit, 11.5, 1.45, 4.0, 3.0, pauses=((0.0, 1.5),), slalom=0.07, steer_delay=0.01),
-            Run(
+            DrivenRun(Stanley, 23.0, 2.4, 1.9, 1.6, pauses=((0.0, 1.2), (3.2, 6.0)), steer_delay=0.0),
+            DrivenRun(Pid, 16.0, 3.6, 4.7, 3.2, lead=5.0, pauses=((13.5, 60.0),), steer_delay=0.005),
+            DrivenRun(PurePursuit, 11.5, 1.45, 4.0, 3.0, pauses=((0.0, 1.5),), slalom=0.07, steer_delay=0.01),
+            DrivenRun(
                 PurePursuit,
                 9.5,
                 1.5,
@@ -85,7 +89,7 @@ RUNS: Mapping[str, tuple[Run, ...]] = MappingProxyType(
 """The runs of each recording, in order; time restarts with each."""
 
 
-def simulate(car: Car, command: Command, duration: float, start: Motion | None = None) -> dict[str, Array]:
+def simulate(car: Car, command: Command, duration: float, start: CarMotion | None = None) -> dict[str, Array]:
     """Drive the car from a state.
 
     Parameters
@@ -100,7 +104,7 @@ def simulate(car: Car, command: Command, duration: float, start: Motion | None =
     Signals at every `STEP`, each (n,), SI units: the state's own names, `time`, `wheel_speed` (of the driveline at the
     wheels' radius, m/s), `steer_command` (rad) and `current` (A).
     """
-    state = start if start is not None else Motion()
+    state = start if start is not None else CarMotion()
     n, hold = round(duration / STEP), round(PERIOD / STEP)
     traces = np.empty((n, len(_TRACES)))
     commands = np.empty((n, 2))
@@ -119,7 +123,7 @@ def simulate(car: Car, command: Command, duration: float, start: Motion | None =
     return signals
 
 
-def drive(run: Run, rng: np.random.Generator) -> dict[str, Array]:
+def drive(run: DrivenRun, rng: np.random.Generator) -> dict[str, Array]:
     """Simulate one run and measure it.
 
     Parameters
@@ -144,7 +148,7 @@ def drive(run: Run, rng: np.random.Generator) -> dict[str, Array]:
         offsets=slalom(track, run.slalom, rng),
         rng=rng,
     )
-    start = Motion(x=float(track.x[0]), y=float(track.y[0]), yaw=float(track.yaw[0]))
+    start = CarMotion(x=float(track.x[0]), y=float(track.y[0]), yaw=float(track.yaw[0]))
     # The last sample needs a row of truth beyond it.
     truth = simulate(car, driver, run.lead + run.duration + SAMPLE_TIME, start)
     first = round(run.lead / STEP)
@@ -158,7 +162,7 @@ def drive(run: Run, rng: np.random.Generator) -> dict[str, Array]:
     return {name: values[: run.rows] for name, values in measure(recorded, faults, rng).items()}
 
 
-def slalom(track: Track, width: float, rng: np.random.Generator) -> Array:
+def slalom(track: Circuit, width: float, rng: np.random.Generator) -> Array:
     """Lateral displacement of the line, m: a square wave of irregular length; zero for no width."""
     offsets = np.zeros(len(track.s))
     if width > 0.0:

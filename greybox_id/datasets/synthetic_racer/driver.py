@@ -8,8 +8,8 @@ from math import atan, atan2, cos, hypot, pi, sin
 
 import numpy as np
 
-from .car import Motion
-from .track import Array, Track
+from .car import CarMotion
+from .track import Array, Circuit
 
 PERIOD = 0.025
 """Time between two decisions of the driver, s."""
@@ -35,11 +35,11 @@ class Place:
     offset: float
 
 
-Steering = Callable[[Track, Place, float], float]
+Steering = Callable[[Circuit, Place, float], float]
 """(track, place, wheelbase) -> commanded road-wheel angle, rad."""
 
 
-def _error(track: Track, place: Place, ahead: float) -> tuple[float, float, float]:
+def _error(track: Circuit, place: Place, ahead: float) -> tuple[float, float, float]:
     """Lateral error (m, positive: the line is to the left), heading error and curvature `ahead` m of the rear axle."""
     step = track.length / len(track.s)
     k = (place.nearest + round(ahead / step)) % len(track.s)
@@ -56,7 +56,7 @@ class Stanley:
     k: float = 2.2
     softening: float = 0.6
 
-    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+    def __call__(self, track: Circuit, place: Place, wheelbase: float) -> float:
         """Commanded angle, rad."""
         lateral, heading, _ = _error(track, place, wheelbase)
         return heading + atan(self.k * lateral / (self.softening + max(place.v, 0.0)))
@@ -73,7 +73,7 @@ class Pid:
     _sum: float = 0.0
     _last: float | None = None
 
-    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+    def __call__(self, track: Circuit, place: Place, wheelbase: float) -> float:
         """Commanded angle, rad."""
         lateral, _, curvature = _error(track, place, wheelbase + self.preview * max(place.v, 0.3))
         rate = 0.0 if self._last is None else (lateral - self._last) / PERIOD
@@ -89,7 +89,7 @@ class PurePursuit:
     reach: float = 0.35
     reach_per_speed: float = 0.2
 
-    def __call__(self, track: Track, place: Place, wheelbase: float) -> float:
+    def __call__(self, track: Circuit, place: Place, wheelbase: float) -> float:
         """Commanded angle, rad."""
         reach = self.reach + self.reach_per_speed * max(place.v, 0.0)
         k = (place.nearest + round(reach / (track.length / len(track.s)))) % len(track.s)
@@ -148,7 +148,7 @@ class Driver:
     rng : source of localisation noise; None drives without.
     """
 
-    track: Track
+    track: Circuit
     speeds: Array
     steering: Steering
     pauses: tuple[tuple[float, float], ...]
@@ -159,7 +159,7 @@ class Driver:
     speed_control: SpeedControl = field(default_factory=SpeedControl)
     _nearest: int = 0
 
-    def __call__(self, time: float, car: Motion, v: float) -> tuple[float, float]:
+    def __call__(self, time: float, car: CarMotion, v: float) -> tuple[float, float]:
         """Commanded steering angle, rad, and motor current, A, from the car's state and its measured speed v, m/s."""
         noise = self.rng.normal(0.0, (0.006, 0.006, 0.02)) if self.rng is not None else np.zeros(3)
         yaw = car.yaw + float(noise[2])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...files import write_atomically
 from .drive import RUNS, drive
 from .sensors import COLUMNS
 
@@ -56,10 +57,4 @@ def _write(path: Path, name: str, seed: int) -> Path:
         for row in zip(*(table[column].tolist() for column in COLUMNS), strict=True):
             # Adding zero turns the -0.0 of rounding into 0.0.
             lines.append(",".join(f % (round(v, int(f[2])) + 0.0) for f, v in zip(_FORMATS, row, strict=True)))
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        beside.write_text("\n".join(lines) + "\n", encoding="ascii", newline="\n")
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-    return path
+    return write_atomically(path, "\n".join(lines) + "\n")

@@ -35,7 +35,7 @@ _CORNERS = np.array(
 
 
 @dataclass(frozen=True)
-class Track:
+class Circuit:
     """A smooth closed path.
 
     Attributes
@@ -54,12 +54,12 @@ class Track:
     yaw: Array
     curvature: Array
 
-    def mirrored(self) -> Track:
+    def mirrored(self) -> Circuit:
         """The path seen in a mirror along the x axis: left turns become right turns."""
-        return Track(self.s, self.length, self.x, -self.y, -self.yaw, -self.curvature)
+        return Circuit(self.s, self.length, self.x, -self.y, -self.yaw, -self.curvature)
 
 
-def closed_track(points: Array) -> Track:
+def closed_track(points: Array) -> Circuit:
     """Smooth closed path through points.
 
     Parameters
@@ -80,10 +80,10 @@ def closed_track(points: Array) -> Track:
     step = arc[-1] / n
     d1, d2 = (ahead - behind) / (2 * step), (ahead - 2 * xy + behind) / step**2
     curvature = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / np.hypot(*d1.T) ** 3
-    return Track(s, float(arc[-1]), xy[:, 0], xy[:, 1], np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])), curvature)
+    return Circuit(s, float(arc[-1]), xy[:, 0], xy[:, 1], np.unwrap(np.arctan2(d1[:, 1], d1[:, 0])), curvature)
 
 
-def raceline(rng: np.random.Generator, clockwise: bool = False) -> Track:
+def raceline(rng: np.random.Generator, clockwise: bool = False) -> Circuit:
     """The synthetic track, its corners moved a few centimetres for this run.
 
     Parameters
@@ -97,7 +97,7 @@ def raceline(rng: np.random.Generator, clockwise: bool = False) -> Track:
     return closed_track(points)
 
 
-def speed_profile(track: Track, v_max: float, a_y_max: float, a_x_max: float) -> Array:
+def speed_profile(track: Circuit, v_max: float, a_y_max: float, a_x_max: float) -> Array:
     """Highest speeds along a path within acceleration limits, m/s.
 
     The lateral limit bounds the speed at each point; then the speed may rise forwards and fall backwards no faster than

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ...files import write_atomically
+from ...files import at_once, write_atomically
 from .drive import make
 from .manoeuvres import Array
 
@@ -30,12 +30,13 @@ def write(folder: str | Path, seed: int = 0) -> tuple[Path, ...]:
     """
     target, written = Path(folder), []
     (target / TRUTH).mkdir(parents=True, exist_ok=True)
-    for number, test in enumerate(make(seed), 1):
-        part = test.manoeuvre.part.replace(" ", "_")
-        name = f"{part}_{number:02d}_{test.manoeuvre.kind}.csv"
-        recorded = {"time": test.recording.time, **test.recording.signals}
-        written.append(write_atomically(target / name, _csv(recorded)))
-        write_atomically(target / TRUTH / name, _csv(test.truth.columns()))
+    with at_once():
+        for number, test in enumerate(make(seed), 1):
+            part = test.manoeuvre.part.replace(" ", "_")
+            name = f"{part}_{number:02d}_{test.manoeuvre.kind}.csv"
+            recorded = {"time": test.recording.time, **test.recording.signals}
+            written.append(write_atomically(target / name, _csv(recorded)))
+            write_atomically(target / TRUTH / name, _csv(test.truth.columns()))
     return tuple(written)
 
 

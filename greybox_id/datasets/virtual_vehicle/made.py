@@ -12,17 +12,48 @@ import numpy as np
 from ...errors import BadInput
 from ...recording import Recording
 from .car import VirtualCar
-from .compiled import Grid, Row
-from .driver import driver
+from .compiled import Car, Grid, Row
+from .driver import Driver, driver
 from .effects import ALL, complete
 from .forms import NOMINAL, Forms, other
 from .layout import READABLE, ROW_TRUTH
-from .loop import STEP
+from .loop import STEP, first_moment, simulator
 from .record import record
 from .sensors import Motion, hung, instants, noisy, read
-from .simulation import Simulation
 
 _STREAMS = ("road", "plan", "forms", "when", "sensors", "noise", "drops", "gusts", "wind")
+
+
+class Simulation:
+    """A vehicle that carries out a plan; parameters as of `loop.simulator`.
+
+    Parameters
+    ----------
+    steps : how many there can be.
+    start : (3,) v_x, v_y, yaw_rate at the first row.
+
+    Attributes
+    ----------
+    done : steps that were taken.
+    state : (STATES,) as it is now.
+    commands, readable, truth : (rows, 2), (steps, 2, k) and (rows, k), as of `loop.simulator`; zero from `done` on.
+    """
+
+    def __init__(
+        self, car: Car, knows: Driver, road: Grid, spacing: float, plan: Grid, first: int, hold: int, steps: int,
+        start: Row, gusts: Row,
+    ) -> None:  # fmt: skip
+        self._given = (car, knows, road, spacing, plan, first, hold, gusts)
+        self._now = first_moment(car, start)
+        self.state = self._now.s
+        self.plan, self.steps, self.done = plan, steps, 0
+        self.commands, self.truth = np.zeros((len(plan), 2)), np.zeros((len(plan), len(ROW_TRUTH)))
+        self.readable = np.zeros((steps, 2, len(READABLE)))
+
+    def advance(self, to: int) -> None:
+        """Take steps until so many are done."""
+        simulator()(*self._given, self._now, self.done, to, self.commands, self.readable, self.truth)
+        self.done = to
 
 
 @dataclass(frozen=True)
@@ -48,7 +79,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Made:
+class MadeRecording:
     """A vehicle in the form in which it is simulated."""
 
     car: VirtualCar
@@ -118,10 +149,10 @@ class Made:
         return np.asarray(sd * np.interp(np.arange(steps) / coarse, np.arange(n), values))
 
 
-def made(car: VirtualCar, effects: Mapping[str, float], forms: str | Forms, seed: int, rate: float) -> Made:
+def made(car: VirtualCar, effects: Mapping[str, float], forms: str | Forms, seed: int, rate: float) -> MadeRecording:
     """A vehicle with effects in its forms, with all that is random drawn by a seed; parameters as for `drive.drive`."""
     hold, rng = _hold(rate), _streams(seed)
-    return Made(car, effects, _forms(forms, rng["forms"]), rng, hold)
+    return MadeRecording(car, effects, _forms(forms, rng["forms"]), rng, hold)
 
 
 def combined(*several: Mapping[str, float]) -> dict[str, float]:

@@ -12,6 +12,9 @@ which like the paper's Euler step (Eq. 12) asks the network once per step. Euler
 1 Hz of steering 3 % of the force. What f_(k-1) foretells is how f goes on; a command that is held until the next row
 does not go on, and acts on the states as half of its step (its mean with the row before). Stable while h times the
 fastest eigenvalue, about 2 C_alpha / (m v_x), stays below 1.
+
+Networks without a memory may be asked more than once a step: the classical Runge-Kutta step is that of the engine, on
+inputs that are held or run straight to the next row, so that what was trained is what is simulated elsewhere.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from types import SimpleNamespace
 import casadi as cs
 import numpy as np
 
-from ...hybrid_model import HybridModel
+from ...hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ...model import Symbol
 from ...parameter import Array
 
@@ -39,7 +42,7 @@ class Cell:
 
     def __init__(self, model: HybridModel) -> None:
         self.model = model
-        self.carried = 2 * len(model.states) + 1 + sum(model.network.hidden)
+        self.carried = 2 * len(model.states) + 1 + model.remembered
         self.reported = tuple(dict.fromkeys((*model.outputs, *model.estimates)))
 
     def sample(self, columns: int, reported: Sequence[str]) -> cs.Function:
@@ -56,10 +59,14 @@ class Cell:
         known, acting = cs.vertsplit(u, len(model.inputs))
         p = cs.MX.sym("p", model.size)
         now, told = carried, None
-        for _ in range(model.substeps):
-            now, quantities = self._step(now, known, acting, p, model.sample_time / model.substeps)
+        for k in range(model.substeps):
+            begin, end = known, acting
+            if model.integrator != "ab2":  # acting are the inputs at the end of the sample
+                begin, end = (known + share / model.substeps * (acting - known) for share in (k, k + 1))
+            now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps)
             told = told if told is not None else cs.vertcat(*[quantities[name] for name in reported])
-            acting = known
+            if model.integrator == "ab2":
+                acting = known
         return cs.Function("sample", [carried, u, p], [now, told])
 
     def start(self, states: Array) -> Array:
@@ -75,6 +82,8 @@ class Cell:
         self, carried: Symbol, u: Symbol, acting: Symbol, p: Symbol, h: float
     ) -> tuple[Symbol, Mapping[str, Symbol]]:
         model, n = self.model, len(self.model.states)
+        if model.integrator != "ab2":
+            return self._one_step(carried, u, acting, p, h)
         names = [state.name for state in model.states]
         x = SimpleNamespace(**{name: carried[k, :] for k, name in enumerate(names)})
         inputs, held = (
@@ -92,6 +101,36 @@ class Cell:
         following = carried[:n, :] + h * (rate + 0.5 * begun * (rate - carried[n : 2 * n, :]))
         return cs.vertcat(following, rate, cs.DM.ones(1, u.shape[1]), *remembered), {**vars(x), **quantities}
 
+    def _one_step(
+        self, carried: Symbol, u: Symbol, following: Symbol, p: Symbol, h: float
+    ) -> tuple[Symbol, Mapping[str, Symbol]]:
+        """Euler's or Runge and Kutta's; `following` are the inputs at the end of the step."""
+        n = len(self.model.states)
+        by_name, start = parameters(self.model, p), carried[:n, :]
+        first, quantities = self._rates(start, u, by_name)
+        if self.model.integrator == "euler":
+            after = start + h * first
+        else:
+            middle = 0.5 * (u + following)
+            second, _ = self._rates(start + 0.5 * h * first, middle, by_name)
+            third, _ = self._rates(start + 0.5 * h * second, middle, by_name)
+            fourth, _ = self._rates(start + h * third, following, by_name)
+            after = start + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        return cs.vertcat(after, first, cs.DM.ones(1, u.shape[1])), quantities
+
+    def rates(self, state: Symbol, u: Symbol, p: Symbol) -> Symbol:
+        """Rates of the states (states, columns), of a network without a memory."""
+        return self._rates(state, u, parameters(self.model, p))[0]
+
+    def _rates(self, state: Symbol, u: Symbol, p: Mapping[str, Symbol]) -> tuple[Symbol, Mapping[str, Symbol]]:
+        model = self.model
+        x = SimpleNamespace(**{own.name: state[k, :] for k, own in enumerate(model.states)})
+        inputs = SimpleNamespace(**{name: u[k, :] for k, name in enumerate(model.inputs)})
+        physical = SimpleNamespace(**{name: value for name, value in p.items() if name not in self._weights})
+        z = said(model.network, cs.vertcat(*model.features(x, inputs, physical)), p)
+        rates, quantities = model.physics(x, inputs, physical, cs.vertsplit(z))
+        return cs.vertcat(*[rates[own.name] for own in model.states]), {**vars(x), **quantities}
+
     @property
     def _weights(self) -> frozenset[str]:
         return frozenset(self.model.network.shapes)
@@ -99,15 +138,36 @@ class Cell:
     def _network(
         self, features: Symbol, before: Symbol, p: Mapping[str, Symbol], columns: int
     ) -> tuple[Symbol, list[Symbol]]:
-        network, said, start, layer = self.model.network, [], 0, features
+        network = self.model.network
+        if isinstance(network, FeedForwardNetwork):
+            return said(network, features, p), []
+        layers: list[Symbol] = []
+        start, layer = 0, features
         for number, units in enumerate(network.hidden, 1):
             own = before[start : start + units, :]
             bias = cs.repmat(p[f"b_{number}"], 1, columns)
             layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ own + bias, 0)
-            said.append(layer)
+            layers.append(layer)
             start += units
         z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
-        return (z + p["W_skip"] @ features if network.skip else z), said
+        return (z + p["W_skip"] @ features if network.skip else z), layers
+
+
+def said(network: RecurrentNetwork | FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
+    """What a network without a memory says of features (features, columns)."""
+    assert isinstance(network, FeedForwardNetwork)
+
+    def through(layer: Symbol) -> Symbol:
+        columns = layer.shape[1]
+        for number in range(1, len(network.hidden) + 1):
+            layer = p[f"W_{number}"] @ layer + cs.repmat(p[f"b_{number}"], 1, columns)
+            layer = cs.tanh(layer) if network.activation == "tanh" else cs.fmax(layer, 0)
+        return p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
+
+    if not network.mirrored:
+        return through(features)
+    signs = cs.DM([-1.0 if own else 1.0 for own in network.mirrored])
+    return through(features) - through(cs.repmat(signs, 1, features.shape[1]) * features)
 
 
 def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:

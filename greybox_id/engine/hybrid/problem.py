@@ -19,6 +19,7 @@ from .stretches import Stretch, Windows, windows
 
 _ABREAST = 64
 """Windows that one call takes: more of them do not stay in the processor's caches."""
+_POINTS_ABREAST = 2048
 _SHARE = 0.1
 """Unit of a physical parameter without a prior, over its nominal value."""
 _HUGE = 1e8
@@ -27,7 +28,7 @@ PULL = 1e-5
 """Of weights to zero: weak, for what ends training is the held-out error."""
 
 
-class Errors:
+class WindowErrors:
     """Mean squared error over windows, in units of noise, as a function of the parameter vector."""
 
     def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
@@ -52,19 +53,66 @@ class Errors:
         return total / self.readings, slope / self.readings
 
 
+class RateErrors:
+    """Mean squared error of the rates of states, as a function of the parameter vector.
+
+    Parameters
+    ----------
+    model : whose network has no memory.
+    states : (states, n).
+    inputs : (inputs, n).
+    rates : (states, n) that are to be met.
+    scale : (states, n) errors that count as one.
+    """
+
+    def __init__(self, model: HybridModel, states: Array, inputs: Array, rates: Array, scale: Array) -> None:
+        self.readings = rates.size
+        cell = Cell(model)
+        columns = _POINTS_ABREAST
+        x, u, p, y, w = (
+            cs.MX.sym("x", len(states), columns), cs.MX.sym("u", len(inputs), columns), cs.MX.sym("p", model.size),
+            cs.MX.sym("y", len(rates), columns), cs.MX.sym("w", len(rates), columns),
+        )  # fmt: skip
+        value = cs.sumsqr((cell.rates(x, u, p) - y) * w)
+        self._plain = cs.Function("value", [x, u, y, w, p], [value])
+        self._both = cs.Function("both", [x, u, y, w, p], [value, cs.gradient(value, p)])
+        self._blocks = []
+        for k in range(0, rates.shape[1], columns):
+            own = [table[:, k : k + columns] for table in (states, inputs, rates, 1.0 / scale)]
+            more = columns - own[0].shape[1]
+            own = [np.pad(table, ((0, 0), (0, more)), mode="edge") for table in own]
+            own[3][:, columns - more :] = 0.0  # what fills the last block up does not count
+            self._blocks.append([cs.DM(table) for table in own])
+
+    def __call__(self, p: Array) -> float:
+        """Mean square at a parameter vector."""
+        return sum(float(self._plain(*block, p)) for block in self._blocks) / self.readings
+
+    def with_gradient(self, p: Array) -> tuple[float, Array]:
+        """Mean square and its gradient."""
+        total, slope = 0.0, np.zeros(len(p))
+        for block in self._blocks:
+            value, own = self._both(*block, p)
+            total, slope = total + float(value), slope + np.array(own).ravel()
+        return total / self.readings, slope / self.readings
+
+
 class HybridProblem:
     """The loss over scaled unknowns: those that are free, in units that make them alike.
 
     Attributes
     ----------
     model : at its nominal values.
+    errors : over windows of the stretches, unless others are handed over.
     free : (parameters,) which of the numbers are unknowns.
     bounds : (unknowns, 2) in their own units.
     """
 
-    def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
+    def __init__(
+        self, model: HybridModel, found: Sequence[Stretch], noise: Array, errors: RateErrors | None = None
+    ) -> None:
         self.model = model
-        self.errors = Errors(model, found, noise)
+        self.errors: WindowErrors | RateErrors = WindowErrors(model, found, noise) if errors is None else errors
         pull: list[float] = []
         unit: list[float] = []
         prior: list[float] = []

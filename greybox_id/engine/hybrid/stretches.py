@@ -28,7 +28,9 @@ class Stretch:
     ----------
     rows : of the recording.
     sample_time : s.
-    inputs : (2 inputs, n), now and as they act until the next row: a command that is held acts as half its step.
+    inputs : (2 inputs, n), now and as they act until the next row: a command that is held acts as half its step. Where
+        single steps integrate (`HybridModel.integrator`), now and at the end of the step: a command as it is held,
+        other inputs as the next row has them.
     outputs : (outputs, n) as read; NaN where they are not.
     states : (states, n) as read; NaN where they are not.
     """
@@ -142,6 +144,11 @@ def noise(found: Sequence[Stretch]) -> Array:
 def _acting(model: HybridModel, recording: Recording, inputs: Array) -> Array:
     """Inputs as they act on states, see `cell`; before the first row commands were as there."""
     found = inputs.copy()
+    if model.integrator != "ab2":
+        for k, name in enumerate(model.inputs):
+            if not (recording.hold == "zero" and name in model.commands):
+                found[k, :-1] = inputs[k, 1:]
+        return found
     if recording.hold == "zero":
         for k, name in enumerate(model.inputs):
             if name in model.commands:

@@ -100,15 +100,24 @@ class Lanes:
     def gathered(self, values: Array, nothing: float = np.nan) -> Array:
         """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""
         more = values.shape[3:]
-        found = values.reshape(-1, *more).take(self.flat, axis=0).reshape(*self.lane.shape, *more)
+        found = (
+            values.reshape(int(np.prod(values.shape[:3])), *more)
+            .take(self.flat, axis=0)
+            .reshape(*self.lane.shape, *more)
+        )
         if not self.complete:
             found[self.lane < 0] = nothing
         return found
 
 
-def cut_rows(start: int, stop: int, cuts: int) -> Index:
-    """Rows at which lanes of an interval begin that is cut into so many; fewer where it is shorter."""
-    return np.unique(np.linspace(start, stop, cuts + 1).astype(np.intp))[:-1] if cuts > 1 else np.array([start])
+def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
+    """Rows at which lanes of an interval of a run begin that is cut into so many of about as many segments each."""
+    if cuts <= 1:
+        return np.array([start])
+    begin = plan.row_segment[start:stop]
+    last = plan.row_segment[stop] if stop < len(plan.row_segment) else len(plan.segments)
+    at = np.linspace(begin[0], last, cuts + 1)[:-1]
+    return np.asarray(start + np.unique(np.searchsorted(begin, at, side="right") - 1))
 
 
 def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int = 1) -> Lanes:
@@ -125,7 +134,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     for k, interval in enumerate(intervals):
         plan, offset = schedules[interval.run], offsets[interval.run]
         last = plan.row_segment[interval.stop] if interval.stop < len(plan.row_segment) else len(plan.segments)
-        starts = [int(plan.row_segment[row] + offset) for row in cut_rows(interval.start, interval.stop, cuts)]
+        starts = [int(plan.row_segment[row] + offset) for row in cut_rows(plan, interval.start, interval.stop, cuts)]
         begins += starts
         ends += [*starts[1:], int(last + offset)]
         owners += [k] * len(starts)

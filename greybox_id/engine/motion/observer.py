@@ -31,17 +31,16 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     given = np.where(complete[:, None], readings, first)
     corrected, _ = simulator.start(names, given, run.inputs, p)
     z = corrected.copy()
+    starts = plan.row_segment
     carries = len(states) < z.shape[1]
     stops = np.union1d(np.flatnonzero(complete[1:]) + 1, len(run) - 1)
-    nothing = np.zeros(len(plan.segments), dtype=bool)
-    last = 0
+    simulated, last = simulator.kernel.along(plan.segments, p), 0
     with np.errstate(all="ignore"):
         for row in stops:
             if carries or row > last + 1 or not complete[row]:
-                begin, end = plan.row_segment[last], plan.row_segment[row]
-                segments = plan.segments[begin:end]
-                found, _ = simulator.kernel.simulate(z[last : last + 1], segments[None], p, nothing[: len(segments)])
-                z[last + 1 : row + 1] = found[0, plan.row_segment[last + 1 : row + 1] - begin]
+                begin = int(starts[last])
+                found = simulated(z[last], begin, int(starts[row]))
+                z[last + 1 : row + 1] = found[starts[last + 1 : row + 1] - begin]
                 if complete[row]:
                     z[row, states] = corrected[row, states]
             last = row

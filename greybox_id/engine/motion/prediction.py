@@ -18,7 +18,7 @@ from .observer import observed
 from .runs import Index, MotionRun, motion_runs
 from .schedule import Schedule, schedule
 from .simulator import Simulator
-from .stiffness import MOST_STEPS, longest_segment
+from .stiffness import least_segment, longest_segment
 
 MOST_STARTS = 4000
 """Rows predicted from, at most; beyond it every second, third ... row is."""
@@ -119,7 +119,7 @@ class Predictor:
         z0 = np.vstack([self._start(i.run, np.array([i.start])) for i in intervals])
         with np.errstate(all="ignore"):
             _, y = self.simulator.kernel.simulate(z0, lanes.segments, self.p, lanes.reads)
-        return np.where(lanes.lane >= 0, y[lanes.lane, lanes.rank, np.arange(y.shape[2])], np.nan)
+        return np.where(lanes.lane >= 0, _astray(y)[lanes.lane, lanes.rank, np.arange(y.shape[2])], np.nan)
 
     def _held(self, run: MotionRun) -> MotionRun:
         """A run as if its states stayed where they start: all that is known of them before it is simulated."""
@@ -135,7 +135,7 @@ class Predictor:
         along = []
         for (k, own), y in zip(rows, simulated, strict=True):
             if not np.all(np.abs(y[-1]) < HUGE):
-                return self.runs[k].sample_time / MOST_STEPS
+                return least_segment(self.runs[k].sample_time)
             measured = np.full(self.runs[k].measured.shape, np.nan)
             measured[own] = y
             along.append(replace(self.runs[k], measured=measured))
@@ -145,9 +145,9 @@ class Predictor:
         """Readings at rows `end` from states at rows `begin`."""
         first = plan.row_segment[begin]
         read = np.where(plan.read_segment[end] >= first[:, None], plan.read_segment[end], -1)
-        length = int(np.max(plan.row_segment[end] - first)) + 1
+        ends = np.maximum(plan.row_segment[end], np.max(read, axis=1))  # a latency of zero is read just after its row
+        length = int(np.max(ends - first)) + 1
         places = np.minimum(first[:, None] + np.arange(length), len(plan.segments) - 1)
-        ends = np.maximum(plan.row_segment[end], np.max(read, axis=1))
         segments = np.where((places <= ends[:, None])[:, :, None], plan.segments[places], 0.0)
         rank = np.where(read >= 0, read - first[:, None], 0)
         reads = np.zeros(length, dtype=bool)
@@ -155,7 +155,7 @@ class Predictor:
         with np.errstate(all="ignore"):
             _, y = self.simulator.kernel.simulate(z0, segments, self.p, reads)
         among = np.cumsum(reads) - 1
-        found = y[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
+        found = _astray(y)[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
         return np.where(read >= 0, found, np.nan)
 
     def _start(self, k: int, rows: Index) -> Array:
@@ -183,3 +183,8 @@ class Predictor:
             predicted=predicted,
             measured=np.vstack([self.runs[k].measured[own] for k, own in rows]),
         )
+
+
+def _astray(y: Array) -> Array:
+    """Predictions in which no number stands for one beyond all bounds: NaN is left to what nobody predicted."""
+    return np.where(np.isnan(y), np.inf, y)

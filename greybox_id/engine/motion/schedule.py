@@ -40,7 +40,7 @@ class Schedule:
 
 
 def schedule(
-    trace: MotionTrace, run: MotionRun, shifts: Array, longest: float, moving: Sequence[bool] | None = None
+    trace: MotionTrace, run: MotionRun, shifts: Array, longest: float | Array, moving: Sequence[bool] | None = None
 ) -> Schedule:
     """Lay a run out in segments.
 
@@ -49,23 +49,25 @@ def schedule(
     trace : the model.
     run : the run.
     shifts : the delays' and latencies' values, s.
-    longest : no segment is longer than this, s.
+    longest : no segment is longer than this, s; one number, or (n,) from each row to the next.
     moving : which shifts are differentiated by; the others, where they are zero, cut nothing. None: all of them.
     """
     rows, delays = len(run), len(trace.delayed)
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
-    parts = max(1, int(np.ceil(run.sample_time / longest - 1e-9)))
+    parts = np.maximum(1, np.ceil(run.sample_time / np.broadcast_to(longest, rows) - 1e-9).astype(np.intp))
     steps = np.append(np.diff(run.time), run.sample_time)
-    within = [run.time + steps * k / parts for k in range(1, parts)]
+    inside = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
+    within = [run.time[own] + steps[own] * k / parts[own] for k, own in enumerate(inside, 1)]
     late = [run.time - shifts[k] for k in cuts if k >= delays]
     delayed = [run.time + shifts[k] for k in cuts if k < delays]
     # At the same instant: delayed commands arrive first, then rows' own, then late readings are taken.
     first_late = sum(k < delays for k in cuts)
     kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
     times = [*delayed, run.time, *late, *within]
-    instant, kind = np.concatenate(times), np.repeat(kinds, rows)
-    row = np.tile(np.arange(rows), len(times))
-    order = _in_time(instant, np.repeat(np.arange(len(times)), rows))
+    counts, every = [len(own) for own in times], np.arange(rows)
+    instant, kind = np.concatenate(times), np.repeat(kinds, counts)
+    row = np.concatenate([*[every] * (len(times) - len(within)), *inside])
+    order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
     order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
     first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))

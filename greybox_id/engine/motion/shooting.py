@@ -29,16 +29,18 @@ from .schedule import Schedule, schedule
 from .simulator import Simulator
 from .starts import IntervalStarts
 from .stiffness import longest_segment
-from .targets import targets
+from .targets import Targets, targets, where_valid
 from .unknowns import unknowns
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
+MOST_SEGMENTS = 600_000
+"""Segments that one call simulates where many points are simulated at once: some 50 MB of them."""
 Starts = Literal["free", "measured"]
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedRuns:
     """A simulation of all intervals.
 
     Attributes
@@ -111,7 +113,11 @@ class MotionProblem:
         self.bounds, self.free, self.R, self.r = found.bounds, found.free, found.R, found.r
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
-        self.targets = targets(self.runs, self.intervals, self.noise, robust, keep)
+        self._valid = where_valid(self.model, self.runs)
+        states = [self.model.outputs.index(own.name) for own in self.model.states if own.name in self.model.outputs]
+        for own in self.intervals:  # readings that starts deviate from hold them: nothing else may
+            self._valid[own.run][own.start, states] = 1.0
+        self.targets = self._targets(robust, keep)
         about = self.model.values if about is None else about
         self.longest = longest_segment(self.trace, self.runs, about)
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
@@ -119,11 +125,12 @@ class MotionProblem:
             self._interval_starts.carry(about, self._scheduled(np.tile(simulator.shifts(about), (len(self.runs), 1))))
         self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = None
         self._chain: Chain | None = None
+        self._tiled: tuple[Lanes, Array] | None = None
 
     def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
         """The same problem with other weights of rows or readings; all that was laid out is shared."""
         other = copy(self)
-        other.targets = targets(self.runs, self.intervals, self.noise, self.targets.robust, keep)
+        other.targets = self._targets(self.targets.robust, keep)
         return other
 
     @property
@@ -172,7 +179,7 @@ class MotionProblem:
         """(intervals, parameters) the parameters of each interval."""
         return self.per_run(x)[[interval.run for interval in self.intervals]]
 
-    def simulated_nodes(self, x: Array) -> Simulated:
+    def simulated_nodes(self, x: Array) -> SimulatedRuns:
         """A simulation of every interval: of all lanes at once where the last linearisation foretells their states."""
         lanes, cut = self.lanes(x)
         p, kernel = self.of_intervals(x), self.simulator.kernel
@@ -185,27 +192,60 @@ class MotionProblem:
                     lambda starts: kernel.simulate(starts, cut.segments, p[cut.interval], cut.reads),
                 )
                 if found is not None:
-                    return Simulated(lanes, cut, found[0], cut.gathered(found[1]))
+                    return SimulatedRuns(lanes, cut, found[0], cut.gathered(found[1]))
             z, y = kernel.simulate(z0, lanes.segments, p, lanes.reads)
-        return Simulated(lanes, cut, z[cut.interval, cut.offset], lanes.gathered(y))
+        return SimulatedRuns(lanes, cut, z[cut.interval, cut.offset], lanes.gathered(y))
 
-    def objective(self, x: Array, nodes: Simulated) -> float:
+    def predicted_readings(self, x: Array) -> Array:
+        """Predicted readings at many points at once: (points, unknowns) -> (points, N, outputs).
+
+        Where every point has the same segments (no delay or latency differs), all intervals of all points are lanes of
+        one call; else one point is simulated after the other. NaN where no reading was taken.
+        """
+        alike = True
+        if self.trace.shift_count:
+            shifts = np.array([[self.simulator.shifts(p) for p in self.per_run(own)] for own in x])
+            alike = bool(np.all(shifts == shifts[:1]))
+        if not (alike and self._interval_starts.plain_starts):
+            return np.array([self.simulated_nodes(own).y for own in x])
+        lanes, _ = self.lanes(x[0])
+        count, segments = len(self.intervals), lanes.segments.shape[1]
+        at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
+        found = np.empty((len(x), *self.target.shape))
+        for first in range(0, len(x), at_once):
+            own = x[first : first + at_once]
+            per_run = own[:, np.array(self.parameters.index)]
+            z0 = self._interval_starts.of_many(per_run)
+            if len(self.loose):
+                z0[:, :, self.loose] += own[:, self.parameters.size :].reshape(len(own), count, -1)
+            p = per_run[:, [interval.run for interval in self.intervals]]
+            if self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(own) * count:
+                self._tiled = (lanes, np.tile(lanes.segments, (len(own), 1, 1)))
+            with np.errstate(over="ignore", invalid="ignore"):
+                _, y = self.simulator.kernel.simulate(
+                    z0.reshape(len(own) * count, -1), self._tiled[1], p.reshape(len(own) * count, -1), lanes.reads
+                )
+            read = y.reshape(len(own), -1)[:, lanes.flat].reshape(len(own), *self.target.shape)
+            found[first : first + at_once] = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
+        return found
+
+    def objective(self, x: Array, nodes: SimulatedRuns) -> float:
         """Half the sum of squared residuals, priors included; infinite where the model is not finite."""
-        total = 0.5 * float(np.sum(self.belief_residuals(x) ** 2)) + self.misfit(x, nodes)
+        total = 0.5 * float(np.sum(self.prior_residuals(x) ** 2)) + self.misfit(x, nodes)
         return total if np.isfinite(total) else np.inf
 
-    def misfit(self, x: Array, nodes: Simulated) -> float:
+    def misfit(self, x: Array, nodes: SimulatedRuns) -> float:
         """Half the sum of squared residuals of the data alone."""
         del x
         return self.targets.misfit(nodes.y, nodes.taken)
 
-    def errors(self, nodes: Simulated) -> Array:
+    def errors(self, nodes: SimulatedRuns) -> Array:
         """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
         return self.targets.errors(nodes.y, nodes.taken)
 
-    def normal_equations(self, x: Array, nodes: Simulated) -> NormalEquations:
+    def normal_equations(self, x: Array, nodes: SimulatedRuns) -> NormalEquations:
         """Linearise everything about a simulated point."""
-        H, g = self.believed.copy(), self.pull_of_beliefs(x)
+        H, g = self.believed.copy(), self.pull_of_priors(x)
         order, pieces = nodes.cut.by_owner[0], self._pieces(nodes)
         with np.errstate(over="ignore", invalid="ignore"):  # far off, derivatives leave the range of numbers first
             e, J = self._linearised(x, nodes)
@@ -215,16 +255,16 @@ class MotionProblem:
                 H[np.ix_(index, index)] += flat[rows].T @ flat[rows]
                 g[index] += flat[rows].T @ r[rows]
 
-        def pulled(x: Array, nodes: Simulated) -> Array:
+        def pulled(x: Array, nodes: SimulatedRuns) -> Array:
             e, _ = self.targets.weighted(nodes.y, nodes.taken)
-            found, r = self.pull_of_beliefs(x), e.ravel() if order is None else e.ravel()[order]
+            found, r = self.pull_of_priors(x), e.ravel() if order is None else e.ravel()[order]
             for rows, index in pieces:
                 found[index] += flat[rows].T @ r[rows]
             return found
 
         return NormalEquations(H, g, pulled)
 
-    def residuals(self, x: Array, nodes: Simulated) -> Iterator[tuple[Array, Array]]:
+    def residuals(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[Array, Array]]:
         """Per interval, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
 
         p are the interval's unknowns as the layout lists them; by held ones the derivative is zero. What was not read
@@ -242,13 +282,13 @@ class MotionProblem:
             full[:, :, moving] = np.where(own, J[rows], 0.0)
             yield np.where(own[:, :, 0], e[rows], 0.0), full
 
-    def belief_residuals(self, x: Array) -> Array:
+    def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""
         return np.asarray(self.R @ x - self.r) if len(self.r) else np.zeros(0)
 
-    def pull_of_beliefs(self, x: Array) -> Array:
+    def pull_of_priors(self, x: Array) -> Array:
         """Gradient of what the priors add to the objective."""
-        return np.asarray(self.R.T @ self.belief_residuals(x)) if len(self.r) else np.zeros(len(x))
+        return np.asarray(self.R.T @ self.prior_residuals(x)) if len(self.r) else np.zeros(len(x))
 
     def lanes(self, x: Array) -> tuple[Lanes, Lanes]:
         """Intervals as lanes, whole and cut; laid out anew when a delay moved."""
@@ -269,6 +309,14 @@ class MotionProblem:
             z[:, self.loose] += x[self.parameters.size :].reshape(len(self.intervals), -1)
         return z, by_p
 
+    def _targets(self, robust: float | None, keep: Sequence[Array] | None) -> Targets:
+        """Readings that are kept, of rows in which the model's equations hold."""
+        kept = self._valid
+        if keep is not None:
+            wide = (np.asarray(own, dtype=float).reshape(len(own), -1) for own in keep)
+            kept = [own * valid for own, valid in zip(wide, kept, strict=True)]
+        return targets(self.runs, self.intervals, self.noise, robust, kept)
+
     def _scheduled(self, shifts: Array) -> list[Schedule]:
         return [schedule(self.trace, run, own, self.longest) for run, own in zip(self.runs, shifts, strict=True)]
 
@@ -277,6 +325,8 @@ class MotionProblem:
         rows = len(run) if self.horizon is None else max(1, round(self.horizon / run.sample_time))
         channels = [self.model.outputs.index(name) for name in run.states_read(self.model)]
         starts = run.starts(channels, np.arange(0, len(run), rows))
+        if len(starts) == 0:
+            return []
         stops = [*starts[1:].tolist(), len(run)]
         return [Interval(k, int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
@@ -285,7 +335,7 @@ class MotionProblem:
         chosen = np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
         return np.array([index[chosen] for index in self.layout.index])
 
-    def _pieces(self, nodes: Simulated) -> list[tuple[slice, Index]]:
+    def _pieces(self, nodes: SimulatedRuns) -> list[tuple[slice, Index]]:
         """Readings that share their unknowns, and where these stand: everything at once where all intervals do."""
         index, (_, edges) = self._moving_index(), nodes.cut.by_owner
         if np.all(index == index[0]):
@@ -293,7 +343,7 @@ class MotionProblem:
         slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         return list(zip(slices, index, strict=True))
 
-    def _linearised(self, x: Array, nodes: Simulated) -> tuple[Array, Array]:
+    def _linearised(self, x: Array, nodes: SimulatedRuns) -> tuple[Array, Array]:
         """Weighted residuals (N, outputs), and their derivative by the moving parameters and the free starts."""
         cut, p, size = nodes.cut, self.of_intervals(x), self.trace.size
         _, starts_by_p = self.starts(x)

@@ -102,6 +102,33 @@ class IntervalStarts:
             z[:, place], by_p[:, place] = self._run_through(p, plans)
         return z, by_p
 
+    def of_many(self, p: Array) -> Array:
+        """States at the starts for many sets of parameters at once, (sets, intervals, nz), without derivatives.
+
+        Parameters
+        ----------
+        p : (sets, runs, parameters). Models with actuators that move before an interval starts are not for this: their
+            starts depend on the segments, which differ from set to set (`plain_starts`).
+        """
+        if len(p) > 1 and np.all(p[1:, :, self._touched] == p[:1, :, self._touched]):
+            return np.repeat(self.of_many(p[:1]), len(p), axis=0)
+        own = p[:, [interval.run for interval in self._intervals]]
+        sets = len(own)
+        z = np.empty((sets, len(self._intervals), self._simulator.trace.size))
+        for group in self._groups:
+            readings, inputs = (np.tile(table, (sets, 1)) for table in (group.readings, group.inputs))
+            found = self._simulator.start(group.names, readings, inputs, own[:, group.which].reshape(len(readings), -1))
+            z[:, group.which] = found[0].reshape(sets, len(group.which), -1)
+        if self._carried is not None:
+            where, states = self._carried
+            z[:, where] = states[where]
+        return z
+
+    @property
+    def plain_starts(self) -> bool:
+        """Whether starts depend on parameters and readings alone."""
+        return not self._actuated
+
     def _from_readings(self, p: Array) -> tuple[Array, Array]:
         own = p[[interval.run for interval in self._intervals]]
         size = self._simulator.trace.size

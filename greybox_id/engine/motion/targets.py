@@ -7,9 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...motion_model import MotionModel
 from ...parameter import Array
 from .lanes import Interval
 from .runs import Mask, MotionRun
+
+CRAWLING = 0.1
+"""Where equations hold in less than this share of an output's readings, the recording is of nothing else: all count."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +49,11 @@ class Targets:
 
     def misfit(self, y: Array, taken: Mask) -> float:
         """Half the sum of squared residuals, those in the tails linear."""
-        e = np.abs(self.residuals(y, taken))
-        if self.robust is None:
-            return 0.5 * float(np.sum(e**2))
-        return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
+            e = np.abs(self.residuals(y, taken))
+            if self.robust is None:
+                return 0.5 * float(np.sum(e**2))
+            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
 
 
 def targets(
@@ -74,3 +79,20 @@ def targets(
         kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
         weight = weight * np.sqrt(np.vstack([own.reshape(len(own), -1) for own in kept]))
     return Targets(np.where(np.isfinite(reading), reading, 0.0), weight, robust)
+
+
+def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Array]:
+    """Per run, (n, outputs): 1 where the model's equations hold, or the signal that tells is not read; 0 elsewhere."""
+    found = [np.ones(run.measured.shape) for run in runs]
+    for own in model.validity:
+        holds = []
+        for run in runs:
+            names, table = (model.inputs, run.inputs) if own.signal in model.inputs else (model.outputs, run.measured)
+            holds.append(~(np.abs(table[:, names.index(own.signal)]) < own.least))
+        for k, output in enumerate(model.outputs):
+            read = [np.isfinite(run.measured[:, k]) for run in runs]
+            left, all_there = sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)), sum(map(np.sum, read))
+            if output in own.outputs and left >= CRAWLING * all_there:
+                for one, there in zip(found, holds, strict=True):
+                    one[:, k] *= there
+    return found

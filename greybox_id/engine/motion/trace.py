@@ -16,9 +16,10 @@ from types import SimpleNamespace
 
 import casadi as cs
 
-from ...errors import BadModel
+from ...errors import BadModel, near_or_all
 from ...model import Namespace, Symbol
 from ...motion_model import MotionModel
+from ..equations import called, must_be_numbers
 from ..sampled import SampledFunction
 from .quantities import NamedQuantities, Relax
 from .relaxation import JUST_AFTER, Following, TimeConstants, just_after, moves_just_after, without_lag
@@ -60,6 +61,7 @@ class MotionTrace:
         self.output = cs.Function("output", [z, s, p], [self._output(z, segment, named)])
         x, _, relaxed = self._split(z)
         rates, _ = self._evaluate(x, self._seen(z, segment, named), named, just_after(*self._relaxing(relaxed)))
+        must_be_numbers(model, dict(zip(self.names, rates, strict=True)), [z, s, p])
         self.rates = cs.Function("rates", [z, s, p], [cs.vertcat(*rates)])
         A = cs.jacobian(cs.vertcat(*rates), z)[:, : len(model.states)]
         self.stiffness = SampledFunction(cs.Function("stiffness", [z, s, p], [cs.densify(cs.vec(A.T))]))
@@ -160,14 +162,16 @@ class MotionTrace:
         state, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), {}
         for _ in range(model.passes if q is None else max(1, model.passes - 1)):
             q = NamedQuantities(model, state, SimpleNamespace(**u), p, relax, before=q)
-            rates = dict(model.dynamics(q.x, q.u, q.p, q))
+            rates = called(model, model.dynamics, {"x": q.x, "u": q.u, "p": q.p}, q.x, q.u, q.p, q)
         assert q is not None
         for more in model.extra_rates:
             vars(q)["rates"] = SimpleNamespace(**rates)
             rates |= more(q)
         missing = [name for name in self.names if name not in rates]
         if missing:
-            raise BadModel(f"The dynamics of {model.name} do not give the derivative of {', '.join(missing)}.")
+            others = [name for name in rates if name not in self.names]
+            but = f" They give {', '.join(others)}, which is no state." if others else ""
+            raise BadModel(f"The dynamics of {model.name} do not give the derivative of {', '.join(missing)}.{but}")
         return [rates[name] for name in self.names], q
 
     def _step(self, z: Symbol, segment: _Segment, p: Namespace) -> Symbol:
@@ -221,6 +225,12 @@ class MotionTrace:
         read = SimpleNamespace(**{name: getattr(q.x, name, None) for name in model.outputs})
         for name in model.outputs:
             if getattr(read, name) is None:
+                if name not in vars(q):
+                    known = [*self.names, *(own for own in vars(q) if own in model.quantities)]
+                    raise BadModel(
+                        f"Model {model.name} predicts {name}, which is neither a state nor a quantity that its "
+                        f"dynamics assign.{near_or_all(name, known)}"
+                    )
                 setattr(read, name, getattr(q, name))
         vars(q)["rates"] = SimpleNamespace(**dict(zip(self.names, rates, strict=True)))
         for sensor in model.sensors:

@@ -34,6 +34,14 @@ endif()
 """
 
 
+def commands(name: str) -> str:
+    """Of a shell, that build the library, the self-test and the example."""
+    return f"""\
+    cmake -S . -B build && cmake --build build && ctest --test-dir build     # compares it with Python's numbers
+    gcc -std=c99 -O2 {name}.c main.c -lm -o example && ./example
+"""
+
+
 def read_me(written: MotionC | MemoryC) -> str:
     """`README.md`: what is there and how to build it."""
     name = written.name
@@ -43,9 +51,7 @@ def read_me(written: MotionC | MemoryC) -> str:
 
 {written.title}
 
-    cmake -S . -B build && cmake --build build && ctest --test-dir build     # compares it with Python's numbers
-    gcc -std=c99 -O2 {name}.c main.c -lm -o example && ./example
-
+{commands(name)}
 `{name}.h` says what stands where in states, inputs, parameters and outputs, and in which unit; `manifest.json` adds
 intervals and where the numbers come from. To use it in a project of your own: `{name}.c` and `{name}.h`, or
 `add_subdirectory` and link `{name}`.

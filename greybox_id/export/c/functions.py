@@ -8,8 +8,8 @@ from functools import cached_property
 
 import casadi as cs
 
+from ..quoting import c_comment
 from .mathematics import definitions
-from .naming import comment
 from .scalar import Body, body
 
 INLINE = """\
@@ -85,7 +85,7 @@ class CFunction:
     def declaration(self) -> str:
         """Its declaration with what it computes, for a header."""
         sizes = ", ".join(f"{own.name} {own.size}" for own in self._all if own.size)
-        return f"/* {comment(self.about)}\n   Lengths: {sizes}. */\n{self.signature};\n"
+        return f"/* {c_comment(self.about)}\n   Lengths: {sizes}. */\n{self.signature};\n"
 
     @property
     def definition(self) -> str:

@@ -9,8 +9,8 @@ CAPACITY = 256
 """Commands that are remembered."""
 
 
-def late_declarations(own: str, equations: Equations) -> str:
-    """For the header."""
+def late_declarations(own: str, equations: Equations, capacity: int = CAPACITY) -> str:
+    """For the header; so many commands are remembered."""
     n, size = constant(own, "NU"), constant(own, "COMMANDS")
     signals = ", ".join(equations.delayed)
     return f"""\
@@ -20,9 +20,10 @@ def late_declarations(own: str, equations: Equations) -> str:
    {own}_commands_start   one command since ever.
    {own}_commands_push    a command that holds from a time on, later than the one before. Returns 0; -1 if it is not.
    {own}_commands_acting  the inputs that act at a time.
+   {own}_commands_until   the same, and how many seconds they go on.
    {own}_step_late        the state at time + dt from that at time; x_next may be x. Returns 0; -1 where the line does
                           not reach back far enough and its oldest command was taken. */
-#define {size} {CAPACITY}
+#define {size} {capacity}
 
 typedef struct {{
     double time[{size}];
@@ -33,6 +34,7 @@ typedef struct {{
 void {own}_commands_start({own}_commands *line, const double *u);
 int {own}_commands_push({own}_commands *line, double time, const double *u);
 int {own}_commands_acting(const {own}_commands *line, const double *p, double time, double *u);
+int {own}_commands_until(const {own}_commands *line, const double *p, double time, double *u, double *on);
 int {own}_step_late(const {own}_commands *line, const double *x, const double *p, double time, double dt,
     double *x_next);
 """
@@ -80,8 +82,7 @@ static int {own}_command_at(const {own}_commands *line, size_t i, double time, d
     return line->time[(line->count - 1 - back) % {size}] > time ? -1 : 0;
 }}
 
-/* the inputs that act at a time, and how long they go on */
-static int {own}_acting(const {own}_commands *line, const double *p, double time, double *u, double *on)
+int {own}_commands_until(const {own}_commands *line, const double *p, double time, double *u, double *on)
 {{
     double late[{count}];
     size_t i;
@@ -104,7 +105,7 @@ static int {own}_acting(const {own}_commands *line, const double *p, double time
 int {own}_commands_acting(const {own}_commands *line, const double *p, double time, double *u)
 {{
     double on;
-    return {own}_acting(line, p, time, u, &on);
+    return {own}_commands_until(line, p, time, u, &on);
 }}
 
 int {own}_step_late(const {own}_commands *line, const double *x, const double *p, double time, double dt,
@@ -116,7 +117,7 @@ int {own}_step_late(const {own}_commands *line, const double *x, const double *p
     memcpy(now, x, sizeof now);
     while (end - time > soon) {{
         double h = end - time;
-        if ({own}_acting(line, p, time + soon, u, &on) != 0) {{
+        if ({own}_commands_until(line, p, time + soon, u, &on) != 0) {{
             found = -1;
         }}
         if (on + soon < h) {{

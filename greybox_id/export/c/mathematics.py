@@ -43,6 +43,15 @@ class Function:
     needs: tuple[str, ...] = ()
 
 
+EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST)
+#error "The tables here need sums taken in the order in which they stand: no -ffast-math, -Ofast or /fp:fast."
+#elif defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "What is not finite has to stay so: no -ffinite-math-only."
+#endif
+"""
+"""Stops compilers that were told to compute something else than what is written: results would be off by a factor."""
+
+
 def definitions(names: Iterable[str]) -> str:
     """C of the functions named, and of what they need."""
     found: dict[str, str] = {}

@@ -12,6 +12,7 @@ from ...model import Symbol
 from ..equations import Named
 from ..memory_equations import MemoryEquations
 from .functions import Argument, CFunction, mathematics_of
+from .mathematics import EXACT
 from .memory_text import ABOUT, DECLARATIONS, DEFINITIONS
 from .naming import constant, names, numbers, vector
 
@@ -90,6 +91,7 @@ class MemoryC:
         return "\n".join(
             [
                 f"/* {self.title} */\n",
+                EXACT,
                 f'#include "{own}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
                 mathematics_of(self.functions),
                 f"const double {own}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",

@@ -23,7 +23,7 @@ SPEED = 2.5
 
 
 @dataclass(frozen=True)
-class Course:
+class CheckedCourse:
     """What is handed in and what comes of it.
 
     Attributes
@@ -39,7 +39,7 @@ class Course:
     derivatives: dict[int, list[Array]]
 
 
-def course(e: MemoryEquations) -> Course:
+def course(e: MemoryEquations) -> CheckedCourse:
     """A window of steady driving, a few samples with readings, then `POINTS` on own predictions."""
     rng = np.random.default_rng(0)
     u, y = (np.column_stack([_random(own.name, rng) for own in entries]) for entries in (e.inputs, e.outputs))
@@ -65,7 +65,7 @@ def course(e: MemoryEquations) -> Course:
         outputs.append(
             [float(sum(w * v for w, v in zip(_sensor(e, name), predicted[name], strict=True))) for name in predicted]
         )
-    return Course(u, y, np.array(outputs), derivatives)
+    return CheckedCourse(u, y, np.array(outputs), derivatives)
 
 
 def memory_self_test(written: MemoryC) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import casadi as cs
 
 from ..equations import Equations
 from .functions import Argument, CFunction, mathematics_of
-from .late import late_declarations, late_definitions
+from .late import CAPACITY, late_declarations, late_definitions
+from .mathematics import EXACT
 from .naming import constant, names, numbers, vector
 
 ABOUT = """\
@@ -25,10 +28,20 @@ class MotionC:
     name : what its functions are called after.
     equations : its functions.
     title : a line that says what it is and where it comes from.
+    commands : how many commands are remembered where they arrive late.
+    left_out : functions that are not needed, such as "step_by_p"; without "ode_jacobian" there is no vde_forw either.
     """
 
-    def __init__(self, name: str, equations: Equations, title: str) -> None:
-        self.name, self.equations, self.title = name, equations, title
+    def __init__(
+        self,
+        name: str,
+        equations: Equations,
+        title: str,
+        commands: int = CAPACITY,
+        left_out: Collection[str] = (),
+    ) -> None:
+        self.name, self.equations, self.title, self.commands = name, equations, title, commands
+        self._left_out = left_out
         self.functions = tuple(self._functions())
 
     @property
@@ -68,8 +81,8 @@ class MotionC:
                 ),
                 "",
                 *(function.declaration for function in self.functions),
-                self._vde[0],
-                *([late_declarations(own, e)] if e.delayed else []),
+                *([self._vde[0]] if "ode_jacobian" not in self._left_out else []),
+                *([late_declarations(own, e, self.commands)] if e.delayed else []),
                 "#ifdef __cplusplus\n}\n#endif\n\n#endif",
                 "",
             ]
@@ -83,6 +96,7 @@ class MotionC:
             [
                 f"/* {self.title} */",
                 "",
+                EXACT,
                 f'#include "{own}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
                 mathematics_of(self.functions),
                 f"const double {own}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
@@ -91,7 +105,7 @@ class MotionC:
                 names(f"{own}_parameter_names", e.parameters),
                 names(f"{own}_output_names", e.outputs),
                 *(function.definition for function in self.functions),
-                self._vde[1],
+                *([self._vde[1]] if "ode_jacobian" not in self._left_out else []),
                 *([late_definitions(own, e)] if e.delayed else []),
             ]
         )
@@ -142,11 +156,14 @@ class MotionC:
         if e.parameters:
             by_p = "The derivative of the state dt [s] later by the parameters."
             found.insert(2, function("step_by_p", e.step, (("by_p", f"{n} x {q}"),), (e.p,), by_p, value=False))
+        if e.settles:
+            about = "The state with actuators at their commands and relaxed quantities where they settle: how to start."
+            found.append(function("settled", e.settled, (("x_next", n),), (), about))
         for name, of, signals in (("delays", e.delays, e.delayed), ("latencies", e.latencies, e.late)):
             if signals:
                 about = f"By how many seconds these are late: {', '.join(signals)}."
                 found.append(CFunction(f"{own}_{name}", of, (p,), (Argument("s", str(len(signals))),), about))
-        return found
+        return [own for own in found if own.name.removeprefix(f"{self.name}_") not in self._left_out]
 
     @property
     def _vde(self) -> tuple[str, str]:

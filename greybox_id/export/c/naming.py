@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from ..equations import Named
+from ..quoting import c_comment, c_string
 
 
 def constant(*words: str) -> str:
@@ -28,14 +29,14 @@ def vector(prefix: str, letter: str, about: str, entries: Sequence[Named]) -> st
         known.add(array)
         name, size = constant(prefix, letter, array), _entries_of(array, entries)
         told = ", ".join(filter(None, [own.unit, own.about, f"{size} entries, row by row" if size > 1 else ""]))
-        lines.append(f"{f'#define {name}':<{width}} {place} /* {comment(told)} */")
-        lines.append(f'{f"#define {name}_UNIT":<{width}} "{own.unit}"')
+        lines.append(f"{f'#define {name}':<{width}} {place} /* {c_comment(told)} */")
+        lines.append(f"{f'#define {name}_UNIT':<{width}} {c_string(own.unit)}")
     return "\n".join(lines) + "\n"
 
 
 def names(identifier: str, entries: Sequence[Named]) -> str:
     """The definition of an array of the entries' names."""
-    return f"const char *const {identifier}[] = {{\n{_rows([quoted(own.name) for own in entries] or ['0'])}\n}};\n"
+    return f"const char *const {identifier}[] = {{\n{_rows([c_string(own.name) for own in entries] or ['0'])}\n}};\n"
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -50,17 +51,6 @@ def number(value: float) -> str:
     if value in (float("inf"), float("-inf")):
         return "INFINITY" if value > 0 else "-INFINITY"
     return repr(value)
-
-
-def comment(text: str) -> str:
-    """A text that ends no comment and begins none."""
-    return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ").replace("\\", "/")
-
-
-def quoted(text: str) -> str:
-    """A text as a string of C."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ").replace("?", "\\?")
-    return f'"{escaped}"'
 
 
 def _entries_of(array: str, entries: Sequence[Named]) -> int:

@@ -13,6 +13,7 @@ from ...model import Symbol
 from ...motion_model import MotionModel, Quantities
 from ...parameter import Parameter
 from .elements import lag
+from .memory import scale_motor
 from .smooth import within_limit
 from .stating import alteration, effect, speed
 
@@ -36,7 +37,8 @@ motor_lag = effect(
 
 motor_gain = alteration(
     GROUP, "motor_gain", "1", 1.0, (0.2, 5.0), "gain on the drive command",
-    typical=0.9, drive=lambda drive, q: drive * q.p.motor_gain,
+    typical=0.9, apply_to_memory=scale_motor, in_memory="motor_current",
+    drive=lambda drive, q: drive * q.p.motor_gain,
 )  # fmt: skip
 
 motor_saturation = alteration(

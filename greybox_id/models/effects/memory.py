@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import ceil
 
 import casadi as cs
@@ -26,6 +26,24 @@ def limit_steering_rate(model: MemoryModel) -> MemoryModel:
         return moved, moved
 
     return model.with_actuator(SampledActuator("steer", step))
+
+
+def _static(signal: str, seen: Callable[[Symbol, Namespace], Symbol]) -> Callable[[MemoryModel], MemoryModel]:
+    """What acts on a command at once: nothing of it is remembered."""
+
+    def step(state: Symbol, command: Symbol, p: Namespace, sample_time: float) -> tuple[Symbol, Symbol]:
+        del state, sample_time
+        return command, seen(command, p)
+
+    return lambda model: model.with_actuator(SampledActuator(signal, step))
+
+
+scale_steering = _static("steer", lambda steer, p: steer * p.steering_ratio)
+"""The road-wheel angle is `steering_ratio` times what the command says."""
+shift_steering = _static("steer", lambda steer, p: steer + p.steering_offset)
+"""`steering_offset` is added to the road-wheel angle."""
+scale_motor = _static("motor_current", lambda current, p: current * p.motor_gain)
+"""The motor's current acts as if it were `motor_gain` times what was read."""
 
 
 def delay_imu(model: MemoryModel) -> MemoryModel:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ...effect import Effect
+from ...memory_model import MemoryModel
 from ...model import Namespace, Symbol
 from ...motion_model import MotionModel, Quantities
 from ...parameter import Parameter
@@ -54,6 +55,8 @@ def alteration(
     passes: int = 1,
     needs: tuple[str, ...] = (),
     others: tuple[Parameter, ...] = (),
+    apply_to_memory: Callable[[MemoryModel], MemoryModel] | None = None,
+    in_memory: str = "",
     **changes: Callable[[Symbol, Quantities], Symbol],
 ) -> Effect:
     """An effect that alters parameters, inputs or quantities: name=(its value, q) -> its altered value.
@@ -63,7 +66,28 @@ def alteration(
     group, name, typical, gradual, needs, others : as of `Effect`.
     unit, null, bounds, about : of its magnitude.
     passes : how often the dynamics are gone through, for changes that read q.before.
+    apply_to_memory : what it does to maps with memory, where it is known for them.
+    in_memory : what it acts on there, where that has another name.
     changes : those the model has act, the others do nothing.
+
+    Returns
+    -------
+    Effect
+        To be added to a model of motion: `model + effect.free()`, or `model + effect.at(0.5)`.
+
+    Raises
+    ------
+    BadInput : the null value is outside the bounds.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> soft = gb.alteration(
+    ...     "steering", "soft_steering", "1/rad", 0.0, (-1.0, 5.0), "steering angle lost", typical=0.5,
+    ...     steer=lambda steer, q: steer / (1 + q.p.soft_steering * steer**2),
+    ... )
+    >>> (gb.models.lateral() + soft.free()).effects
+    ('soft_steering',)
     """
 
     def apply(model: MotionModel) -> MotionModel:
@@ -71,7 +95,8 @@ def alteration(
 
     return effect(
         group, name, unit, null, bounds, about,
-        touches=tuple(changes), apply=apply, typical=typical, gradual=gradual, needs=needs, others=others,
+        touches=(*changes, *([in_memory] if in_memory else [])), apply=apply, typical=typical, gradual=gradual,
+        needs=needs, others=others, apply_to_memory=apply_to_memory,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from math import inf
 
 from ...motion_model import MotionModel
 from .elements import lag, play, rate_limit
-from .memory import limit_steering_rate
+from .memory import limit_steering_rate, scale_steering, shift_steering
 from .stating import alteration, effect
 
 GROUP = "steering"
@@ -55,12 +55,12 @@ steering_backlash = effect(
 
 steering_offset = alteration(
     GROUP, "steering_offset", "rad", 0.0, (-0.2, 0.2), "added to the road-wheel angle",
-    typical=0.01, steer=lambda steer, q: steer + q.p.steering_offset,
+    typical=0.01, apply_to_memory=shift_steering, steer=lambda steer, q: steer + q.p.steering_offset,
 )  # fmt: skip
 
 steering_ratio = alteration(
     GROUP, "steering_ratio", "1", 1.0, (0.3, 3.0), "road-wheel angle over what the command says",
-    typical=1.1, steer=lambda steer, q: steer * q.p.steering_ratio,
+    typical=1.1, apply_to_memory=scale_steering, steer=lambda steer, q: steer * q.p.steering_ratio,
 )  # fmt: skip
 
 ALL = (steering_delay, steering_lag, steering_rate_limit, steering_backlash, steering_offset, steering_ratio)

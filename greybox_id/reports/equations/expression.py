@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
-class Number:
+class Constant:
     """A number."""
 
     value: float
@@ -107,7 +107,7 @@ class Window:
 SHIFTED = "shifted"
 """The function of a quantity and a time: what the quantity was so long ago."""
 
-Expression = Number | Symbol | Sum | Product | Quotient | Power | Call | Comparison | Cases | Window
+Expression = Constant | Symbol | Sum | Product | Quotient | Power | Call | Comparison | Cases | Window
 
 
 @dataclass(frozen=True)
@@ -183,12 +183,12 @@ def multiplied(one: Expression, other: Expression) -> Expression:
     """A product, with signs drawn out and quotients kept together."""
     negative = _is_negative(one) != _is_negative(other)
     one, other = _positive(one), _positive(other)
-    if isinstance(one, Number) and one.value == 1.0:
+    if isinstance(one, Constant) and one.value == 1.0:
         found: Expression = other
-    elif isinstance(other, Number) and other.value == 1.0:
+    elif isinstance(other, Constant) and other.value == 1.0:
         found = one
     else:
-        if isinstance(other, Number):
+        if isinstance(other, Constant):
             one, other = other, one
         factors = tuple(
             factor for own in (one, other) for factor in (own.factors if isinstance(own, Product) else (own,))
@@ -204,7 +204,7 @@ def divided(one: Expression, other: Expression) -> Expression:
 
 
 def _is_negative(own: Expression) -> bool:
-    if isinstance(own, Number):
+    if isinstance(own, Constant):
         return own.value < 0
     return isinstance(own, Sum) and len(own.terms) == 1 and own.terms[0][0]
 
@@ -212,8 +212,8 @@ def _is_negative(own: Expression) -> bool:
 def _positive(own: Expression) -> Expression:
     if not _is_negative(own):
         return own
-    if isinstance(own, Number):
-        return Number(-own.value)
+    if isinstance(own, Constant):
+        return Constant(-own.value)
     assert isinstance(own, Sum)
     return own.terms[0][1]
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import casadi as cs
 
-from ...hybrid_model import HybridModel
+from ...hybrid_model import FeedForwardNetwork, HybridModel
 from .expression import Equation, Expression, Symbol
 from .symbolic import Reader
 
@@ -38,6 +38,16 @@ def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
 def network_words(model: HybridModel) -> str:
     """What the network reads and how large it is, in a sentence."""
     network = model.network
+    if isinstance(network, FeedForwardNetwork):
+        units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
+        layers = ", ".join(map(str, network.hidden))
+        mirrored = (
+            " It is odd: what it says of a left turn, mirrored, it says of a right one." if network.mirrored else ""
+        )
+        return (
+            f"z is what a feed-forward network of {layers} {units} says from {network.features} features of states and "
+            f"inputs; its last layer is linear.{mirrored}"
+        )
     layers = ", ".join(map(str, network.hidden))
     skip = " and straight from what it reads" if network.skip else ""
     return (

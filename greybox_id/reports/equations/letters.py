@@ -9,8 +9,8 @@ from .expression import (
     Call,
     Cases,
     Comparison,
+    Constant,
     Expression,
-    Number,
     Power,
     Product,
     Quotient,
@@ -66,7 +66,7 @@ def binding(of: Expression) -> int:
             return PRODUCT
         case Power():
             return POWER
-        case Number(value):
+        case Constant(value):
             return ATOM if value >= 0 else SUM
         case Call(name, _) if name == "sqrt":
             return ATOM
@@ -82,12 +82,12 @@ def in_words(value: float) -> str:
 
 def is_worded(of: Expression) -> bool:
     """Whether an expression is set in words or digits, which need a dot between them and their neighbours."""
-    return isinstance(of, Number) or (isinstance(of, Symbol) and not letter(of).slanted)
+    return isinstance(of, Constant) or (isinstance(of, Symbol) and not letter(of).slanted)
 
 
 def plainly(of: Expression) -> Expression:
     """An expression as it is set: a power of a half is a root, a sum of one positive term that term."""
-    if isinstance(of, Power) and of.exponent == Number(0.5):
+    if isinstance(of, Power) and of.exponent == Constant(0.5):
         return Call("sqrt", (of.base,))
     if isinstance(of, Sum) and len(of.terms) == 1 and not of.terms[0][0] and not of.left_out:
         return of.terms[0][1]

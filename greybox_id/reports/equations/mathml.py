@@ -10,9 +10,9 @@ from .expression import (
     Call,
     Cases,
     Comparison,
+    Constant,
     Equation,
     Expression,
-    Number,
     Power,
     Product,
     Quotient,
@@ -48,7 +48,7 @@ def _set(of: Expression, within: int = 0) -> str:
 
 def _bare(of: Expression) -> str:
     match of:
-        case Number(value):
+        case Constant(value):
             return _number(value)
         case Symbol():
             return _symbol(of)

@@ -11,7 +11,7 @@ from ...engine.motion.quantities import NamedQuantities
 from ...model import Namespace
 from ...model import Symbol as Casadi
 from ...motion_model import MotionModel
-from .expression import SHIFTED, Call, Equation, Expression, Number, Symbol, added, divided, symbols
+from .expression import SHIFTED, Call, Constant, Equation, Expression, Symbol, added, divided, symbols
 from .symbolic import Reader, is_plain
 
 
@@ -48,7 +48,7 @@ class _Written:
         derivatives = [
             Equation(Symbol(name, dots=1), self.read(rates[name]))
             for name in dotted
-            if self.read(rates[name]) != Number(0.0)
+            if self.read(rates[name]) != Constant(0.0)
         ]
         return (*self._needed(quantities, derivatives, self._readings(q)), *derivatives, *self.made, *self._late())
 

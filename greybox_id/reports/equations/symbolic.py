@@ -11,8 +11,8 @@ from .expression import (
     Call,
     Cases,
     Comparison,
+    Constant,
     Expression,
-    Number,
     Power,
     Quotient,
     Sum,
@@ -32,7 +32,7 @@ TWO_ARGUMENTS = {cs.OP_FMIN: "min", cs.OP_FMAX: "max", cs.OP_ATAN2: "arctan2", c
 SIGNS = {cs.OP_LT: "<", cs.OP_LE: "≤", cs.OP_EQ: "=", cs.OP_NE: "≠", cs.OP_AND: "and", cs.OP_OR: "or"}
 OPPOSITE = {"<": "≥", "≤": ">", "=": "≠", "≠": "="}
 
-TWO = Number(2.0)
+TWO = Constant(2.0)
 
 
 class Reader:
@@ -59,7 +59,7 @@ class Reader:
 
     def _made(self, node: Casadi) -> Expression:
         if node.is_constant():
-            return Number(float(node))
+            return Constant(float(node))
         if node.is_symbolic():
             return self._known[node.name()]
         op = node.op()
@@ -71,7 +71,7 @@ class Reader:
             return Call(ONE_ARGUMENT[op], (self(parts[0]),))
         if op in TWO_ARGUMENTS:
             first, second = self(parts[0]), self(parts[1])
-            if op == cs.OP_FMAX and isinstance(first, Call) and first.name == "abs" and second == Number(0.0):
+            if op == cs.OP_FMAX and isinstance(first, Call) and first.name == "abs" and second == Constant(0.0):
                 return first
             return Call(TWO_ARGUMENTS[op], (first, second))
         if op in SIGNS:
@@ -95,16 +95,16 @@ class Reader:
 _ELSE: dict[int, Callable[..., Expression]] = {
     cs.OP_MUL: multiplied,
     cs.OP_DIV: divided,
-    cs.OP_NEG: lambda own: multiplied(Number(-1.0), own),
+    cs.OP_NEG: lambda own: multiplied(Constant(-1.0), own),
     cs.OP_SQ: lambda own: Power(own, TWO),
     cs.OP_TWICE: lambda own: multiplied(TWO, own),
     cs.OP_POW: Power,
     cs.OP_CONSTPOW: Power,
-    cs.OP_INV: lambda own: Quotient(Number(1.0), own),
-    cs.OP_IF_ELSE_ZERO: lambda where, value: Cases(where, value, Number(0.0)),
+    cs.OP_INV: lambda own: Quotient(Constant(1.0), own),
+    cs.OP_IF_ELSE_ZERO: lambda where, value: Cases(where, value, Constant(0.0)),
 }
 
 
 def is_plain(of: Expression) -> bool:
     """Whether an expression is a mere number or another quantity's name."""
-    return isinstance(of, Number | Symbol) or (isinstance(of, Sum) and not of.terms)
+    return isinstance(of, Constant | Symbol) or (isinstance(of, Sum) and not of.terms)

@@ -1,1 +1,1 @@
-"""Figures of a report: one function each, returning a figure; no global state of the plotting library is touched."""
+"""Figures of a report: one function each, returning a sheet of matplotlib Axes; no global state of it is touched."""

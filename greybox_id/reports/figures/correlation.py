@@ -6,13 +6,8 @@ import numpy as np
 
 from ...fit import Fit
 from ...parameter import Array
-from ..plot.areas import Cells
-from ..plot.figure import Figure, Panel, Shades
-from ..plot.letters import SMALL, width
-from ..plot.marks import Letters, Mark
-from ..plot.palette import BLUE, ORANGE
-from ..plot.scale import Axis
-from .style import symbol
+from .sheet import WIDE, Sheet, cells, shades
+from .style import BLUE, INK, ORANGE, symbol
 
 CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
 """Side of a cell, and height of the whole picture, points, at least and at most."""
@@ -22,6 +17,8 @@ WRITTEN = 0.1
 """Correlations smaller than this are left unwritten."""
 MOST_WRITTEN = 20
 """With more parameters than this, cells are too small for numbers and hold signs."""
+LONGEST_LEVEL = 4
+"""Longer names below the cells are turned."""
 MARGINS = 160.0
 """Points beside the cells, for names and the scale."""
 
@@ -42,7 +39,7 @@ def correlations(fit: Fit) -> tuple[list[str], Array]:
     return names, np.asarray(np.clip(inside / np.outer(sd, sd), -1.0, 1.0))
 
 
-def correlation(fit: Fit) -> Figure | None:
+def correlation(fit: Fit) -> Sheet | None:
     """The lower triangle of the correlations as a picture, with their numbers; None with too few of them.
 
     The numbers say the signs to those who see no colours.
@@ -53,34 +50,25 @@ def correlation(fit: Fit) -> Figure | None:
         return None
     height = min(max(CELL * n, SMALLEST), LARGEST)
     shown = np.where(np.tril(np.ones((n, n), dtype=bool)), matrix[1:, :-1], np.nan)
-    edges = np.arange(n + 1.0)
-    marks: list[Mark] = [
-        Cells(edges, edges, shown.T, ORANGE, BLUE, lightest=0.05, darkest=0.65, gap=0.4),
-        *(
-            Letters(j + 0.5, i + 0.5, _written(value, n), size=min(7.0, 0.45 * height / n))
-            for (i, j), value in np.ndenumerate(shown)
-            if abs(value) >= WRITTEN
-        ),
-    ]
-    words = [symbol(name) for name in names]
-    middle = np.arange(n) + 0.5
-    panel = Panel(
-        tuple(marks),
-        Axis(
-            ticks=tuple(zip(middle.tolist(), words[:-1], strict=True)), low=0.0, high=float(n), grid=False,
-            upright=max(width(word, SMALL) for word in words[:-1]) > CELL,
-        ),
-        Axis(
-            ticks=tuple(zip(middle.tolist(), words[1:], strict=True)), low=0.0, high=float(n), grid=False,
-            downwards=True,
-        ),
-        shades=Shades(
-            tuple((0.5 + r / 2, f"{r:+.1f}".replace("-", "−")) for r in (-1.0, -0.5, 0.0, 0.5, 1.0)),
-            "correlation [1]", ORANGE, 0.05, 0.65, BLUE,
-        ),
-    )  # fmt: skip
-    share = min(1.0, max(1.5 * height / (497.0 - MARGINS), 0.2))
-    return Figure(((None, panel, None),), (height,), ((1 - share) / 2 + 1e-9, share, (1 - share) / 2 + 1e-9))
+    share = min(1.0, max(1.5 * height / (WIDE - MARGINS), 0.2))
+    sheet = Sheet((height,), 3, widths=((1 - share) / 2 + 1e-9, share, (1 - share) / 2 + 1e-9))
+    for beside in sheet.grid[0, ::2]:
+        beside.remove()
+    ax = sheet.grid[0, 1]
+    edges, opacity = np.arange(n + 1.0), (0.05, 0.65)
+    cells(ax, edges, edges, shown.T, ORANGE, BLUE, opacity=opacity, gap=0.04)
+    for (i, j), value in np.ndenumerate(shown):
+        if abs(value) >= WRITTEN:
+            ax.text(j + 0.5, i + 0.5, _written(value, n), size=min(7.0, 0.45 * height / n), ha="center",
+                    va="center_baseline", color=INK)  # fmt: skip
+    words, middle = [symbol(name) for name in names], edges[:-1] + 0.5
+    ax.set(xlim=(0, n), ylim=(n, 0))
+    ax.set_xticks(middle, words[:-1], rotation=90.0 if max(map(len, words[:-1])) > LONGEST_LEVEL else 0.0)
+    ax.set_yticks(middle, words[1:])
+    ax.grid(visible=False)
+    ticks = [(0.5 + r / 2, f"{r:+.1f}".replace("-", "−")) for r in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    shades(ax, ticks, "correlation [1]", ORANGE, BLUE, opacity=opacity)
+    return sheet
 
 
 def _written(value: float, n: int) -> str:

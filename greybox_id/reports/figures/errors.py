@@ -4,63 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from matplotlib.axes import Axes
+
 from ...fit import Fit
 from ...parameter import Array
-from ..plot.areas import Boxes
-from ..plot.figure import Figure, Panel
-from ..plot.marks import Mark, Rule
-from ..plot.palette import DOTTED, PALE, Line
-from ..plot.scale import Axis
 from ..recordings import Seen, run_rows
-from .style import PROTOCOL_LINES, label
+from .sheet import Sheet
+from .style import DOTTED, INK, PALE, PROTOCOL_LINES, ZERO, label, look
 
 MOST_RUNS = 6
 """A recording of more runs is shown as a whole only."""
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Ends of whiskers and boxes, and the bar between."""
 WIDE, APART = 0.19, 0.24
 """Of a box, and between boxes of one group."""
 
 _ROLES = {"train": "training", "validate": "validation"}
 
 
-def errors(fit: Fit, recordings: Sequence[Seen]) -> Figure:
+def errors(fit: Fit, recordings: Sequence[Seen]) -> Sheet:
     """Prediction minus measurement; boxes hold half of the samples, whiskers 95 % of them."""
     groups = _groups(recordings)
-    names = tuple((float(k), words) for k, (words, _, _) in enumerate(groups))
-    x = Axis("recording and run [number]", -0.6, len(groups) - 0.4, ticks=names, grid=False)
-    return Figure(
-        tuple(
-            (
-                Panel(
-                    tuple(_marks(recordings, groups, k)),
-                    x,
-                    Axis(f"error of {label(name, recordings[0].recording.unit(name))}"),
-                ),
-            )
-            for k, name in enumerate(fit.model.outputs)
-        ),
-        (84.0,) * len(fit.model.outputs),
-        joined=True,
-    )
+    sheet = Sheet((84.0,) * len(fit.model.outputs), joined=True)
+    for k, (ax, name) in enumerate(zip(sheet.grid[:, 0], fit.model.outputs, strict=True)):
+        _draw(ax, recordings, groups, k)
+        ax.set_ylabel(f"error of {label(name, recordings[0].recording.unit(name))}")
+    ax.set(xlabel="recording and run [number]", xlim=(-0.6, len(groups) - 0.4))
+    ax.set_xticks(range(len(groups)), [words for words, _, _ in groups])
+    return sheet
 
 
 Groups = Sequence[tuple[str, Seen, int | None]]
 
 
-def _marks(recordings: Sequence[Seen], groups: Groups, output: int) -> list[Mark]:
-    marks: list[Mark] = [Rule(0.0)]
+def _draw(ax: Axes, recordings: Sequence[Seen], groups: Groups, output: int) -> None:
+    ax.axhline(0.0, **ZERO)
+    ax.grid(visible=False, axis="x")
     for n in range(1, len(groups)):
         if groups[n][1] is not groups[n - 1][1]:
-            marks.append(Rule(n - 0.5, Line(PALE, DOTTED, 0.6), upright=True))
+            ax.axvline(n - 0.5, **look(PALE, 0.6, dashes=DOTTED))
     for protocol in (p for p in PROTOCOL_LINES if p in recordings[0].predicted):
-        at, values = [], []
+        at, boxes = [], []
         for n, (_, one, run) in enumerate(groups):
             shown = [p for p in PROTOCOL_LINES if p in one.predicted and (run is None or p != "published")]
             if protocol in shown:
                 at.append(n + (shown.index(protocol) - (len(shown) - 1) / 2) * APART)
-                values.append(_residuals(one, protocol, run, output))
-        line = PROTOCOL_LINES[protocol]
-        marks.append(Boxes(at, values, WIDE, line.colour, line.words))
-    return marks
+                ends = np.nanquantile(_residuals(one, protocol, run, output), QUANTILES)
+                boxes.append(dict(zip(("whislo", "q1", "med", "q3", "whishi"), ends, strict=True)))
+        colour, words = (PROTOCOL_LINES[protocol][name] for name in ("color", "label"))
+        line = {"color": colour, "linewidth": 0.9}
+        ax.bxp(boxes, at, widths=WIDE, showfliers=False, patch_artist=True, manage_ticks=False, whiskerprops=line,
+               capprops=line, medianprops={"color": INK, "linewidth": 1.2}, label=words,
+               boxprops={"facecolor": f"{colour}4d", "edgecolor": colour, "linewidth": 0.9})  # fmt: skip
 
 
 def _groups(recordings: Sequence[Seen]) -> Groups:

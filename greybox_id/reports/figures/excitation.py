@@ -8,11 +8,10 @@ import numpy as np
 
 from ...parameter import Array
 from ...recording import Recording
-from ..plot.figure import Figure, Panel
-from ..plot.marks import Mark, Rule
-from ..plot.scale import Axis
 from ..recordings import Seen, of_role
-from .density import counts_of, density
+from .density import density, scale_of_counts
+from .sheet import Sheet
+from .style import ZERO
 
 WITHIN = (0.001, 0.999)
 """Quantiles of the samples at which the map ends."""
@@ -20,7 +19,7 @@ CELLS = (40, 26)
 TITLES = {"train": "training", "validate": "validation"}
 
 
-def excitation(recordings: Sequence[Seen]) -> Figure | None:
+def excitation(recordings: Sequence[Seen]) -> Sheet | None:
     """Densities of samples over v_x and a_y, a panel for each role; None where speed or turning are not recorded."""
     points = {role: driven_points([one.recording for one in of_role(recordings, role)]) for role in TITLES}
     points = {role: own for role, own in points.items() if len(own)}
@@ -28,19 +27,14 @@ def excitation(recordings: Sequence[Seen]) -> Figure | None:
         return None
     every = np.vstack(list(points.values()))
     v_x, a_y = ((float(low), float(high)) for low, high in np.quantile(every, WITHIN, axis=0).T)
-    most = max(points.values(), key=len)
-    shades = counts_of(most[:, 0], most[:, 1], v_x, a_y, CELLS)
-    panels = []
-    for number, (role, own) in enumerate(points.items()):
-        marks: tuple[Mark, ...] = (density(own[:, 0], own[:, 1], v_x, a_y, CELLS), Rule(0.0))
-        last = number == len(points) - 1
-        panels.append(
-            Panel(
-                marks, Axis("v_x [m/s]", *v_x), Axis("a_y [m/s²], left positive" if not number else "", *a_y),
-                TITLES[role], shades if last else None,
-            )
-        )  # fmt: skip
-    return Figure((tuple(panels),), (120.0,))
+    sheet, counts = Sheet((120.0,), len(points)), []
+    for ax, (role, own) in zip(sheet.grid[0], points.items(), strict=True):
+        counts.append(density(ax, own[:, 0], own[:, 1], v_x, a_y, CELLS))
+        ax.axhline(0.0, **ZERO)
+        ax.set(title=TITLES[role], xlabel="v_x [m/s]", xlim=v_x, ylim=a_y)
+    scale_of_counts(ax, max(counts))
+    sheet.first().set_ylabel("a_y [m/s²], left positive")
+    return sheet
 
 
 def driven_points(recordings: Sequence[Recording]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...engine.trace import Trace
 from ...fit import Fit
@@ -12,11 +13,8 @@ from ...memory_model import MemoryModel
 from ...parameter import Parameter
 from ...signals import SIGNALS
 from ..numbers import number, quantity
-from ..plot.figure import Figure, Panel, grid
-from ..plot.marks import Band, Curve, Mark, Rule
-from ..plot.palette import BLUE, Line
-from ..plot.scale import Axis
-from .style import label, symbol
+from .sheet import Sheet, band, sheet_of
+from .style import BLUE, ZERO, label, look, symbol
 
 COLUMNS = 3
 MOST_PANELS = 6
@@ -41,35 +39,42 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def impulse_responses(fit: Fit) -> Figure | None:
+def impulse_responses(fit: Fit) -> Sheet | None:
     """One panel per response, weights over age with a band of one standard deviation; None if the model has none."""
     model = fit.model
     assert isinstance(model, MemoryModel)
-    panels = [
-        _panel(fit, model.sample_time, parameter, rows)
+    shown = [
+        (parameter, rows)
         for parameter in responses(model)
         for rows in ([[index] for index in _indices(parameter)] if _few(parameter) else [_indices(parameter)])
     ]
-    return grid(panels, COLUMNS, 76.0) if panels else None
+    if not shown:
+        return None
+    sheet, axes = sheet_of(len(shown), COLUMNS, 76.0)
+    for ax, (parameter, rows) in zip(axes, shown, strict=True):
+        _draw(ax, fit, model.sample_time, parameter, rows)
+    return sheet
 
 
-def _panel(fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> Panel:
+def _draw(ax: Axes, fit: Fit, step: float, parameter: Parameter, rows: list[tuple[int, ...]]) -> None:
     """One response with its band, or several as thin lines. The newest sample is one sample time before the output."""
     age = step * np.arange(float(parameter.shape[-1]), 0.0, -1.0)
     sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
     shown = parameter.array
     low, high = float(np.min(shown - sd)), float(np.max(shown + sd))
     room = 0.05 * max(high - low, 1e-12)
-    y = Axis(label(parameter.name, parameter.unit), low - room, high + room)
-    x = Axis("age [s]", 0.0, age[0] + step, downwards=True)
-    marks: list[Mark] = [Rule(0.0)]
+    ax.axhline(0.0, **ZERO)
     if len(rows) == 1:
         weights, spread = shown[rows[0]], sd[rows[0]]
-        marks += [Band(age, weights - spread, weights + spread), Curve(age, weights, Line(BLUE), dots=1.1)]
-        return Panel(tuple(marks), x, y, _title(parameter, rows[0]))
-    marks += [Curve(age, shown[index], Line(BLUE, width=0.6)) for index in rows]
-    rms = float(np.sqrt(np.mean(sd**2)))
-    return Panel(tuple(marks), x, y, f"all {len(rows)}, typical sd {number(rms, 2)}")
+        band(ax, age, weights - spread, weights + spread)
+        ax.plot(age, weights, **look(BLUE, dots=1.1))
+        title = _title(parameter, rows[0])
+    else:
+        for index in rows:
+            ax.plot(age, shown[index], **look(BLUE, 0.6))
+        title = f"all {len(rows)}, typical sd {number(float(np.sqrt(np.mean(sd**2))), 2)}"
+    ax.set(xlabel="age [s]", xlim=(age[0] + step, 0.0), ylabel=label(parameter.name, parameter.unit),
+           ylim=(low - room, high + room), title=title)  # fmt: skip
 
 
 def _title(parameter: Parameter, index: tuple[int, ...]) -> str:

@@ -1,19 +1,17 @@
-"""What residuals still tell: their correlation with themselves and with what drove the vehicle, with bands."""
+"""Residual analysis: their correlation with themselves and with what drove the vehicle, with bands."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...parameter import Array
-from ..plot.figure import Figure, Panel
-from ..plot.marks import Band, Curve, Mark, Rule
-from ..plot.palette import INK, PALE, Line
-from ..plot.scale import Axis
+from ...statistics import correlation
 from ..recordings import Seen
-from ..spectra import correlation
-from .style import PROTOCOL_LINES, symbol
+from .sheet import Sheet, band
+from .style import INK, PALE, PROTOCOL_LINES, ZERO, look, symbol
 
 SECONDS, MOST = 2.0, 200
 """Lags reach so far, in so many samples at most."""
@@ -25,7 +23,7 @@ NORMAL = 1.96
 Parts = list[tuple[Array, Array]]
 
 
-def residual_correlations(one: Seen, inputs: Sequence[str]) -> Figure | None:
+def residual_correlations(one: Seen, inputs: Sequence[str]) -> Sheet | None:
     """For each output, correlations of its residuals over lags, and with inputs; None where stretches are too short.
 
     Bands hold 95 % of the correlations of two unrelated signals; of residuals with inputs they allow for the
@@ -34,48 +32,52 @@ def residual_correlations(one: Seen, inputs: Sequence[str]) -> Figure | None:
     step = one.recording.sample_time
     most = max(2, min(round(SECONDS / step), MOST))
     driven = [name for name in inputs if name in one.recording and name not in one.outputs][:MOST_INPUTS]
-    rows = [_row(one, k, driven, most) for k in range(len(one.outputs))]
-    found = [row for row in rows if row is not None]
-    if not found:
+    tested = {k: own for k in range(len(one.outputs)) if (own := _protocols(one, k))}
+    if not tested:
         return None
-    titles = ["with itself", *(f"with {symbol(name)}" for name in driven)]
-    first = tuple(Panel(p.marks, p.x, p.y, title) for p, title in zip(found[0], titles, strict=True))
-    return Figure((first, *found[1:]), (52.0,) * len(found), joined=True)
+    sheet = Sheet((52.0,) * len(tested), 1 + len(driven), joined=True)
+    lags = np.arange(most + 1.0) * step
+    for axes, (k, parts) in zip(sheet.grid, tested.items(), strict=True):
+        _with_itself(axes[0], parts, lags)
+        axes[0].set_ylabel(f"{symbol(one.outputs[k])} [1]")
+        for ax, name in zip(axes[1:], driven, strict=True):
+            _with_input(ax, one, k, name, lags)
+    for ax, title in zip(sheet.grid[0], ("with itself", *(f"with {symbol(name)}" for name in driven)), strict=True):
+        ax.set_title(title)
+    for ax in sheet.grid[-1]:
+        ax.set_xlabel("lag [s]" if ax is sheet.grid[-1, 0] else "lag behind the input [s]")
+    return sheet
 
 
-def _row(one: Seen, k: int, driven: Sequence[str], most: int) -> tuple[Panel, ...] | None:
-    lags = np.arange(most + 1.0) * one.recording.sample_time
-    marks: list[Mark] = [Rule(0.0)]
-    for protocol, line in PROTOCOL_LINES.items():
-        parts = _parts(one, protocol, k, None)
-        if protocol == "published" or not parts:
-            continue
-        own = correlation(parts, most)
-        if len(marks) == 1:
-            half = NORMAL / np.sqrt(sum(len(a) for a, _ in parts)) * np.ones(2)
-            marks.insert(0, Band(lags[[0, -1]], -half, half, PALE, "95 % band of unrelated signals", 0.4))
-        marks.append(Curve(lags, own, line))
-    if len(marks) < 3:
-        return None
-    y = Axis(f"{symbol(one.outputs[k])} [1]", -0.4, 1.05, ticks=((0.0, "0"), (0.5, "0.5"), (1.0, "1")))
-    x = Axis("lag [s]", 0.0, float(lags[-1]))
-    return (Panel(tuple(marks), x, y), *(_with_input(one, k, name, most, lags) for name in driven))
+def _protocols(one: Seen, k: int) -> dict[str, Parts]:
+    """Of every protocol that is drawn, the stretches of an output's residuals."""
+    found = {protocol: _parts(one, protocol, k, None) for protocol in PROTOCOL_LINES if protocol != "published"}
+    return {protocol: parts for protocol, parts in found.items() if parts}
 
 
-def _with_input(one: Seen, k: int, name: str, most: int, lags: Array) -> Panel:
+def _with_itself(ax: Axes, found: dict[str, Parts], lags: Array) -> None:
+    half = NORMAL / np.sqrt(sum(len(a) for a, _ in next(iter(found.values())))) * np.ones(2)
+    band(ax, lags[[0, -1]], -half, half, PALE, "95 % band of unrelated signals", 0.4)
+    ax.axhline(0.0, **ZERO)
+    for protocol, parts in found.items():
+        ax.plot(lags, correlation(parts, len(lags) - 1), **PROTOCOL_LINES[protocol])
+    ax.set(xlim=(0.0, lags[-1]), ylim=(-0.4, 1.05))
+    ax.set_yticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
+
+
+def _with_input(ax: Axes, one: Seen, k: int, name: str, lags: Array) -> None:
     """Residuals of the main protocol after (right of zero) and before an input."""
-    parts = _parts(one, one.main, k, name)
-    at = np.concatenate([-lags[:0:-1], lags])
-    marks: list[Mark] = [Rule(0.0), Rule(0.0, Line(INK, width=0.4), upright=True)]
+    parts, most = _parts(one, one.main, k, name), len(lags) - 1
+    ax.axhline(0.0, **ZERO)
+    ax.axvline(0.0, **look(INK, 0.4))
     if parts:
-        after = correlation(parts, most)
-        before = correlation([(b, a) for a, b in parts], most)
-        spread = _bartlett(parts, most)
-        half = NORMAL * spread * np.ones(2)
-        marks.insert(0, Band(at[[0, -1]], -half, half, PALE, shade=0.4))
-        marks.append(Curve(at, np.concatenate([before[:0:-1], after]), PROTOCOL_LINES[one.main]))
-    y = Axis("", -1.05, 1.05, ticks=((-1.0, "−1"), (0.0, "0"), (1.0, "1")))
-    return Panel(tuple(marks), Axis("lag behind the input [s]", float(at[0]), float(at[-1])), y)
+        after, before = correlation(parts, most), correlation([(b, a) for a, b in parts], most)
+        half = NORMAL * _bartlett(parts, most) * np.ones(2)
+        band(ax, lags[[-1, -1]] * (-1.0, 1.0), -half, half, PALE, opacity=0.4)
+        at = np.concatenate([-lags[:0:-1], lags])
+        ax.plot(at, np.concatenate([before[:0:-1], after]), **PROTOCOL_LINES[one.main])
+    ax.set(xlim=(-lags[-1], lags[-1]), ylim=(-1.05, 1.05))
+    ax.set_yticks((-1.0, 0.0, 1.0), ("−1", "0", "1"))
 
 
 def _bartlett(parts: Parts, most: int) -> float:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...parameter import Array
 from ...scores.metrics import Prediction
+from ...statistics import welch
 from ..noise import Noise
 from ..numbers import pretty_unit
-from ..plot.figure import Figure, Panel, grid
-from ..plot.marks import Curve
-from ..plot.palette import Line
-from ..plot.scale import Axis
 from ..recordings import Seen
-from ..spectra import welch
-from .style import MEASURED, NOISE, PROTOCOL_LINES, symbol
+from .sheet import Sheet, sheet_of
+from .style import MEASURED, NOISE, PROTOCOL_LINES, Look, symbol
 
 LONGEST = 256
 """Samples of a Hamming window, as in the papers; shorter where the runs are."""
@@ -29,7 +26,7 @@ BELOW = 0.01
 """How far below the median of the lowest curve the axis reaches: a filtered channel falls without end."""
 
 
-def spectrum(one: Seen, noise: Noise | None) -> Figure | None:
+def spectrum(one: Seen, noise: Noise | None) -> Sheet | None:
     """Spectra of every output of one recording, and of its noise where there is any to be heard.
 
     Welch's method within unbroken stretches of readings, Hamming windows that overlap by half; no window crosses a
@@ -37,38 +34,42 @@ def spectrum(one: Seen, noise: Noise | None) -> Figure | None:
     """
     rate = 1.0 / one.recording.sample_time
     main = one.predicted[one.main]
-    panels = [_panel(one, k, noise, rate) for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
-    if not panels:
+    shown = [k for k in range(len(one.outputs)) if _unbroken(main, main.measured[:, k])]
+    if not shown:
         return None
-    columns = len(panels) if len(panels) <= ONE_ROW else COLUMNS
-    return grid(panels, columns, 130.0 if len(panels) < COLUMNS else 105.0)
+    columns = len(shown) if len(shown) <= ONE_ROW else COLUMNS
+    sheet, axes = sheet_of(len(shown), columns, 130.0 if len(shown) < COLUMNS else 105.0)
+    for ax, k in zip(axes, shown, strict=True):
+        _draw(ax, one, k, noise, rate)
+    return sheet
 
 
-def _panel(one: Seen, k: int, noise: Noise | None, rate: float) -> Panel:
-    marks, lowest = [], np.inf
-    for line, words, parts in _curves(one, k, noise):
+def _draw(ax: Axes, one: Seen, k: int, noise: Noise | None, rate: float) -> None:
+    lowest = np.inf
+    for line, parts in _curves(one, k, noise):
         frequency, density = psd(parts, rate)
-        marks.append(Curve(frequency[1:], density[1:], replace(line, words=words)))
+        ax.plot(frequency[1:], density[1:], **line)
         lowest = min(lowest, float(np.median(density[1:])))
-    name = one.outputs[k]
-    y = Axis(f"PSD of {symbol(name)} [({pretty_unit(one.recording.unit(name))})²/Hz]", low=lowest * BELOW, log=True)
-    return Panel(tuple(marks), Axis("frequency [Hz]", high=rate / 2, log=True), y)
+    unit = pretty_unit(one.recording.unit(one.outputs[k]))
+    ax.set(
+        xlabel="frequency [Hz]", ylabel=f"PSD of {symbol(one.outputs[k])} [({unit})²/Hz]", xscale="log", yscale="log"
+    )
+    ax.set_xlim(right=round(rate / 2, 6))  # a tick at its end is within
+    ax.set_ylim(bottom=lowest * BELOW)
 
 
-def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Line, str, Sequence[Array]]]:
-    """The curves of one output: line, words, and unbroken stretches of values."""
+def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence[Array]]]:
+    """The curves of one output: look, and unbroken stretches of values."""
     first = one.predicted[one.main] if "honest" not in one.predicted else one.predicted["honest"]
-    curves: list[tuple[Line, str, Sequence[Array]]] = [
-        (MEASURED, MEASURED.words, _unbroken(first, first.measured[:, k]))
-    ]
+    curves: list[tuple[Look, Sequence[Array]]] = [(MEASURED, _unbroken(first, first.measured[:, k]))]
     for protocol, found in one.predicted.items():
         if protocol in PROTOCOL_LINES and protocol != "published":
             line = PROTOCOL_LINES[protocol]
             errors = _unbroken(found, found.predicted[:, k] - found.measured[:, k])
-            curves.append((line, f"residual, {line.words}", errors))
+            curves.append((line | {"label": f"residual, {line['label']}"}, errors))
     if noise is not None and noise.of(one.outputs[k]):
-        curves.append((NOISE, f"noise, {noise.where}", noise.of(one.outputs[k])))
-    return [curve for curve in curves if curve[2]]
+        curves.append((NOISE | {"label": f"noise, {noise.where}"}, noise.of(one.outputs[k])))
+    return [curve for curve in curves if curve[1]]
 
 
 def _unbroken(of: Prediction, values: Array) -> list[Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,12 +11,9 @@ from ...fit import Fit
 from ...memory_model import MemoryModel
 from ...model import Model
 from ...parameter import Array
-from ..plot.figure import Figure, Panel
-from ..plot.marks import Curve, Mark
-from ..plot.palette import Line
-from ..plot.scale import Axis
 from ..recordings import Seen
-from .density import counts_of, density
+from .density import density, scale_of_counts
+from .sheet import Sheet
 from .style import LEVELS, label
 
 MOVING = 0.25
@@ -38,7 +34,7 @@ def has_steering(model: Model) -> bool:
     return "yaw_rate" in model.outputs and {"v_x", "steer"} <= set(model.inputs)
 
 
-def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
+def steering(fit: Fit, recordings: Sequence[Seen]) -> Sheet | None:
     """The model's quasi steady state over the density of what was measured; None for a model that has none."""
     model = fit.model
     if not isinstance(model, MemoryModel) or not has_steering(model):
@@ -51,14 +47,14 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
     moving = whole & (v_x > MOVING * top)
     v_x, steer, yaw_rate = v_x[moving], steer[moving], yaw_rate[moving]
     trace = Trace(model)
-    marks: list[Mark] = []
-    shades, speeds, angles = None, [1.0], np.linspace(-0.3, 0.3, POINTS)
+    sheet = Sheet((150.0,))
+    ax = sheet.first()
+    speeds, angles = [1.0], np.linspace(-0.3, 0.3, POINTS)
     if len(v_x):
         rho = yaw_rate / v_x
         low, high = np.quantile(rho, [0.002, 0.998])
         ends = (float(steer.min()), float(steer.max())), (float(low), float(high))
-        marks.append(density(steer, rho, *ends))
-        shades = counts_of(steer, rho, *ends)
+        scale_of_counts(ax, density(ax, steer, rho, *ends))
         slow, fast = (float(own) for own in np.quantile(v_x, QUANTILES))
         speeds = sorted({round(float(speed), 1) for speed in np.linspace(slow, fast, 3)})
         angles = np.linspace(float(steer.min()), float(steer.max()), POINTS)
@@ -67,11 +63,11 @@ def steering(fit: Fit, recordings: Sequence[Seen]) -> Figure | None:
         near = steer[np.abs(v_x - speed) < NEAR * speed]
         first, last = np.quantile(near, SEEN) if len(near) else (0.0, 0.0)
         inside = (angles >= first) & (angles <= last)
-        marks.append(Curve(angles, rho, Line(line.colour, width=0.6)))
-        thick = replace(line, width=1.9, words=f"model at {speed:g} m/s")
-        marks.append(Curve(angles, np.where(inside, rho, np.nan), thick, counts=False))
-    y = Axis("curvature = yaw rate / v_x [1/m]")
-    return Figure(((Panel(tuple(marks), Axis(label("steer", "rad")), y, shades=shades),),), (150.0,))
+        ax.plot(angles, rho, **line | {"linewidth": 0.6, "linestyle": "-"})
+        thick = line | {"linewidth": 1.9, "label": f"model at {speed:g} m/s"}
+        ax.plot(angles, np.where(inside, rho, np.nan), **thick)
+    ax.set(xlabel=label("steer", "rad"), ylabel="curvature = yaw rate / v_x [1/m]")
+    return sheet
 
 
 def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:

@@ -1,29 +1,70 @@
-"""What figures share: how protocols are drawn, how levels of a quantity are told apart, and labels with units."""
+"""What figures share: colours, how protocols are drawn, how levels of a quantity are told apart, labels with units.
+
+Colours are from Okabe and Ito's palette and differ in lightness as well as in hue, and every curve has a line style of
+its own, so that a figure can be read by everybody and on a grey printer. A look is matplotlib's keywords of a line; its
+label stands in the legend.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 from ...recording import Recording
 from ...scores.metrics import FREE_RUN, ahead
 from ...signals import SIGNALS
 from ..numbers import pretty_unit
-from ..plot.palette import BLUE, CHAIN, DASHED, DOTTED, INK, NIGHT, ORANGE, PALE, SKY, Line
 from ..words import spans
 
-MEASURED = Line(INK, width=1.2, words="measured")
-NOISE = Line(PALE, CHAIN, 1.3, "noise")
+INK = "#1a1a1a"
+PALE = "#8f8f8f"
+FAINT = "#e4e4e4"
+BLUE = "#0072b2"
+SKY = "#56b4e9"
+ORANGE = "#e69f00"
+RUST = "#c4682f"
+PURPLE = "#7b3f8c"
+NIGHT = "#1a1a3d"
+LIGHT = {
+    "ink": INK, "pale": PALE, "faint": FAINT, "blue": BLUE, "sky": SKY, "orange": ORANGE, "rust": RUST,
+    "purple": PURPLE, "night": NIGHT,
+}  # fmt: skip
+DARK = {
+    "ink": "#ececec", "pale": "#9a9a9a", "faint": "#3a3d42", "blue": "#4a9fd8", "sky": "#2f86bd", "orange": "#f0b429",
+    "rust": "#e08a5a", "purple": "#c99bd8", "night": "#d9e6ff",
+}  # fmt: skip
+"""The same colours on dark paper."""
+SIZE, SMALL = 8.6, 7.8
+"""Of labels, and of ticks, points."""
+DASHED: Any = (0.0, (5.0, 2.0))
+DOTTED: Any = (0.0, (1.0, 2.0))
+CHAIN: Any = (0.0, (6.0, 2.0, 1.2, 2.0))
+
+Look = dict[str, Any]
+
+
+def look(colour: str, width: float = 1.1, label: str | None = None, *, dashes: Any = "-", dots: float = 0.0) -> Look:
+    """Keywords of a line: its colour, width and the radius of dots on it, points, dashes and label in the legend."""
+    own: Look = {"color": colour, "linewidth": width, "linestyle": dashes, "label": label}
+    return own | ({"marker": "o", "markersize": 2 * dots, "markeredgewidth": 0.0} if dots else {})
+
+
+MEASURED = look(INK, 1.2, "measured")
+NOISE = look(PALE, 1.3, "noise", dashes=CHAIN)
+ZERO = look(INK, 0.6)
+"""A line across the axes."""
 NEAR = 0.5
 """Of all horizons, s, the one that is drawn beside the free run."""
 
 PROTOCOL_LINES = {
-    "honest": Line(ORANGE, width=1.0, words="one sample ahead"),
-    "published": Line(PALE, DOTTED, 1.0, "as published"),
-    "closed_loop": Line(BLUE, DASHED, 1.1, "closed loop"),
-    ahead(NEAR): Line(ORANGE, width=1.0, words=ahead(NEAR)),
-    FREE_RUN: Line(BLUE, DASHED, 1.1, FREE_RUN),
+    "honest": look(ORANGE, 1.0, "one sample ahead"),
+    "published": look(PALE, 1.0, "as published", dashes=DOTTED),
+    "closed_loop": look(BLUE, 1.1, "closed loop", dashes=DASHED),
+    ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
+    FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
 }
 """By protocol of `greybox_id.scores.metrics`."""
 
-LEVELS = (Line(SKY), Line(BLUE, DASHED), Line(NIGHT, CHAIN))
+LEVELS = (look(SKY), look(BLUE, dashes=DASHED), look(NIGHT, dashes=CHAIN))
 """An ordered quantity, low to high."""
 
 

@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...combined import combined
 from ...fit import Fit
 from ...model import Combination, Namespace
 from ...parameter import Array
-from ..motion.driven import Driven, motion_model, typical_speed
-from ..motion.settled import OverSlip
-from ..plot.areas import Bars
-from ..plot.figure import Figure, Panel
-from ..plot.marks import Band, Curve, Mark, Rule
-from ..plot.palette import BLUE, Line
-from ..plot.scale import Axis
+from ..driven import Driven, motion_model, typical_speed
+from ..settled import OverSlip
+from .sheet import Sheet, band
+from .style import BLUE, PALE, ZERO, Look, look
 
 AXLES = {"f": "front", "r": "rear"}
 POINTS = 41
@@ -37,41 +35,46 @@ def has_tyres(fit: Fit) -> bool:
     return set(wanted) <= set(motion_model(fit).quantities)
 
 
-def tyres(fit: Fit, recordings: Sequence[Driven]) -> Figure | None:
+def tyres(fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
     """Both axles' curves with bands of 95 %, over the density of the slip angles driven; None for other models."""
     if not has_tyres(fit):
         return None
     speed = typical_speed(recordings)
-    above, below, top = [], [], 0.0
-    for axle, where in AXLES.items():
+    beyond = look(BLUE, 0.7, "fit, beyond")
+    sheet, top, reached = Sheet((120.0, 40.0), len(AXLES), joined=True), 0.0, 0.0
+    for (above, below), (axle, where) in zip(sheet.grid.T, AXLES.items(), strict=True):
         slip = np.concatenate([one.quantities[f"alpha_{axle}"] for one in recordings])
         ends = np.quantile(slip, DRIVEN) if len(slip) else np.zeros(2)
         reach = max(BEYOND * float(np.max(np.abs(ends))), LEAST)
         angles = np.linspace(-reach, reach, POINTS)
-        share, low, high = band(fit, OverSlip(motion_model(fit), axle, speed), angles)
-        top = max(top, float(np.max(np.abs(share))))
+        above.axhline(0.0, **ZERO)
+        share, low, high = draw_tyre(above, fit, OverSlip(motion_model(fit), axle, speed), angles, beyond, "95 % band")
         inside = (angles >= ends[0]) & (angles <= ends[1]) if len(slip) else np.zeros(len(angles), dtype=bool)
-        above.append((where, _curves(angles, share, low, high, inside)))
+        above.plot(angles, np.where(inside, share, np.nan), **look(BLUE, 2.0, "fit, where driven"))
+        top = max(top, float(np.max(np.abs(share))))
+        reached = max(reached, float(np.nanmax(np.abs([share, low, high]))))
         counts, edges = np.histogram(slip, bins=60, range=(-reach, reach), density=len(slip) > 0)
-        x = Axis(f"slip angle alpha_{axle} [rad]", -reach, reach)
-        below.append(Panel((Bars(edges[:-1], edges[1:], counts),), x, Axis("density [1/rad]", low=0.0)))
-    reached = [np.nanmax(np.abs(mark.reach[1]), initial=top) for _, marks in above for mark in marks]
-    end = min(ROOM * top, 1.05 * max(float(own) for own in reached)) or 1.0
-    y = Axis("F_y / F_z [1]", -end, end)
-    upper = tuple(Panel(marks, own.x, y, f"{where} axle") for (where, marks), own in zip(above, below, strict=True))
-    return Figure((upper, tuple(below)), (120.0, 40.0), joined=True)
+        below.stairs(counts, edges, fill=True, color=PALE)
+        above.set_title(f"{where} axle")
+        below.set(xlabel=f"slip angle alpha_{axle} [rad]", xlim=(-reach, reach), ylabel="density [1/rad]")
+        below.set_ylim(bottom=0.0)
+    end = min(ROOM * top, 1.05 * reached) or 1.0
+    for above in sheet.grid[0]:
+        above.set(ylabel="F_y / F_z [1]", ylim=(-end, end))
+    return sheet
 
 
-def _curves(angles: Array, share: Array, low: Array, high: Array, inside: Array) -> tuple[Mark, ...]:
-    return (
-        Band(angles, low, high, words="95 % band"),
-        Rule(0.0),
-        Curve(angles, share, Line(BLUE, width=0.7, words="fit, beyond")),
-        Curve(angles, np.where(inside, share, np.nan), Line(BLUE, width=2.0, words="fit, where driven")),
-    )
+def draw_tyre(
+    ax: Axes, fit: Fit, curve: OverSlip, angles: Array, line: Look, words: str | None = None
+) -> tuple[Array, Array, Array]:
+    """Draw a curve with its 95 % band, which `words` name, and return them."""
+    share, low, high = share_with_band(fit, curve, angles)
+    band(ax, angles, low, high, line["color"], words)
+    ax.plot(angles, share, **line)
+    return share, low, high
 
 
-def band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Array, Array]:
+def share_with_band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Array, Array]:
     """A curve at the estimates, and the ends of its 95 % band, to first order; NaN where no covariance was kept."""
     model = fit.model
     names = [p.name for p in model.parameters]

@@ -8,11 +8,13 @@ from math import inf, isfinite
 from typing import Any
 
 from ...gap import Closure, Errors, Gap, Ranked
+from ...model import Model
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
+from ...vehicle import Vehicle
 from ..content import recorded_in
 from ..document import Table
-from ..numbers import capital, listed, number, percent, pretty_unit, signal_words
+from ..numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words
 from .quantities import interval_words, magnitude_words
 from .words import REGIMES, how_far, on_these, probability_words, verdict, whole_percent
 
@@ -59,6 +61,21 @@ class Made:
     stated: tuple[Number, ...] = ()
 
 
+def stated_numbers(vehicle: Vehicle, model: Model) -> tuple[Number, ...]:
+    """What is stated of a vehicle that its model has, and tolerances on effects."""
+    numbers = [
+        Number(name, own.value, own.sd, model[name].unit, own.source)
+        for name, own in vehicle.values.items()
+        if name in model and model[name].shape == ()
+    ]
+    tolerances = [
+        Number(name, own.value, own.sd, EFFECTS[name].parameter.unit, own.source)
+        for name, own in vehicle.effects.items()
+        if name in EFFECTS and own.sd is not None
+    ]
+    return (*numbers, *tolerances)
+
+
 @dataclass(frozen=True, kw_only=True)
 class GapContent:
     """Everything a report of a diagnosis says.
@@ -102,7 +119,7 @@ def gap_content(gap: Gap, made: Made) -> GapContent:
     own = gap.where
     return GapContent(
         model=gap.model,
-        about=f"Where the simulation of {made.vehicle} departs from {listed([*gap.recordings])}, and why",
+        about=f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why",
         verdict=tuple(verdict(gap)),
         doubts=gap.doubts,
         ranking=_ranking(gap),
@@ -238,5 +255,5 @@ def _errors(closure: Closure, applied: bool) -> Table:
 
 
 def _cell(error: Errors, applied: bool) -> str:
-    after = f" → {number(error.after, 2)}" if applied else ""
-    return f"{number(error.before, 2)}{after} ({number(error.floor, 2)})"
+    after = f" → {rmse(error.after)}" if applied else ""
+    return f"{rmse(error.before)}{after} ({number(error.floor, 2)})"

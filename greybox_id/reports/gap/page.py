@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ... import __version__
 from ...gap import Gap
-from ..document import Document, Verdict
+from ..document import Document, VerdictBox
 from ..drawing import Drawing
 from ..numbers import listed
 from ..pdf import write_pdf, write_png
@@ -76,7 +76,7 @@ def page(gap: Gap) -> Document:
     shown = tuple(replace(one, caption="") for one in drawings(gap))
     about = f"on {listed([*gap.recordings])}"
     return Document(
-        gap.model, about, "a gap", f"greybox-id {__version__}", (Verdict(tuple(verdict(gap))), *shown), endless=True
+        gap.model, about, "a gap", f"greybox-id {__version__}", (VerdictBox(tuple(verdict(gap))), *shown), endless=True
     )
 
 

@@ -10,7 +10,7 @@ from ...model import Model
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
-from ..document import Document, Formulas, Pairs, Part, Points, Text, Together, Verdict, titled
+from ..document import Document, Formulas, Pairs, Part, Points, Text, Together, VerdictBox, titled
 from ..equations.expression import Equation
 from ..equations.memory import memory_equations
 from ..equations.motion import motion_equations
@@ -24,7 +24,7 @@ from .page import drawings
 DOUBTS = "What is wrong with the data looks like a gap; it is better mended before effects are sought."
 RANKING = (
     "Probability: that the effect is there. Gain: of the log-likelihood over the model without it, beside the other "
-    "applied effects. Effects that cannot be told apart share what there is to be told."
+    "applied effects. Effects that cannot be distinguished share the evidence."
 )
 CLOSURE = (
     "Mean squares of the errors over those of the noise, all channels alike. The excess is what lies above the floor, "
@@ -42,9 +42,10 @@ METHOD = (
     ),
     (
         "Which effect",
-        "Each effect is put on the model, alone and with others, and estimated together with all that is stated with a "
-        "tolerance. The likelihood gained, less a price for every effect, makes its probability; hypotheses that "
-        "explain the recordings equally well share it.",
+        "Each effect is put on the model, alone and with others, and estimated together with all that is stated with "
+        "a tolerance, beside unknown forces and coloured sensors, which every explanation has. The likelihood gained, "
+        "less a cost for every effect, makes its probability; hypotheses that explain the recordings equally well "
+        "share it.",
     ),
     (
         "How far",
@@ -53,8 +54,8 @@ METHOD = (
     ),
     (
         "Unknown",
-        "What exceeds the noise and what rough equations may be off by, is still explained by how the vehicle was "
-        "driven, or needs a magnitude that changes along the drive, has no name among the effects.",
+        "Unknown forces that stay larger beside the named effects than equations usually err by, or readings that "
+        "scatter by more than their stated noise, are unmodelled effects.",
     ),
 )
 ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
@@ -62,7 +63,7 @@ ERRORS_ALONE = "RMSE (floor), from measured states over each horizon, and in fre
 LIMITS = (
     "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
     "all that is stated with a tolerance is refitted; told: the share of what the recordings say of it that "
-    "tolerances do not take up. Effects whose size has a threshold, such as plays, are told by refits alone and left "
+    "tolerances do not take up. Effects whose size has a threshold, such as plays, are found by refits alone and left "
     "out."
 )
 CHANNELS = (
@@ -96,7 +97,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
     """What the report of a diagnosis says and shows."""
     said = gap_content(gap, made)
     parts = (
-        Verdict(said.verdict),
+        VerdictBox(said.verdict),
         *drawings(gap),
         *_data(gap, said),
         *(_which(said) if gap.gap_detected else ()),
@@ -171,7 +172,7 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
     parts: list[Part] = []
     for own in likely(gap):
         effect = EFFECTS.get(own.effect)
-        if effect is None or not effect.concerns(model):
+        if effect is None or own.effect in model.effects or not effect.concerns(model):
             continue
         changed = [line for line in motion_equations(model + effect.starting_at(effect.typical)) if line not in before]
         shown, _ = readable(changed)

@@ -13,7 +13,7 @@ from ...provenance import DataRecord
 from ...saved import Kind
 from .content import Made, Number
 
-KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap --out", "diagnose again")
+KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")
 
 
 def as_text(gap: Gap, made: Made) -> str:

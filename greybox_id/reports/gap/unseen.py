@@ -61,7 +61,7 @@ def sentences(gap: Gap) -> list[str]:
 
 
 def _could_be(gap: Gap) -> str:
-    """Which effects of their usual size would not show, in a sentence."""
+    """Which effects of their usual size is below the detection limit, in a sentence."""
     if not gap.limits:
         return ""
     unseen = [name for name, own in gap.limits.items() if own.share >= 1.0]

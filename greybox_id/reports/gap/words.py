@@ -9,7 +9,7 @@ from ..numbers import listed, number, percent
 from .quantities import magnitude_words
 
 REGIMES = {
-    "any": "anywhere alike",
+    "any": "evenly spread",
     "straight": "driving straight on",
     "lateral": "in turns",
     "high_lateral": "in hard turns",
@@ -50,11 +50,11 @@ def whether(gap: Gap) -> str:
             f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
             f"{_largest(gap)}."
         )
-    return f"The simulation departs from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
+    return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
 
 def _largest(gap: Gap) -> str:
-    """The channel that departs most, as the end of a sentence."""
+    """The channel that deviates most, as the end of a sentence."""
     channels = {name: ratio for name, ratio in gap.where.channels.items() if isfinite(ratio)}
     if not channels:
         size = sqrt(gap.gap.before) if gap.gap.before > 0 else float("nan")
@@ -136,10 +136,23 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ("Gap", whether(gap)),
         ("Where", where(gap)),
         ("Which", which(gap)),
+        ("Budget", budget(gap)),
         ("How far", "; ".join(filter(None, [how_far(gap, closure, held_out), levels(closure), as_it_stands(closure)]))),
         ("Left", left(gap)),
     ]
     return [(lead, sentence) for lead, sentence in said if sentence]
+
+
+def budget(gap: Gap) -> str:
+    """Which share of the excess error each effect closes, in a sentence; "" where none was found."""
+    if gap.budget is None:
+        return ""
+    shares = [
+        f"{own.effect} {whole_percent(own.share)} % [{whole_percent(own.low)}, {whole_percent(own.high)}]"
+        for own in (*gap.budget.shares, gap.budget.unnamed)
+    ]
+    place = "held out" if gap.budget.held_out else "which chose the effects"
+    return f"of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
 
 
 def applied_words(gap: Gap) -> str:
@@ -160,6 +173,8 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     if not gap.applied:
         if not gap.gap_detected:
             return f"nothing to close {place}"
+        if gap.moved:
+            return f"no effect was added to the model, its parameters went to where the recordings have them {place}"
         return f"nothing was added to the model: the excess stays as it is {place}"
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
@@ -210,7 +225,7 @@ def left(gap: Gap) -> str:
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
         clauses.append(f"{share} of the excess unexplained")
     probability = probability_words(gap.unknown_probability)
-    return "; ".join([*clauses, f"something outside the named effects is there with probability {probability}"])
+    return "; ".join([*clauses, f"an unmodelled effect is there with probability {probability}"])
 
 
 def probability_words(value: float) -> str:

@@ -13,10 +13,10 @@ from ...recording import Recording
 from ...scores.estimates import apply_hybrid
 from ...scores.metrics import FREE_RUN, hybrid_predictions
 from ...signals import unit_of
-from ..content import ROLE_WORDS, circumstances, made_with, noise_words, recorded
+from ..content import ROLE_WORDS, can_be_used, circumstances, made_with, noise_words, recorded
 from ..convergence import ended, stages
 from ..data import data_parts, limits
-from ..document import Document, Formulas, Pairs, Part, Table, Text, Verdict, titled
+from ..document import Document, Formulas, Pairs, Part, Table, Text, VerdictBox, titled
 from ..drawing import Drawing, spectrum_words
 from ..equations.hybrid import hybrid_equations, network_words
 from ..equations.shared import readable
@@ -34,6 +34,8 @@ LOSS = (
     "training stopped where manoeuvres that were not trained on were predicted best."
 )
 
+LEADS = ("How good", "Against what", "How trained")
+
 
 def hybrid_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     """The report of a fit. Raises `BadInput` where a recording that it saw is missing or is another file."""
@@ -42,11 +44,13 @@ def hybrid_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     heard = noise([one.recording for one in runs])
     signals = tuple(dict.fromkeys((*model.inputs, *model.outputs)))
     parts = (
-        Verdict(tuple(zip(("How good", "Against what", "How trained"), verdict(fit, runs), strict=True))),
+        VerdictBox(
+            (*can_be_used(fit), *zip(("How good", "Against what", "How trained"), verdict(fit, runs), strict=True))
+        ),
         *titled("Provenance", recorded(fit), Pairs(made_with(fit, ("size", counted(model.size, "parameter"))))),
         *titled("Errors in free run", errors(fit)),
         *titled("Measured and predicted", *trace_drawings(runs)),
-        *titled("What residuals still tell", *_residuals(runs, model, heard), Text(noise_words(model.outputs, heard))),
+        *titled("Residual analysis", *_residuals(runs, model, heard), Text(noise_words(model.outputs, heard))),
         *titled("What it estimates", *_estimates(fit, runs)),
         *titled("Parameters", scalars(fit)),
         *_equations(model),

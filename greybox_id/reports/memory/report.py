@@ -42,11 +42,11 @@ def memory_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     protocols = tuple(Text(meaning, lead=f"{name[0].upper()}{name[1:]}:") for name, meaning in said.error_notes)
     strengths = f" Factors on the strength of priors: {' '.join(said.strengths)}" if said.strengths else ""
     parts: tuple[Part, ...] = (
-        *opening(said, ("How good", "Against what", "How chosen")),
+        *opening(fit, said, ("How good", "Against what", "How chosen")),
         *provenance(said),
         *titled("Errors", said.errors, Text(ERRORS), *_of(made, "errors"), *protocols),
         *titled("Measured and predicted", *_of(made, "traces", "traces_training")),
-        *titled("What residuals still tell", *_of(made, "residuals", "spectrum"), Text(said.noise)),
+        *titled("Residual analysis", *_of(made, "residuals", "spectrum"), Text(said.noise)),
         *titled("What the model has learned", *_of(made, "steering", "impulse_responses")),
         *titled("Parameters", said.parameters, Text(INTERVALS if said.parameters.rows else ""), said.arrays),
         *told_together(said),

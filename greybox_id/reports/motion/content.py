@@ -16,6 +16,7 @@ from ...uncertainty.left_open import absent, told_together
 from ..content import ROLE_WORDS, Content, made_with, noise_words, recorded
 from ..convergence import stages
 from ..document import Table
+from ..driven import Driven, Errors, held_errors, motion_model
 from ..noise import Noise
 from ..numbers import (
     counted,
@@ -30,7 +31,6 @@ from ..numbers import (
     with_sd,
 )
 from ..parameters import scalars
-from .driven import Driven, Errors, held_errors, motion_model
 from .verdict import verdict
 
 

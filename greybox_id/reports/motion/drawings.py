@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 from ...fit import Fit
 from ..drawing import Drawing, spectrum_words
+from ..driven import Driven, held_errors, motion_model
 from ..figures.convergence import convergence
 from ..figures.correlation import correlation
 from ..figures.handling import handling
@@ -18,7 +19,6 @@ from ..figures_of import residual_drawings, trace_drawings
 from ..noise import Noise
 from ..numbers import listed, signal_words
 from ..recordings import shown_first
-from .driven import Driven, held_errors, motion_model
 
 
 def motion_drawings(fit: Fit, recordings: Sequence[Driven], heard: Noise | None) -> tuple[Drawing, ...]:
@@ -33,7 +33,7 @@ def _of_parameters(fit: Fit) -> Iterator[Drawing]:
             "correlation",
             picture,
             "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
-            "includes what priors told. Parameters near +1 or −1 are told only in combination; smaller correlations "
+            "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
             "than 0.1 are left unwritten.",
             "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
         )
@@ -49,7 +49,7 @@ def _of_errors(fit: Fit, recordings: Sequence[Driven], heard: Noise | None) -> I
         "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every row, "
         "and in free run from the first row of each run to its end. In free run what is held is the reading of the "
         "run's first row.",
-        f"Errors of {outputs} over the horizon of prediction, of the model and of holding the last reading.",
+        f"Errors of {outputs} over the horizon of prediction, of the model and of persistence.",
     )
     yield from trace_drawings(recordings, "; the free run began with the run, not with the stretch")
     yield from residual_drawings(recordings, recorded_inputs(fit, one))

@@ -12,13 +12,13 @@ from ..convergence import starts
 from ..data import data_parts, limits
 from ..document import Document, Formulas, Part, Points, Text, Together, titled
 from ..drawing import Drawing
+from ..driven import driven, motion_model
 from ..equations.motion import motion_equations
 from ..equations.shared import readable
 from ..figures.style import NEAR
 from ..noise import noise
 from .content import MotionContent, motion_content
 from .drawings import motion_drawings, recorded_inputs
-from .driven import driven, motion_model
 
 DRAWN = (HORIZONS[0], NEAR)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
@@ -28,7 +28,7 @@ INTERVALS = (
     "parameter's bounds."
 )
 ERRORS = (
-    "RMSE with its standard error, from blocks of one second, beside that of holding the last reading. Residual sd is "
+    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is "
     "the standard deviation of the residuals of the fit over the horizon that it was solved over: what the model "
     "leaves, sensors' noise and all that it lacks."
 )
@@ -47,12 +47,12 @@ def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     made = {one.name: one for one in motion_drawings(fit, drives, heard)}
     signals = tuple(dict.fromkeys(name for one in drives for name in (*recorded_inputs(fit, one), *fit.model.outputs)))
     parts = (
-        *opening(said, ("How good", "Against what", "How sure")),
+        *opening(fit, said, ("How good", "Against what", "How sure")),
         *provenance(said),
         *_parameters(said, made),
         *titled("Errors by horizon", *_of(made, "horizons"), said.errors, Text(ERRORS)),
         *titled("Measured and predicted", *_of(made, "traces", "traces_training")),
-        *titled("What residuals still tell", *_of(made, "residuals", "spectrum"), Text(said.noise)),
+        *titled("Residual analysis", *_of(made, "residuals", "spectrum"), Text(said.noise)),
         *titled("What the model has learned", *_of(made, "tyres", "handling")),
         *_equations(fit),
         *data_parts(drives, signals),

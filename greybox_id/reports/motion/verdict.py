@@ -14,9 +14,9 @@ from ...signals import unit_of
 from ...uncertainty.left_open import left_open
 from ..content import circumstances
 from ..convergence import ended, ipopt_words
+from ..driven import Driven, Errors
 from ..figures.style import NEAR
 from ..numbers import capital, counted, listed, number, pretty_unit, short_with_sd, signal_words
-from .driven import Driven, Errors
 
 MOST_PAIRS = 3
 """Pairs of parameters told only together that are named."""
@@ -107,7 +107,7 @@ def _not_determined(fit: Fit) -> str:
         f"the recordings do not determine {listed(untold)}" if untold else "",
         f"they tell only together {listed(pairs)}" if pairs else "",
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
-        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from what was believed before" if far else "",
+        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
     ]
     said = [clause for clause in clauses if clause]
     if not said:

@@ -48,7 +48,7 @@ def estimates(found: Digest) -> Table:
         )
         for name, own in found.estimates.items()
     )  # fmt: skip
-    head = ("estimate", "5 %", "median", "95 %", "median sd", "unit", *(("told in",) if walks else ()))
+    head = ("estimate", "5 %", "median", "95 %", "median sd", "unit", *(("identifiable in",) if walks else ()))
     return Table(head, rows, "lRRRRlR"[: len(head)])
 
 

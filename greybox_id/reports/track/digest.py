@@ -12,7 +12,7 @@ from ...provenance import DataRecord
 
 
 @dataclass(frozen=True)
-class Made:
+class TrackMade:
     """What a track was made with.
 
     Attributes
@@ -51,7 +51,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Truth:
+class Measured:
     """An estimate against what was measured of it and did not enter the filter.
 
     Attributes
@@ -73,7 +73,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseSize:
     """One noise: its size in its unit, and where that is from."""
 
     size: float
@@ -141,7 +141,7 @@ class Digest:
     about: str
     settings: Mapping[str, Any]
     effects: Mapping[str, float]
-    made: Made
+    made: TrackMade
     data: DataRecord
     filter: str
     smoothed: bool
@@ -150,8 +150,8 @@ class Digest:
     rows: int
     runs: int
     estimates: Mapping[str, Estimate]
-    truth: Mapping[str, Truth]
-    noise: Mapping[str, Noise]
+    truth: Mapping[str, Measured]
+    noise: Mapping[str, NoiseSize]
     calibrated: Mapping[str, tuple[float, float]]
     consistency: Mapping[str, Consistency]
     signals: Mapping[str, tuple[str, str, tuple[float, ...]]]

@@ -11,8 +11,8 @@ from ...filters.consistency import WINDOW, bounds, windowed
 from ...parameter import Array
 from ...provenance import data_record
 from ...recording import Recording
-from ..spectra import correlation
-from .digest import Course, Digest, Estimate, Innovations, Made, Noise, Truth
+from ...statistics import correlation
+from .digest import Course, Digest, Estimate, Innovations, Measured, NoiseSize, TrackMade
 
 SHOWN = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr")
 """Drawn where a model has them, and what is tracked after them."""
@@ -26,7 +26,7 @@ WITHIN = (0.05, 0.5, 0.95)
 RANGE = (0.005, 0.5, 0.995)
 
 
-def digest(found: Track, recording: Recording, made: Made) -> Digest:
+def digest(found: Track, recording: Recording, made: TrackMade) -> Digest:
     """What a report shows of a track.
 
     Parameters
@@ -51,7 +51,7 @@ def digest(found: Track, recording: Recording, made: Made) -> Digest:
         runs=len(np.unique(found.run)),
         estimates={name: _estimate(found, name) for name in _shown(found)},
         truth={name: own for name in _shown(found) if (own := _truth(found, recording, name)) is not None},
-        noise={n: Noise(size, found.noise_units[n], found.noise_from[n]) for n, size in _used(found).items()},
+        noise={n: NoiseSize(size, found.noise_units[n], found.noise_from[n]) for n, size in _used(found).items()},
         calibrated=dict(found.calibrated),
         consistency=dict(found.consistency),
         signals=_signals(found, recording),
@@ -94,7 +94,7 @@ def _entered(found: Track, name: str) -> bool:
     return name in seen or (name == "sideslip" and "v_y" in seen and "sideslip" not in found.recording)
 
 
-def _truth(found: Track, recording: Recording, name: str) -> Truth | None:
+def _truth(found: Track, recording: Recording, name: str) -> Measured | None:
     whole = measured_of(recording, name)
     if whole is None or _entered(found, name):
         return None
@@ -103,7 +103,7 @@ def _truth(found: Track, recording: Recording, name: str) -> Truth | None:
     if not np.any(there):
         return None
     off = (values - measured)[there]
-    return Truth(
+    return Measured(
         unit=found.units[name],
         rows=int(np.count_nonzero(there)),
         rmse=float(np.sqrt(np.mean(off**2))),

@@ -6,7 +6,7 @@ from ...filters.walking import walking
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
-from ..document import Document, Formulas, Pairs, Part, Points, Text, Verdict, titled
+from ..document import Document, Formulas, Pairs, Part, Points, Text, VerdictBox, titled
 from ..equations.motion import motion_equations
 from ..equations.shared import readable
 from . import content
@@ -29,14 +29,14 @@ READINGS = (
     "they counted as noisier."
 )
 NOISE = (
-    "What walks and how noisy readings are decides what the filter believes. Tuned: the size under which the readings "
-    "are least surprising, and that says nothing of the sideslip."
+    "What walks and how noisy readings are decides how much the filter trusts what. Tuned: the size under which the "
+    "readings are least surprising, and that says nothing of the sideslip."
 )
 BANDS = (
     "Bands are two standard deviations: of the filter, and of what is stated of the model with a standard deviation. A "
     "model of another form than the vehicle's is not in them."
 )
-RANGE = "Beyond the ranges told in What went in, this track says nothing of the vehicle."
+RANGE = "Beyond the ranges given in What went in, this track says nothing of the vehicle."
 EQUATIONS = (
     "Written down from the model itself, with what walks in its place. A dot is a derivative by time, w an "
     "abbreviation; a prime marks what an effect or a walking number alters, late what a delay leaves, read what a "
@@ -49,7 +49,7 @@ def track_report(found: Digest) -> Document:
     made = {one.name: one for one in drawings(found)}
     recorded, pairs = content.provenance(found)
     parts = (
-        Verdict(tuple(zip(LEADS, verdict(found), strict=True))),
+        VerdictBox(tuple(zip(LEADS, verdict(found), strict=True))),
         *titled("Provenance", recorded, Pairs(pairs)),
         *titled("What was estimated", content.estimates(found), Text(ESTIMATES), made["estimates"]),
         *((made["forces_over_slip"],) if "forces_over_slip" in made else ()),

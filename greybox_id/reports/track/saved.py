@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import BadInput
 from ...filters.consistency import Consistency
 from ...parameter import Array
 from ...provenance import DataRecord
-from ...saved import Kind, format_of
-from .digest import Course, Digest, Estimate, Innovations, Made, Noise, Truth
+from ...saved import Kind
+from .digest import Course, Digest, Estimate, Innovations, Measured, NoiseSize, TrackMade
 
 KIND = Kind("greybox-track", 1, "a track", "greybox track", "track again")
 
@@ -22,14 +21,6 @@ KIND = Kind("greybox-track", 1, "a track", "greybox track", "track again")
 def as_text(digest: Digest) -> str:
     """The text of the file."""
     return KIND.text(asdict(digest))
-
-
-def is_track(path: str | Path) -> bool:
-    """Whether a file says that it is a track."""
-    try:
-        return format_of(path) == KIND.format
-    except BadInput:
-        return False
 
 
 def load_track(path: str | Path) -> Digest:
@@ -48,7 +39,7 @@ def _from_plain_data(body: Mapping[str, Any]) -> Digest:
         about=str(body["about"]),
         settings=dict(body["settings"]),
         effects=_numbers(body["effects"]),
-        made=Made(**body["made"]),
+        made=TrackMade(**body["made"]),
         data=DataRecord(**body["data"]),
         filter=str(body["filter"]),
         smoothed=bool(body["smoothed"]),
@@ -57,8 +48,8 @@ def _from_plain_data(body: Mapping[str, Any]) -> Digest:
         rows=int(body["rows"]),
         runs=int(body["runs"]),
         estimates={name: Estimate(**own) for name, own in body["estimates"].items()},
-        truth={name: Truth(**own) for name, own in body["truth"].items()},
-        noise={name: Noise(**own) for name, own in body["noise"].items()},
+        truth={name: Measured(**own) for name, own in body["truth"].items()},
+        noise={name: NoiseSize(**own) for name, own in body["noise"].items()},
         calibrated={name: (float(value), float(sd)) for name, (value, sd) in body["calibrated"].items()},
         consistency={name: Consistency(**own) for name, own in body["consistency"].items()},
         signals={

@@ -6,7 +6,7 @@ from math import isfinite
 
 from ...filters.consistency import WINDOW
 from ..numbers import counted, listed, number, percent, quantity, signal_words
-from .digest import Digest, Truth
+from .digest import Digest, Measured
 
 MOST_NAMED = 4
 """Estimates that the first sentence names."""
@@ -70,5 +70,5 @@ def _against_what(found: Digest) -> str:
     return f"Against what was measured and did not enter the filter, estimates err by an RMSE of {listed(each)}."
 
 
-def _error(name: str, own: Truth) -> str:
+def _error(name: str, own: Measured) -> str:
     return f"{quantity(own.rmse, own.unit)} in {signal_words(name)} ({percent(own.inside)} within two sd)"

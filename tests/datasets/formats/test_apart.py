@@ -31,7 +31,7 @@ def file(tmp_path, monkeypatch):
 
 
 def strange(file, limits=TIGHT):
-    return Apart(file, "strange_readers", "strange", "strange", limits)
+    return Apart(file, "strange_readers:Reader", "strange", "strange", limits)
 
 
 def ended(process):
@@ -117,12 +117,12 @@ def test_a_reader_ends_when_nobody_remembers_it(file):
 
 
 def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
-    reader = Apart(tmp_path, "strange_readers", "strange", "strange", TIGHT)
+    reader = Apart(tmp_path, "strange_readers:Reader", "strange", "strange", TIGHT)
     loaded = {name.partition(".")[0] for name in reader.answer("modules")}
     assert "numpy" in loaded
     assert not loaded & {"casadi", "matplotlib", "pandas", "scipy", "pint"}
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
-    assert own <= {"greybox_id", "greybox_id.datasets"} | {
+    assert own <= {"greybox_id", "greybox_id.registration", "greybox_id.datasets"} | {
         n for n in own if n.startswith("greybox_id.datasets.readers")
     }
 

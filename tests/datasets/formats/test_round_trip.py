@@ -70,7 +70,7 @@ def test_a_name_that_a_format_cannot_hold_is_refused_and_leaves_no_file(tmp_path
 
 
 def test_what_is_no_known_kind_is_not_written(tmp_path):
-    with pytest.raises(BadInput, match="--out"):
+    with pytest.raises(BadInput, match="such a file with out"):
         write(Recording("lap", np.arange(3.0), {"v_x": np.zeros(3)}), tmp_path / "lap.txt")
 
 

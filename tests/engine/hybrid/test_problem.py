@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from linear_bicycle import VEHICLE, manoeuvres
 
-from greybox_id.engine.hybrid.problem import Errors, HybridProblem, drawn
+from greybox_id.engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.models.registry import build
 from greybox_id.parameter import Prior
@@ -52,10 +52,10 @@ def test_physical_parameters_are_in_units_of_their_prior_and_pulled_to_its_mean(
 
 def test_missing_readings_count_for_nothing():
     model, found, noise = stated("hybrid_force")
-    whole = Errors(model, found[:1], noise)
+    whole = WindowErrors(model, found[:1], noise)
     for one in found[:1]:
         one.outputs[1, ::2] = np.nan
-    fewer = Errors(model, found[:1], noise)
+    fewer = WindowErrors(model, found[:1], noise)
     assert fewer.readings < whole.readings
     assert np.isfinite(fewer(drawn(model, 0)))
 
@@ -67,7 +67,7 @@ def test_the_error_of_the_true_vehicle_is_the_noise():
     found = [each for one in recordings for each in stretches(model, one)]
     model = model.with_parameters(model["I_z"].with_value(700.0))
     # starts are averages of noisy readings, forgotten during the warm-up but for a little
-    assert Errors(model, found, noise)(model.values) == pytest.approx(1.0, abs=0.08)
+    assert WindowErrors(model, found, noise)(model.values) == pytest.approx(1.0, abs=0.08)
 
 
 def test_a_vehicle_that_leaves_all_bounds_costs_much_and_has_no_slope():

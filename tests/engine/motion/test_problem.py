@@ -131,7 +131,7 @@ def test_a_reading_that_would_have_been_taken_before_the_run_is_not_counted():
 
 def test_what_gauss_newton_finds_ipopt_confirms_and_a_point_beside_it_not():
     stated = problem(car(), [driven(duration=4.0, noise=1.0)])
-    found = gauss_newton(stated, stated.start, tolerance=1e-12, negligible=0.0, search="damp")
+    found = gauss_newton(stated, stated.start, tolerance=1e-12, negligible=0.0, search="levenberg_marquardt")
     assert found.status is Status.CONVERGED
     confirmed, _ = ipopt(stated, found.x, warm=True, max_iterations=30)
     assert confirmed.status is Status.CONVERGED
@@ -148,7 +148,7 @@ def test_several_recordings_share_the_parameters_and_keep_a_bias_each():
     drives = [driven(duration=4.0, seed=k, noise=1.0) for k in range(2)]
     drives = [d.with_signals(yaw_rate=d["yaw_rate"] + offset) for d, offset in zip(drives, (0.02, -0.03), strict=True)]
     stated = problem(model, drives)
-    found = gauss_newton(stated, stated.start, tolerance=1e-10, negligible=0.0, search="damp")
+    found = gauss_newton(stated, stated.start, tolerance=1e-10, negligible=0.0, search="levenberg_marquardt")
     place = [p.name for p in model.parameters].index("yaw_rate_bias")
     np.testing.assert_allclose(stated.per_run(found.x)[:, place], [0.02, -0.03], atol=2e-3)
 
@@ -163,7 +163,7 @@ def test_a_robust_loss_sees_past_outliers():
     ends = {}
     for robust in (None, 2.0):
         stated = problem(model, [spoilt], robust=robust)
-        found = gauss_newton(stated, stated.start, tolerance=1e-9, negligible=0.0, search="damp")
+        found = gauss_newton(stated, stated.start, tolerance=1e-9, negligible=0.0, search="levenberg_marquardt")
         ends[robust] = abs(stated.shared(found.x)[free] / FULL_SIZE_CAR["I_z"] - 1)
     assert ends[2.0] < 0.02
     assert ends[2.0] < ends[None]

@@ -54,3 +54,29 @@ def test_a_sensor_that_sees_derivatives_sees_none_at_the_start():
     readings, inputs = np.array([[0.4, 0.1]]), np.array([[0.02, 15.0]])
     z, _ = Simulator(ahead, compiled=False).start(("v_y", "yaw_rate"), readings, inputs, ahead.values)
     np.testing.assert_allclose(z[0, :2], [0.3, 0.1], rtol=1e-12)
+
+
+def at_speeds(recording, v_x):
+    return recording.with_signals(v_x=np.asarray(v_x, dtype=float))
+
+
+def test_readings_of_a_vehicle_that_stands_have_no_weight(recording):
+    standing = at_speeds(recording, np.where(np.arange(60) < 20, 0.01, 15.0))
+    found = problem(standing).weight > 0
+    assert not np.any(found[1:20])
+    assert np.all(found[20:])
+    kept = problem(standing, keep=[np.repeat([0.0, 1.0], [30, 30])]).weight > 0
+    np.testing.assert_array_equal(np.all(kept, axis=1), np.arange(60) >= 30)
+
+
+def test_a_start_at_standstill_is_held_by_the_readings_it_deviates_from(recording):
+    standing = at_speeds(recording, np.where(np.arange(60) < 20, 0.01, 15.0))
+    np.testing.assert_array_equal(problem(standing).weight[0] > 0, [True, True, False])
+    free = MotionProblem(Simulator(lateral(), compiled=False), [standing], noise=NOISE)
+    H = free.normal_equations(free.start, free.simulated_nodes(free.start)).H
+    assert np.all(np.diag(H)[-2:] > 0.5 / NOISE[:2] ** 2)
+
+
+def test_where_nearly_all_is_slow_all_of_it_counts(recording):
+    assert np.all(problem(at_speeds(recording, np.full(60, 0.3))).weight > 0)
+    assert np.all(problem(at_speeds(recording, np.where(np.arange(60) < 57, 0.3, 2.0))).weight > 0)

@@ -12,12 +12,19 @@ from greybox_id.models.single_track import single_track
 from greybox_id.scores.metrics import predictions
 
 IN_MEMORY = [name for name, effect in EFFECTS.items() if effect.apply_to_memory]
-PAIRS = [(name, effect) for name in TINY for effect in IN_MEMORY if effect not in tiny(name).effects]
+PAIRS = [
+    (name, effect)
+    for name in TINY
+    for effect in IN_MEMORY
+    if effect not in tiny(name).effects and EFFECTS[effect].concerns(tiny(name))
+]
+AWAY = {"steering_rate_limit": 0.5, "sensor_latency_imu": 0.06, "steering_offset": 0.05, "steering_ratio": 1.2,
+        "motor_gain": 0.7}  # fmt: skip
 
 
 def test_every_map_with_memory_is_examined():
     assert set(TINY) == {name for name in MODELS if name in TINY or isinstance(build(name), MemoryModel)}
-    assert IN_MEMORY == ["steering_rate_limit", "sensor_latency_imu"]
+    assert set(IN_MEMORY) == set(AWAY)
 
 
 @pytest.mark.parametrize(("name", "effect"), PAIRS)
@@ -34,7 +41,7 @@ def test_null_effect_leaves_every_model_unchanged(name, effect):
 @pytest.mark.parametrize(("name", "effect"), PAIRS)
 def test_an_effect_away_from_its_null_does_change_the_predictions(name, effect):
     model = scattered(tiny(name))
-    more = model + EFFECTS[effect].at({"steering_rate_limit": 0.5, "sensor_latency_imu": 0.06}[effect])
+    more = model + EFFECTS[effect].at(AWAY[effect])
     assert np.max(np.abs(predictions(more, drive()).predicted - predictions(model, drive()).predicted)) > 1e-6
 
 
@@ -67,7 +74,7 @@ def test_a_latency_belongs_to_the_run_in_maps_with_memory_and_to_the_model_in_eq
 @pytest.mark.parametrize("effect", IN_MEMORY)
 def test_an_effect_twice_is_refused_in_a_sentence(effect):
     with pytest.raises(BadModel, match="already has"):
-        _ = linear_toy() + EFFECTS[effect] + EFFECTS[effect]
+        _ = tiny("msnn_full") + EFFECTS[effect] + EFFECTS[effect]
 
 
 def test_an_effect_on_a_model_it_does_not_concern_is_refused_in_a_sentence():
@@ -84,4 +91,16 @@ def _current_to_speed():
     return type(toy)(
         name="motor", about="", inputs=("motor_current",), outputs=("v_x",), parameters=toy.parameters,
         equations=lambda u, p, past: {"v_x": past(u.motor_current, p.F)}, sample_time=0.05,
+    )  # fmt: skip
+
+
+def test_a_ratio_and_an_offset_of_the_steering_and_a_gain_of_the_motor_are_what_their_commands_say():
+    recording = drive(80)
+    model = scattered(tiny("msnn_full"))
+    moved = model + EFFECTS["steering_ratio"].at(1.2) + EFFECTS["steering_offset"].at(0.03)
+    moved = moved + EFFECTS["motor_gain"].at(0.7)
+    commands = {"steer": 1.2 * recording["steer"] + 0.03, "motor_current": 0.7 * recording["motor_current"]}
+    np.testing.assert_allclose(
+        predictions(moved, recording).predicted, predictions(model, recording.with_signals(**commands)).predicted,
+        atol=1e-12,
     )  # fmt: skip

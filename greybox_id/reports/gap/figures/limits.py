@@ -6,64 +6,61 @@ from collections.abc import Mapping
 from math import isfinite
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ....gap import Gap, Limit, Strip
-from ...numbers import number
-from ...plot.areas import Bars, Cells
-from ...plot.figure import Figure, Panel, Shades, nothing
-from ...plot.marks import Letters, Mark, Rule
-from ...plot.palette import BLUE, INK, PALE, Line
-from ...plot.scale import Axis
+from ...figures.sheet import Sheet, notice
+from ...figures.style import BLUE, INK, PALE, SMALL, look
+from .looks import EDGED
+from .regimes import draw_map
 
 MOST = 12
 """Effects drawn."""
 REACH = (0.01, 30.0)
 """Of sizes, in usual ones; larger ones end in an arrow."""
 HEIGHT = 150.0
-LIGHTEST, DARKEST = 0.12, 0.9
+OPACITY = (0.12, 0.9)
 
 
-def limits(gap: Gap) -> Figure | None:
+def limits(gap: Gap) -> Sheet | None:
     """Bars of the size that would show, over the usual one, beside the map of what was driven; None for neither."""
-    panels = [*([_sizes(gap.limits)] if gap.limits else []), *([driven(gap.strip)] if gap.strip is not None else [])]
-    return Figure((tuple(panels),), (HEIGHT,), (1.3, 1.0)[: len(panels)]) if panels else None
+    columns = bool(gap.limits) + (gap.strip is not None)
+    if not columns:
+        return None
+    sheet = Sheet((HEIGHT,), columns, widths=(1.3, 1.0)[:columns])
+    if gap.limits:
+        _sizes(sheet.first(), gap.limits)
+    if gap.strip is not None:
+        driven(sheet.grid[0, -1], gap.strip)
+    return sheet
 
 
-def _sizes(known: Mapping[str, Limit]) -> Panel:
+def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
     shown = [*known.items()][:MOST]
-    at = np.arange(float(len(shown)))
-    low, high = REACH
+    at, (low, high) = np.arange(len(shown)), REACH
     ends = np.array([min(max(own.share, 1.3 * low), high) for _, own in shown])
     unseen = np.array([own.share >= 1.0 for _, own in shown])
-    marks: list[Mark] = [
-        Bars(at[k] - 0.3, at[k] + 0.3, ends[k], colour, words, base=low, lying=True, edged=True)
-        for colour, words, k in ((PALE, "usual size would not show", unseen), (BLUE, "would show", ~unseen))
-        if np.any(k)
-    ]
-    marks += [Letters(0.8 * high, float(k), ">") for k, (_, own) in enumerate(shown) if own.share > high]
-    marks.append(Rule(1.0, Line(INK, width=0.8), upright=True))
-    names = tuple((float(k), name.replace("_", " ")) for k, (name, _) in enumerate(shown))
-    return Panel(
-        tuple(marks),
-        Axis("size that would show over the usual one [1]", low, high, log=True),
-        Axis(low=-0.6, high=max(len(shown), 4) - 0.4, ticks=names, grid=False, downwards=True),
-    )
+    for colour, words, k in (
+        (PALE, "usual size is below the detection limit", unseen),
+        (BLUE, "would show", ~unseen),
+    ):
+        if np.any(k):
+            ax.barh(at[k], ends[k] - low, 0.6, low, color=colour, label=words, **EDGED)
+    for row, (_, own) in enumerate(shown):
+        if own.share > high:
+            ax.text(0.8 * high, row, ">", size=SMALL, ha="center", va="center_baseline", color=INK)
+    ax.axvline(1.0, **look(INK, 0.8))
+    ax.set(xlabel="size that would show over the usual one [1]", xscale="log", xlim=REACH,
+           ylim=(max(len(shown), 4) - 0.4, -0.6))  # fmt: skip
+    ax.set_yticks(at, [name.replace("_", " ") for name, _ in shown])
+    ax.grid(visible=False, axis="y")
 
 
-def driven(strip: Strip) -> Panel:
-    """A map of the share of the time over v_x and a_y; blank where nothing was driven."""
-    if not {"v_x", "a_y", "time"} <= strip.map.keys():
-        return nothing("where it was driven is not known")
-    share = np.asarray(strip.map["time"], dtype=float)
+def driven(ax: Axes, strip: Strip) -> None:
+    """Draw a map of the share of the time over v_x and a_y; blank where nothing was driven."""
+    share = np.asarray(strip.map.get("time", 0.0), dtype=float)
     most = float(np.nanmax(share, initial=0.0))
-    if not (isfinite(most) and most > 0):
-        return nothing("where it was driven is not known")
-    edges = np.asarray(strip.map["v_x"]), np.asarray(strip.map["a_y"])
-    drawn = np.where(share > 0, share / most, np.nan)
-    cells = Cells(*edges, drawn, BLUE, lightest=LIGHTEST, darkest=DARKEST, gap=0.15)
-    ticks = tuple((part, number(100.0 * most * part, 2)) for part in (0.0, 0.5, 1.0))
-    ends = [(float(own[0]), float(own[-1])) for own in edges]
-    return Panel(
-        (cells,), Axis("v_x [m/s]", *ends[0], grid=False), Axis("a_y [m/s²], left positive", *ends[1], grid=False),
-        shades=Shades(ticks, "share of the time [%]", BLUE, LIGHTEST, DARKEST),
-    )  # fmt: skip
+    if not {"v_x", "a_y", "time"} <= strip.map.keys() or not (isfinite(most) and most > 0):
+        notice(ax, "where it was driven is not known")
+        return
+    draw_map(ax, strip, np.where(share > 0, share, np.nan), "share of the time [%]", BLUE, OPACITY)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from matplotlib.axes import Axes
 
-from ...plot.figure import Figure, Panel
-from ...plot.palette import BLUE, DASHED, INK, ORANGE, RUST, Line
+from ...figures.sheet import Sheet
+from ...figures.style import BLUE, DASHED, INK, ORANGE, RUST, Look, look
 
-BEFORE = Line(ORANGE, width=1.1, words="model as it was")
-AFTER = Line(BLUE, DASHED, 1.3, "with the applied effects")
-FLOOR = Line(INK, width=1.2, words="floor: as well as noise lets a model fit")
+BEFORE = look(ORANGE, 1.1, "model as it was")
+AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
+FLOOR = look(INK, 1.2, "floor: as well as noise lets a model fit")
 EXCESS = RUST
 """Colour of what is too much, from pale to dark."""
+EDGED: Look = {"edgecolor": INK, "linewidth": 0.4}
+"""Bars."""
 LEAST = 3
-"""Panels that a row has room for at least: none is drawn wider than a third of the page."""
+"""Axes that a row has room for at least: none are drawn wider than a third of the page."""
 
 
-def row_of(panels: Sequence[Panel], height: float) -> Figure:
-    """Panels side by side."""
-    return Figure(((*panels, *[None] * (LEAST - len(panels))),), (height,))
+def row_of(count: int, height: float) -> tuple[Sheet, list[Axes]]:
+    """Axes side by side."""
+    sheet = Sheet((height,), max(count, LEAST))
+    for ax in sheet.grid[0, count:]:
+        ax.remove()
+    return sheet, list(sheet.grid[0, :count])

@@ -1,0 +1,52 @@
+"""The policies that are shipped: learned from a seed, and laps that they drive.
+
+python benchmarks/base_policies.py [--vehicle roboracer] [--seed 0] [--steps 3000000] [--out FILE] [--json]
+
+Without --out it replaces what is shipped. The same seed gives the same bytes on the same processor and libraries.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import greybox_id
+from greybox_id.racing.laps import drive
+from greybox_id.racing.worlds import world
+
+FOLDER = Path(greybox_id.__file__).parent / "racing" / "policies"
+
+
+def _said(sentence: str) -> None:
+    print(sentence, flush=True)
+
+
+def _silent(sentence: str) -> None:
+    pass
+
+
+def main() -> None:
+    """Learn one, drive laps, write it."""
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--vehicle", default="roboracer")
+    arguments.add_argument("--seed", type=int, default=0)
+    arguments.add_argument("--steps", type=int, default=3_000_000)
+    arguments.add_argument("--out", type=Path)
+    arguments.add_argument("--json", action="store_true")
+    given = arguments.parse_args()
+    clock = time.process_time()
+    learned = greybox_id.learn_policy(given.vehicle, given.steps, seed=given.seed, say=_silent if given.json else _said)
+    seconds = time.process_time() - clock
+    steps = learned.policy.about["steps"]
+    found = {"steps": steps, "cpu_seconds": seconds, "steps_per_cpu_second": steps / seconds}
+    for noise in (False, True):
+        track = world(20, given.vehicle, action="speed", noise=noise)
+        found["laps with noise" if noise else "laps"] = drive(track, learned.policy, 20, seed=1000).plain()
+    learned.save(given.out or FOLDER / f"{given.vehicle}.json")
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()

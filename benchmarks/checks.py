@@ -1,0 +1,142 @@
+"""Faults that `greybox data check` finds, and clean recordings that it distrusts.
+
+    python benchmarks/checks.py [--json] [--clean 300] [--seeds results] [--only clean|power|bar]
+
+Every fault of benchmarks/checks_recordings.py is put into every recording that has the channels it spoils. It counts as
+found where the recording is distrusted for something that it is not distrusted for without the fault; as named where a
+sentence says what it is. Thresholds were chosen on the seeds "choice"; what is reported comes from others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import defaultdict
+from typing import Any
+
+from checks_recordings import FAULTS, clean, possible, twelve
+
+from greybox_id.checks import Finding, Severity, check
+from greybox_id.recording import Recording
+
+SEEDS = {"choice": 100_000, "results": 400_000}
+"""First seed of each set."""
+EVERY = 20
+"""One clean recording in so many is spoilt by every fault that it can have."""
+
+
+def main() -> int:
+    """Run the benchmark."""
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    arguments.add_argument("--clean", type=int, default=300, help="recordings with nothing wrong")
+    arguments.add_argument("--seeds", choices=SEEDS, default="results")
+    arguments.add_argument("--only", choices=("clean", "power", "bar"), help="one part of it")
+    given = arguments.parse_args()
+    found: dict[str, Any] = {}
+    if given.only in (None, "clean"):
+        found |= false_alarms(given.clean, SEEDS[given.seeds])
+    if given.only in (None, "power"):
+        found |= power(given.clean, SEEDS[given.seeds])
+    if given.only in (None, "bar"):
+        found |= bar()
+    if given.json:
+        sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    else:
+        show(found)
+    return 0
+
+
+def accusations(recording: Recording) -> list[Finding]:
+    """What a recording is distrusted for."""
+    return [finding for finding in check(recording) if finding.severity is Severity.DISTRUST]
+
+
+def _new(recording: Recording, known: list[Finding]) -> list[Finding]:
+    """What a recording is distrusted for beyond what it was without the fault."""
+    keys = {(finding.kind, finding.where.channel, finding.where.run) for finding in known}
+    return [own for own in accusations(recording) if (own.kind, own.where.channel, own.where.run) not in keys]
+
+
+def false_alarms(count: int, first: int) -> dict[str, Any]:
+    """Clean recordings that are distrusted."""
+    alarms, seconds = [], 0.0
+    for seed in range(first, first + count):
+        recording = clean(seed)
+        began = time.process_time()
+        found = accusations(recording)
+        seconds += time.process_time() - began
+        alarms += [{"recording": recording.name, "sentences": [f.sentence for f in found]}] if found else []
+        tell(f"{seed - first + 1} of {count} clean recordings, {len(alarms)} distrusted")
+    return {"clean": count, "distrusted": alarms, "seconds": seconds}
+
+
+def power(count: int, first: int) -> dict[str, Any]:
+    """Faults in one clean recording of `EVERY`: found, named, tried."""
+    cases: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    for seed in range(first, first + count, EVERY):
+        recording = clean(seed)
+        known = accusations(recording)
+        for name, fault in FAULTS.items():
+            if possible(fault, recording):
+                new = _new(fault.apply(recording), known)
+                named = any(fault.named(own.sentence) for own in new)
+                cases[name] = [a + b for a, b in zip(cases[name], (bool(new), named, 1), strict=True)]
+        tell(f"{seed - first + 1} of {count} clean recordings spoilt")
+    return {"power": dict(cases)}
+
+
+def tell(words: str) -> None:
+    """How far it is, where somebody looks."""
+    if sys.stderr.isatty():
+        sys.stderr.write(words + "\n")
+
+
+def bar() -> dict[str, Any]:
+    """Faults in twelve recordings: which are found, and how the recordings stand without."""
+    cases, before = [], []
+    for recording in twelve():
+        own = accusations(recording)
+        before.append({"recording": recording.name, "sentences": [f.sentence for f in own]})
+        for name, fault in FAULTS.items():
+            if possible(fault, recording):
+                new = _new(fault.apply(recording), own)
+                named = any(fault.named(f.sentence) for f in new)
+                cases.append({"recording": recording.name, "fault": name, "found": bool(new), "named": named,
+                              "sentence": new[0].sentence if new else ""})  # fmt: skip
+        tell(f"{recording.name} spoilt by {len(FAULTS)} faults")
+    return {"before": before, "cases": cases}
+
+
+def show(found: dict[str, Any]) -> None:
+    """One table."""
+    say = sys.stdout.write
+    if "clean" in found:
+        say(f"clean recordings distrusted: {len(found['distrusted'])} of {found['clean']}; ")
+        say(f"{1000 * found['seconds'] / found['clean']:.0f} ms of the processor each\n")
+        for own in found["distrusted"]:
+            say(f"    {own['recording']}: {' | '.join(own['sentences'])}\n")
+    cases = found.get("cases", [])
+    for own in found.get("before", []):
+        if own["sentences"]:
+            say(f"{own['recording']} without a fault: {' | '.join(own['sentences'])}\n")
+    if not cases and "power" not in found:
+        return
+    say(f"\n{'fault':<46} {'12 recordings: found, named':>28} {'clean ones':>18}   missed in\n")
+    for name in FAULTS:
+        here = [own for own in cases if own["fault"] == name]
+        hit, named, of = found.get("power", {}).get(name, (0, 0, 0))
+        missed = ", ".join(own["recording"] for own in here if not own["found"])
+        say(f"{name:<46} {_counts(here):>28} {f'{hit}, {named} of {of}':>18}   {missed}\n")
+    if cases:
+        say(f"{'all':<46} {_counts(cases):>28}\n")
+
+
+def _counts(cases: list[dict[str, Any]]) -> str:
+    return f"{sum(own['found'] for own in cases)}, {sum(own['named'] for own in cases)} of {len(cases)}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

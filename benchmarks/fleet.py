@@ -1,0 +1,436 @@
+"""Fleets: throughput, the same tables from every engine, kills, damage, calibration of vehicles and of drift, cost.
+
+    python benchmarks/fleet.py throughput --recordings 1000
+    python benchmarks/fleet.py determinism
+    python benchmarks/fleet.py kills --moments 20
+    python benchmarks/fleet.py damage
+    python benchmarks/fleet.py hierarchy --seed 1
+    python benchmarks/fleet.py drift --seed 1
+    python benchmarks/fleet.py cost
+
+Each makes its own recordings in a temporary folder (--folder keeps them) and prints one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from hostile_mutations import mutated
+
+from greybox_id.datasets.formats import write
+from greybox_id.datasets.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
+
+RATE = 50.0
+FREE = ("I_z", "B_f", "B_r")
+PLAN = """recordings = "{recordings}"
+vehicle = "class.toml"
+steps = {steps}
+limits = {{seconds = {seconds}, memory = "1GB"}}
+[fit]
+model = "lateral"
+fix = ["C_f", "C_r", "D_f", "D_r"]
+{more}
+"""
+LAP = """recordings = "data/*/*.*"
+vehicle = "class.toml"
+steps = {steps}
+limits = {{seconds = {seconds}, memory = "1GB"}}
+[fit]
+model = "lateral"
+set = {{tyre = "linear"}}
+"""
+WITH_DELAY = '"steering_offset=0±0.02", "steering_delay=30±20 ms"'
+TIMES = ["cpu_s", "peak_mb"]
+"""Columns that differ from run to run."""
+
+
+def greybox(*words: object) -> list[str]:
+    return [sys.executable, "-c", "from greybox_id.cli import main; main()", *map(str, words)]
+
+
+def called(*words: object) -> tuple[dict, float]:
+    """What a command prints as JSON, and the CPU seconds of it and of all it started."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(greybox(*words, "--json"), capture_output=True, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def laps(folder: Path, count: int, seconds: float, seed: int, vehicles: int = 10) -> None:
+    """A folder of plain recordings of one kind of car."""
+    car = random_vehicle(seed)
+    (folder / "class.toml").write_text(vehicle_file_text(car))
+    for k in range(count):
+        own, _ = drive(car, "mixed", duration=seconds, rate=RATE, seed=seed * 100_000 + k)
+        target = folder / "data" / f"V{k % vehicles:02d}"
+        target.mkdir(parents=True, exist_ok=True)
+        write(own, target / f"r{k:05d}.parquet")
+
+
+def table(results: Path, name: str) -> pd.DataFrame:
+    """A dataset, sorted, without what differs from run to run."""
+    found = pd.read_parquet(results / name)
+    found = found.drop(columns=[own for own in TIMES if own in found])
+    by = [own for own in ("key", "name", "effect") if own in found]
+    return found.sort_values(by).reset_index(drop=True)
+
+
+def same(one: Path, other: Path) -> bool:
+    """Whether two folders hold the same results."""
+    names = ("recordings", "parameters", "covariances", "gaps")
+    return all(repr_of(table(one, name)) == repr_of(table(other, name)) for name in names)
+
+
+def repr_of(found: pd.DataFrame) -> str:
+    return found.to_json(orient="records", double_precision=15)
+
+
+def throughput(folder: Path, args: argparse.Namespace) -> dict:
+    laps(folder, args.recordings, 60.0, args.seed)
+    plan = folder / "fleet.toml"
+    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=60))
+    found = {}
+    for jobs in (1, 2):
+        began = time.monotonic()
+        body, cpu = called("fleet", "run", plan, "--out", folder / f"R{jobs}", "--jobs", jobs)
+        wall = time.monotonic() - began
+        units = body["cpu_seconds"]
+        found[f"jobs {jobs}"] = {
+            "failed": body["failed"], "units_cpu_s": units, "all_cpu_s": round(cpu, 1), "wall_s": round(wall, 1),
+            "cpu_s_per_recording": round(cpu / args.recordings, 3), "overhead_cpu_s": round(cpu - units, 2),
+        }  # fmt: skip
+    began = time.monotonic()
+    called("fleet", "run", plan, "--out", folder / "R1")
+    found["again_s"] = round(time.monotonic() - began, 2)
+    began = time.monotonic()
+    called("fleet", "run", plan, "--out", folder / "R1", "--only", "changed")
+    found["again_only_changed_s"] = round(time.monotonic() - began, 2)
+    rows = pd.read_parquet(folder / "R1" / "recordings")
+    found |= {"peak_mb": float(rows["peak_mb"].max()), "ok": int((rows["status"] == "ok").sum())}
+    found["bytes_per_recording"] = (
+        sum(own.stat().st_size for own in (folder / "R1").rglob("*.parquet")) / args.recordings
+    )
+    found["gap_cpu_s"] = _with_gap(folder, plan, args)
+    return found
+
+
+def _with_gap(folder: Path, plan: Path, args: argparse.Namespace) -> float:
+    few = folder / "few.toml"
+    few.write_text(LAP.format(steps='["check", "fit", "gap"]', seconds=120).replace("data/*/*.*", "data/*/r0000?.*"))
+    body, _ = called("fleet", "run", few, "--out", folder / "Rgap")
+    return body["cpu_seconds"] / body["recordings"]
+
+
+def determinism(folder: Path, args: argparse.Namespace) -> dict:
+    laps(folder, 30, 20.0, args.seed, 5)
+    plan = folder / "fleet.toml"
+    plan.write_text(LAP.format(steps='["check", "fit", "gap"]' if args.gap else '["check", "fit"]', seconds=120))
+    ways = {"local 1": (), "local 2": ("--jobs", 2), "dask 2": ("--jobs", 2, "--engine", "dask")}
+    for k, options in enumerate(ways.values()):
+        called("fleet", "run", plan, "--out", folder / f"R{k}", *options)
+    return {name: same(folder / "R0", folder / f"R{k}") for k, name in enumerate(ways)}
+
+
+def processes_below(root: int) -> list[tuple[int, str]]:
+    """(number, command) of all processes that one started, and that those did."""
+    told = {}
+    for own in Path("/proc").iterdir():
+        if own.name.isdigit():
+            try:
+                parent = int((own / "stat").read_text().rpartition(")")[2].split()[1])
+                told[int(own.name)] = (parent, (own / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+            except (OSError, ValueError, IndexError):
+                continue
+    found, layer = [], [root]
+    while layer:
+        layer = [pid for pid, (parent, _) in told.items() if parent in layer]
+        found += [(pid, told[pid][1]) for pid in layer]
+    return found
+
+
+def kills(folder: Path, args: argparse.Namespace) -> dict:
+    """A worker, the client or the scheduler is killed at random moments; the same command is called until it ends."""
+    laps(folder, args.recordings or 24, 15.0, args.seed, 4)
+    plan = folder / "fleet.toml"
+    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=60))
+    called("fleet", "run", plan, "--out", folder / "R")
+    rng, outcomes = random.Random(args.seed), []
+    for moment in range(args.moments):
+        engine, whom = rng.choice([("local", "client"), ("local", "worker"), ("dask", "client"), ("dask", "worker"),
+                                   ("dask", "scheduler")])  # fmt: skip
+        out, tries = folder / f"R{moment}", 0
+        while tries < 5:
+            tries += 1
+            port = 20_000 + rng.randrange(20_000)
+            cluster = _cluster(port) if whom == "scheduler" else []
+            words = greybox("fleet", "run", plan, "--out", out, "--jobs", 2, "--engine", engine)
+            words += ["--scheduler", f"tcp://127.0.0.1:{port}"] if cluster else []
+            run = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+            if tries == 1:
+                time.sleep(rng.uniform(2.0, 14.0))
+                below = [pid for pid, _ in processes_below(run.pid)]
+                victim = {"client": run.pid, "scheduler": cluster[0].pid if cluster else run.pid}.get(
+                    whom, rng.choice(below) if below else run.pid
+                )
+                _kill(victim)
+            code = run.wait(300)
+            for own in cluster:
+                _kill(own.pid)
+                own.wait()
+            if code == 0:
+                break
+        rows = pd.read_parquet(out / "recordings")
+        outcomes.append(
+            {"engine": engine, "killed": whom, "calls": tries, "same": same(folder / "R", out),
+             "twice": int(rows["key"].duplicated().sum()), "left": _left(out)}
+        )  # fmt: skip
+        print(json.dumps(outcomes[-1]), file=sys.stderr, flush=True)
+    return {"moments": len(outcomes), "same": sum(own["same"] for own in outcomes),
+            "twice": sum(own["twice"] for own in outcomes), "outcomes": outcomes}  # fmt: skip
+
+
+def _left(out: Path) -> list[str]:
+    return [own.name for own in (out / "journal").iterdir()]
+
+
+def _kill(pid: int) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _cluster(port: int) -> list[subprocess.Popen]:
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+    where = [f"tcp://127.0.0.1:{port}", "--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--death-timeout", "5"]
+    start = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port)]
+    return [
+        subprocess.Popen([*start, "--no-dashboard"], **quiet),
+        subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_worker", *where], **quiet),
+    ]
+
+
+def damage(folder: Path, args: argparse.Namespace) -> dict:
+    count = args.recordings or 200
+    laps(folder, count, 15.0, args.seed)
+    files = sorted((folder / "data").rglob("*.parquet"))
+    rng = random.Random(args.seed)
+    broken = rng.sample(files, max(1, count // 20))
+    for k, file in enumerate(broken):
+        file.write_bytes(mutated(file.read_bytes(), "parquet", args.seed, k))
+    for k in range(max(1, count // 100)):
+        hang = folder / "data" / "V00" / f"hang{k}.csv"
+        os.mkfifo(hang)
+        greedy = pd.DataFrame(
+            {"time": np.arange(40_000_000) * 0.02, "v_x": 5.0, "yaw_rate": 0.0, "a_y": 0.0, "steer": 0.0}
+        )
+        greedy.to_parquet(folder / "data" / "V00" / f"greedy{k}.parquet")
+        del greedy
+    plan = folder / "fleet.toml"
+    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=20))
+    body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", 2)
+    rows = pd.read_parquet(folder / "R" / "recordings")
+    not_ok = rows[rows["status"] != "ok"]
+    return {
+        "recordings": body["recordings"], "rows": len(rows), "broken": len(broken),
+        "statuses": rows["status"].value_counts().to_dict(),
+        "without_sentence": int((not_ok["sentence"].fillna("") == "").sum()),
+        "sentences": sorted(set(not_ok["sentence"].str.slice(0, 160)))[:12],
+    }  # fmt: skip
+
+
+def made_vehicle(base: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, dict[str, float]]:
+    """A vehicle of the class: its stiffnesses and inertia are drawn."""
+    size = {"I_z": 0.06, "B_f": 0.08, "B_r": 0.08}
+    truth = {name: base.parameters[name] * float(np.exp(rng.normal(0.0, sd))) for name, sd in size.items()}
+    return replace(base, parameters={**base.parameters, **truth}), truth
+
+
+def manoeuvre(rng: np.random.Generator, seconds: float, poor: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Steering and speed: sines of many frequencies, or of a tenth the size and slow."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    frequencies = np.exp(rng.uniform(np.log(0.1), np.log(0.4 if poor else 2.0), 6))
+    waves = sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in frequencies) / np.sqrt(3.0)
+    speed = rng.uniform(18.0, 30.0) + 2.0 * np.sin(2 * np.pi * (0.05 * t + rng.random()))
+    a_y = 0.5 if poor else 3.0
+    return a_y * waves / 400.0 * 8.0 / speed * 20.0 / 8.0 * 0.8, speed
+
+
+def class_of(seed: int) -> VirtualCar:
+    """A passenger car without small effects."""
+    for k in range(1000):
+        car = random_vehicle(seed * 1000 + k)
+        if car.kind == "car":
+            return replace(car, small={})
+    raise SystemExit("no car was drawn")
+
+
+def hierarchy(folder: Path, args: argparse.Namespace) -> dict:
+    rng, base = np.random.default_rng(args.seed), class_of(args.seed)
+    (folder / "class.toml").write_text(vehicle_file_text(base))
+    vehicles, each = args.vehicles or 50, args.each or 20
+    truths, poor = {}, set()
+    for v in range(vehicles):
+        car, truths[f"V{v:03d}"] = made_vehicle(base, rng)
+        (folder / "data" / f"V{v:03d}").mkdir(parents=True)
+        for r in range(each):
+            steer, speed = manoeuvre(rng, 30.0, r % 2 == 1)
+            own, _ = steered(car, f"r{r}", steer, speed, RATE, seed=int(rng.integers(1 << 31)))
+            path = f"data/V{v:03d}/r{r:03d}.parquet"
+            write(own, folder / path)
+            if r % 2 == 1:
+                poor.add(path)
+    plan = folder / "fleet.toml"
+    plan.write_text(PLAN.format(recordings="data/{vehicle}/*", steps='["check", "fit"]', seconds=60, more=""))
+    body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
+    return scored_vehicles(folder / "R", truths, poor) | {"run": body}
+
+
+def scored_vehicles(results: Path, truths: dict[str, dict[str, float]], poor: set[str]) -> dict:
+    began = time.process_time()
+    called("fleet", "estimate", results)
+    own = pd.read_parquet(results / "vehicles")
+    own["truth"] = [truths[v].get(n, np.nan) for v, n in zip(own["vehicle"], own["name"], strict=True)]
+    own = own[own["name"].isin(FREE)]
+    inside = (own["low"] <= own["truth"]) & (own["truth"] <= own["high"])
+    rows = pd.read_parquet(results / "recordings")
+    single = pd.read_parquet(results / "parameters").merge(rows[["key", "path"]], on="key")
+    single = single[single["path"].isin(poor) & single["name"].isin(FREE)]
+    single = single.merge(own[["vehicle", "name", "value", "truth"]], on=["vehicle", "name"], suffixes=("", "_vehicle"))
+    error = np.log(single["value"] / single["truth"])
+    shrunk = np.log(single["value_vehicle"] / single["truth"])
+    population = pd.read_parquet(results / "population").set_index("name")
+    logs = pd.DataFrame({n: [np.log(t[n]) for t in truths.values()] for n in FREE})
+    mu = {n: float((population.loc[n, "mu"] - logs[n].mean()) / population.loc[n, "mu_sd"]) for n in FREE}
+    tau = {n: [float(population.loc[n, "tau"]), float(logs[n].std())] for n in FREE}
+    return {
+        "coverage": float(inside.mean()), "intervals": len(own),
+        "coverage_by_parameter": inside.groupby(own["name"]).mean().to_dict(),
+        "rmse_poor_single": float(np.sqrt(np.mean(error**2))), "rmse_poor_vehicle": float(np.sqrt(np.mean(shrunk**2))),
+        "median_poor_single": float(np.median(np.abs(error))), "mean_in_se": mu, "spread_and_truth": tau,
+        "statuses": rows["status"].value_counts().to_dict(), "estimate_s": time.process_time() - began,
+    }  # fmt: skip
+
+
+def drift(folder: Path, args: argparse.Namespace) -> dict:
+    """Eight vehicles lose stiffness, four jump in steering offset or delay, the others are steady."""
+    rng, base = np.random.default_rng(args.seed), class_of(args.seed)
+    (folder / "class.toml").write_text(vehicle_file_text(base))
+    vehicles, each = args.vehicles or 40, args.each or 25
+    truths: dict[str, tuple[str, str, float]] = {}
+    lines = ["path,vehicle,time,odometer"]
+    for v in range(vehicles):
+        name = f"V{v:03d}"
+        car, _ = made_vehicle(base, rng)
+        (folder / "data" / name).mkdir(parents=True)
+        at = int(rng.integers(5, each - 5))
+        if v < vehicles // 5:
+            axle = "B_f" if v % 2 else "B_r"
+            truths[name] = (axle, "slope", car.parameters[axle])
+        elif v < vehicles // 5 + vehicles // 10:
+            steps_of = "steering_offset" if v % 2 or args.no_delay else "steering_delay"
+            truths[name] = (steps_of, "step", float(at))
+        for r in range(each):
+            share, effects, now = r / (each - 1), {"steering_delay": 0.03}, car
+            if name in truths and truths[name][1] == "slope":
+                axle = truths[name][0]
+                now = replace(car, parameters={**car.parameters, axle: car.parameters[axle] * (1.0 - 0.2 * share)})
+            elif name in truths and r >= at:
+                effects |= (
+                    {"steering_offset": 0.006} if truths[name][0] == "steering_offset" else {"steering_delay": 0.052}
+                )
+            steer, speed = manoeuvre(rng, 30.0, bool(rng.random() < 0.5))
+            own, _ = steered(now, f"r{r}", steer, speed, RATE, effects, seed=int(rng.integers(1 << 31)))
+            path = f"data/{name}/r{r:03d}.parquet"
+            write(own, folder / path)
+            lines.append(f"{path},{name},{1.7e9 + 86400 * r:.0f},{1e6 * r}")
+    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
+    plan = folder / "fleet.toml"
+    free = '"steering_offset=0±0.02", "steering_delay=30ms"' if args.no_delay else WITH_DELAY
+    more = f'with = [{free}]\nsolver = "gauss-newton"'
+    plan.write_text(PLAN.format(recordings="manifest.csv", steps='["check", "fit"]', seconds=60, more=more))
+    body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
+    return scored_drift(folder / "R", truths, vehicles) | {"run": body}
+
+
+def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehicles: int) -> dict:
+    called("fleet", "estimate", results)
+    found = pd.read_parquet(results / "drift")
+    hits = found[found["drifts"]]
+    right = [v for v, (name, _, _) in truths.items() if ((hits["vehicle"] == v) & (hits["name"] == name)).any()]
+    false = sorted(set(hits["vehicle"]) - set(truths))
+    dated, held, slopes = 0, 0, 0
+    for v, (name, kind, value) in truths.items():
+        own = hits[(hits["vehicle"] == v) & (hits["name"] == name)]
+        if own.empty:
+            continue
+        row = own.iloc[0]
+        if kind == "step":
+            dated += bool(row["model"] == "step" and abs(row["at"] / 1e6 - value) <= 1)
+        else:
+            slopes += 1
+            held += bool(row["low"] <= -0.2 * value <= row["high"])
+    return {
+        "changed": len(truths), "found_in_any": len(set(hits["vehicle"]) & set(truths)), "found": len(right),
+        "steady": vehicles - len(truths), "false": false, "steps_dated": dated,
+        "steps": sum(kind == "step" for _, kind, _ in truths.values()), "slopes_held": held, "slopes_found": slopes,
+        "further": [list(own) for own in hits[["vehicle", "name", "model", "probability"]].to_numpy()
+                    if own[0] in truths and truths[own[0]][0] != own[1]],
+    }  # fmt: skip
+
+
+def cost(folder: Path, args: argparse.Namespace) -> dict:
+    """What a million recordings of 60 s at 50 Hz cost, by rates that `throughput` measured."""
+    del folder
+    million, euros = 1_000_000, args.euros
+    fit, gap = args.cpu * million / 3600.0, (args.cpu + args.gap_cpu) * million / 3600.0
+    return {
+        "cpu_h_check_fit": fit, "cpu_h_with_gap": gap, "euros_check_fit": fit * euros, "euros_with_gap": gap * euros,
+        "gb_read": args.read_bytes * million / 1e9, "gb_written": args.written_bytes * million / 1e9,
+        "euros_per_cpu_h": euros, "hours_on_64_cores_check_fit": fit / 64, "hours_on_64_cores_with_gap": gap / 64,
+    }  # fmt: skip
+
+
+BENCHMARKS = {own.__name__: own for own in (throughput, determinism, kills, damage, hierarchy, drift, cost)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=BENCHMARKS)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--recordings", type=int, default=0)
+    parser.add_argument("--moments", type=int, default=20)
+    parser.add_argument("--vehicles", type=int, default=0)
+    parser.add_argument("--each", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--gap", action="store_true", help="determinism: also the step gap")
+    parser.add_argument("--no-delay", action="store_true", help="drift: steps of the offset alone, delays held; faster")
+    parser.add_argument("--folder", type=Path)
+    parser.add_argument("--cpu", type=float, default=0.72)
+    parser.add_argument("--gap-cpu", type=float, default=8.0)
+    parser.add_argument("--euros", type=float, default=0.04, help="of a CPU hour; what clouds ask of a shared core")
+    parser.add_argument("--read-bytes", type=float, default=186e3)
+    parser.add_argument("--written-bytes", type=float, default=2e3)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as made:
+        folder = args.folder or Path(made)
+        folder.mkdir(parents=True, exist_ok=True)
+        print(json.dumps(BENCHMARKS[args.what](folder, args), indent=1, default=str))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,231 @@
+"""Equations of motion adapted to the first seconds of a changed vehicle: its parameters, with the old fit as prior.
+
+A parameter's standard deviation in the fit says what the old recordings told of it; what they count beside the new one
+is chosen as for maps with memory, by blocked cross-validation on the new seconds, and so is whether anything moves.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..choices.wanted import must_be_recorded
+from ..engine.motion.prediction import Predictor
+from ..engine.motion.simulator import Simulator
+from ..errors import BadInput, near_or_all
+from ..fit import Fit
+from ..fitting.how import How
+from ..fitting.verb import fit as fit_model
+from ..model import Model
+from ..motion_model import MotionModel
+from ..parameter import Array, Parameter, Prior
+from ..recording import Recording
+from ..scores.metrics import Error, Prediction, prediction_errors
+from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
+from .outcome import Adaptation, Outcome, moved_from
+from .parting import parted
+
+AHEAD = 0.5
+"""Seconds ahead at which the old and the adapted model are compared."""
+LEAST = 2.0
+"""Seconds of an unbroken stretch that is fitted to."""
+ESTIMATED = "estimated parameters"
+"""What moves unless parameters are named."""
+
+
+def adapt_motion(fit: Fit, recording: Recording, seconds: float, free: str, validate: Recording | None) -> Adaptation:
+    """Adapt a fit of equations of motion.
+
+    Parameters
+    ----------
+    fit : with standard deviations of its parameters.
+    recording : of the vehicle that may have changed.
+    seconds : of motion to adapt to.
+    free : "auto" or "all", the parameters that the fit estimated; or names of some, with commas.
+    validate : what is scored in place of the rest.
+
+    Raises
+    ------
+    BadInput : a signal is missing, the recording is too short, a name stands for nothing, or the fit holds no
+        uncertainty.
+    """
+    clock = time.process_time()
+    model = fit.model
+    assert isinstance(model, MotionModel)
+    names = _free(fit, free)
+    new, rest = parted(recording, seconds)
+    rest = rest if validate is None else validate
+    must_be_recorded(model, [new] if rest is None else [new, rest])
+    folds = _folds(new)
+    if len(folds) < 2:
+        raise BadInput(
+            f"The new seconds of {recording.name} are too few to choose by cross-validation: {2 * FOLD:g} s in one run "
+            "are needed (‹seconds›)."
+        )
+    how = _how(fit)
+    zero = _errors_in_folds(folds, [model] * len(folds))
+    scale = {name: max(float(np.sqrt(np.mean(own))), 1e-12) for name, own in zero.items()}
+    if not scale:
+        raise BadInput(f"{recording.name} reads none of the outputs of {model.name} for {AHEAD:g} s at a stretch.")
+    words = ESTIMATED if free in ("auto", "all") else free
+    several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
+    squares = [zero]
+    for strength in STRENGTHS:
+        held = _about(fit, names, strength)
+        told = _errors_in_folds(folds, [_fitted(held, train, how) for train, _ in folds])
+        several.append(AdaptedCandidate(words, strength, False, _pieces(told, scale)))
+        squares.append(told)
+    best = chosen(several)
+    other = chosen(several[1:])
+    made = {id(own): _adapted(fit, names, own, new, how) for own in (several[0], best, other)}
+    role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
+    length = 0.0 if rest is None else rest.duration
+    outcomes = {}
+    for role, own in role_of.items():
+        expected = {
+            name: foretold(squares[several.index(own)][name] / scale[name] ** 2, length, scale[name]) for name in scale
+        }
+        scored = {} if rest is None else _ahead(made[id(own)].model, rest)
+        outcomes[role] = Outcome(own.words, scored, expected)
+    result = made[id(best)]
+    here = _ahead(result.model, new)
+    return Adaptation(
+        fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
+        choices=dict.fromkeys(scale, best.words),
+        tried={
+            name: [(own.words, float(np.sqrt(np.mean(told[name]))) / scale[name])
+                   for own, told in zip(several, squares, strict=True)]
+            for name in scale
+        },
+        delays={}, calibrated={}, moved=moved_from(fit, result.model), seconds=seconds,
+        in_sample={name: {"rmse": own.rmse, "fvu_pooled": own.fvu} for name, own in here.items()},
+        cpu_seconds=time.process_time() - clock,
+    )  # fmt: skip
+
+
+def _free(fit: Fit, free: str) -> tuple[str, ...]:
+    """Names of the parameters that move."""
+    estimated = [own.name for own in fit.model.parameters if not own.fixed and own.scope == "model"]
+    told = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
+    if not told:
+        raise BadInput(
+            f"This fit of {fit.model.name} says of no parameter how well it is known, so nothing would hold it to what "
+            "it was. Fit it again until its optimum is confirmed."
+        )
+    if free in ("auto", "all"):
+        return tuple(told)
+    names = [word.strip() for word in free.split(",")]
+    for name in names:
+        if name not in told:
+            raise BadInput(
+                f"‹free›: {name!r:.40} is no parameter that this fit of {fit.model.name} estimated."
+                f"{near_or_all(name, ['auto', 'all', *told])}"
+            )
+    return tuple(dict.fromkeys(names))
+
+
+def _how(fit: Fit) -> How:
+    """As the fit was made, without its certificate and its further starts."""
+    told: Mapping[str, Any] = fit.how
+    counted = {name: float(sd) for name, sd in (told.get("counted") or {}).items() if name in fit.model.outputs}
+    return How(
+        solver="gauss-newton", horizon=min(LEAST, told.get("horizon") or LEAST), robust=told.get("robust"),
+        start_from=told.get("start_from") or "free", noise=counted, seed=fit.seed,
+    )  # fmt: skip
+
+
+def _about(fit: Fit, names: Sequence[str], strength: float) -> MotionModel:
+    """The model with what the old recordings told as priors of the parameters that move; the others are held."""
+    assert isinstance(fit.model, MotionModel)
+    return fit.model.with_parameters(*(_prior(own, fit, names, strength) for own in fit.model.parameters))
+
+
+def _prior(own: Parameter, fit: Fit, names: Sequence[str], strength: float) -> Parameter:
+    if own.name not in names:
+        return own if own.scope == "run" else replace(own, fixed=True)
+    sd = np.maximum(np.asarray(fit.sd[own.name], dtype=float), 1e-9 * np.maximum(1.0, np.abs(own.array))) / strength
+    return replace(own, prior=Prior(sd if own.shape else float(sd), mean=own.array if own.shape else float(own.array)))
+
+
+Folds = Sequence[tuple[list[Recording], Recording]]
+
+
+def _folds(new: Recording) -> Folds:
+    """What is fitted to, and what is held out, of every stretch of some seconds."""
+    per, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
+    found = []
+    for first, last in new.runs:
+        for start in range(first, last - per + 1, per):
+            stop = start + per if last - (start + per) >= per else last
+            around = [new.rows(0, max(0, start - gap)), new.rows(min(len(new), stop + gap), len(new))]
+            long = [one for own in around for one in _unbroken(own)]
+            if long:
+                found.append((long, new.rows(start, stop)))
+            if stop == last:
+                break
+    return found
+
+
+def _unbroken(recording: Recording) -> list[Recording]:
+    """Its runs that are long enough."""
+    if not len(recording):
+        return []
+    least = round(LEAST / recording.sample_time) + 1
+    return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]
+
+
+def _fitted(held: MotionModel, train: Sequence[Recording], how: How) -> MotionModel:
+    found = fit_model(held, train, how=how).model
+    assert isinstance(found, MotionModel)
+    return found
+
+
+def _seen(model: MotionModel, recording: Recording) -> Any:
+    """Predictions some time ahead of a model's outputs."""
+    predictor = Predictor(Simulator(model), recording, model.values)
+    return predictor.ahead(AHEAD)
+
+
+def _ahead(model: Model, recording: Recording) -> dict[str, Error]:
+    assert isinstance(model, MotionModel)
+    seen = _seen(model, recording)
+    return prediction_errors(model.outputs, seen, recording.sample_time, AHEAD) if len(seen.rows) else {}
+
+
+def _errors_in_folds(folds: Folds, models: Sequence[MotionModel]) -> dict[str, Array]:
+    """Output -> mean square error in short pieces of what was held out."""
+    found: dict[str, list[float]] = {}
+    for (_, held), model in zip(folds, models, strict=True):
+        seen: Prediction = _seen(model, held)
+        piece = np.asarray(seen.rows, dtype=int) // max(1, round(SHORT / held.sample_time))
+        for k, name in enumerate(model.outputs):
+            square = (seen.predicted[:, k] - seen.measured[:, k]) ** 2
+            for number in np.unique(piece):
+                own = square[piece == number]
+                own = own[np.isfinite(own)]
+                if len(own):
+                    found.setdefault(name, []).append(float(np.mean(own)))
+    return {name: np.array(own) for name, own in found.items()}
+
+
+def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
+    """Mean square over the outputs, in what the fit as it was errs by; outputs read in as many pieces count."""
+    count = min(len(squares[name]) for name in scale)
+    return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
+
+
+def _adapted(fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
+    if not own.free:
+        return replace(fit, how={**fit.how, "adapted": own.words})
+    found = fit_model(_about(fit, names, own.strength), [new], how=how)
+    estimated = {p.name: p.fixed for p in fit.model.parameters}
+    model = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
+    sd = {p.name: found.sd[p.name] if p.name in names else fit.sd.get(p.name, found.sd[p.name])
+          for p in model.parameters}  # fmt: skip
+    return replace(
+        found, model=model, sd=sd, stages=(*fit.stages, *found.stages), how={**found.how, "adapted": own.words}
+    )

@@ -1,0 +1,150 @@
+"""A fit adapted to the first seconds of a car that may have changed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+
+from rich.console import RenderableType
+
+from ..adaptation.outcome import Adaptation
+from ..adaptation.verb import adapt as adapt_fit
+from ..condition import span
+from ..datasets.read import read as read_file
+from ..errors import BadInput
+from ..fit import Fit
+from ..recording import Recording
+from ..reports.text.adapt import parts
+from ..reports.text.screen import as_text
+from . import given
+from .fit_result import FitResult, found_again
+from .given import Columns
+
+
+class AdaptationResult(Adaptation):
+    """What `gb.adapt` found: the adapted fit, and how it does beside the fit as it was.
+
+    Attributes
+    ----------
+    fit : the model as chosen, as a fit.
+    chosen, zero_shot, adapted : how the choice, the fit as it was and the best other one do on the rest: `rest`, output
+        -> error, and `interval`, output -> where that error was expected from the new seconds alone.
+    choices : output -> what was chosen, in words.
+    moved : parameter -> how many of its entries moved beyond two of their standard deviations.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 1000)
+    >>> fit = gb.fit("msnn_bench_lat", lap.rows(0, 500), options=gb.FitOptions(strengths=1.0))
+    >>> found = gb.adapt(fit, lap.rows(500, 1000), seconds=20)
+    >>> found.fit.model.name
+    'msnn_bench_lat'
+    """
+
+    @classmethod
+    def of(cls, found: Adaptation) -> AdaptationResult:
+        """An adaptation with what it can do."""
+        return cls(**{own.name: getattr(found, own.name) for own in fields(Adaptation)})
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What it says, part by part."""
+        return parts(self)
+
+    def summary(self) -> str:
+        """What `greybox adapt` prints."""
+        return as_text(self.parts())
+
+    def __repr__(self) -> str:
+        return f"Adaptation of {self.fit.model.name}: {self.chosen.name}"
+
+
+def adapt(
+    fit: Fit | str | Path,
+    recording: Recording | str | Path,
+    *,
+    seconds: float = 20.0,
+    free: str = "auto",
+    validation: Recording | str | Path | None = None,
+    calibrate: str | Iterable[str] = (),
+    columns: Columns = "canonical",
+) -> AdaptationResult:
+    """Adapt a fit of a model with memory, or of equations of motion, to the first seconds of a new recording.
+
+    What moves, how far, and whether time is aligned is chosen by blocked cross-validation on those seconds alone; the
+    fit as it was is always a candidate. Where the fit's training data are at hand, they hold what the new seconds do
+    not show.
+
+    Parameters
+    ----------
+    fit : a fit, or its file.
+    recording : of the car that may have changed.
+    seconds : of motion to adapt to; what follows is scored.
+    free : "auto", or what moves: "all", or names of parameters, several with commas; of a model with memory also "F"
+        (impulse responses), "few" (steering ratio and offset, motor gain), "paper", "physical". Of equations of motion
+        both words are the parameters that the fit estimated.
+    validation : what is scored in place of the rest.
+    calibrate : "timing" or "timing=8s": every run that is scored tells its delay in its first 5 s, or 8 s, of motion,
+        which are not scored.
+    columns : column map, where files are named.
+
+    Returns
+    -------
+    Adaptation
+        The adapted `fit`; `chosen`, `zero_shot`, `adapted` with errors on the rest; `summary()`, `as_dict()`.
+
+    Raises
+    ------
+    BadInput : the fit is of another kind, a recording lacks a signal or is shorter than that, a word stands for
+        nothing.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 800)
+    >>> fit = gb.fit("msnn_bench_lat", train, options=gb.FitOptions(strengths=1.0, solver="gauss-newton"))
+    >>> other = gb.read(gb.shipped("racer_valid"), columns="roboracer").rows(0, 700)
+    >>> found = gb.adapt(fit, other, seconds=20)
+    >>> sorted(found.chosen.rest)
+    ['yaw_rate']
+    """
+    from .fitting import load
+
+    one = load(fit) if isinstance(fit, str | Path) else fit
+    if not isinstance(one, Fit):
+        raise BadInput(f"fit: a Fit or the path of its file is needed, not {one!r:.60}.")
+    new = given.recording(recording, columns)
+    scored = None if validation is None else given.recording(validation, columns, "validation")
+    return adapted(one, new, seconds, free, scored, given.listed(calibrate, "calibrate"))
+
+
+def adapted(
+    fit: Fit, new: Recording, seconds: float, free: str, validation: Recording | None, calibrate: Iterable[str],
+    fit_file: Path | None = None,
+) -> AdaptationResult:  # fmt: skip
+    """A fit adapted, its training data read again where they still are."""
+    trained = training_data(fit, fit_file)
+    found = adapt_fit(
+        fit, new, seconds=seconds, free=free, validate=validation, calibrate=tuple(calibrate), trained=trained
+    )
+    return AdaptationResult.of(replace(found, fit=FitResult.of(found.fit)))
+
+
+def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | None:
+    """The recordings that a fit was trained on; None where one of them is no longer what it was."""
+    if isinstance(fit, FitResult) and fit.recordings:
+        return [one for one, record in zip(fit.recordings, fit.data, strict=False) if record.role == "train"]
+    file = fit_file or (fit.file if isinstance(fit, FitResult) else None)
+    found = []
+    for record in (own for own in fit.data if own.role == "train"):
+        try:
+            one = read_file(found_again(record, file), record.columns or "canonical")
+            if one.source.sha256 != record.sha256:
+                return None
+            one = one.between(*span(record.between)) if record.between else one
+            one = one.where(record.where) if record.where else one
+        except BadInput:
+            return None
+        found.append(one)
+    return found or None

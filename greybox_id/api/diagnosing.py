@@ -1,0 +1,226 @@
+"""Diagnosing the gap between a simulation and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..choices.wanted import doubts, must_be_recorded
+from ..effect import Effect
+from ..errors import BadInput
+from ..fit import Fit
+from ..gap.changed import diagnose_change
+from ..gap.closed_vehicle import fitted_vehicle
+from ..gap.diagnosis import diagnose as diagnose_gap
+from ..gap.gap import Gap
+from ..gap.kinds import Diagnosed
+from ..gap.memory_bench import must_suit
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.registry import install, known, model_of
+from ..motion_model import MotionModel
+from ..provenance import data_record
+from ..recording import Recording
+from ..reports.gap.content import Made, stated_numbers
+from ..vehicle import Vehicle
+from . import given
+from .fitting import Progress
+from .gap_result import ChangeResult, GapResult
+from .given import Columns, ModelLike, Recordings, VehicleLike
+
+
+def diagnose(
+    model: ModelLike | Fit | Vehicle,
+    after: Recordings,
+    since: Recordings | None = None,
+    *,
+    held_out: Recordings = (),
+    vehicle: VehicleLike = None,
+    effects: Mapping[str, Effect] | Iterable[Effect | str] | None = None,
+    columns: Columns = "canonical",
+    seed: int = 0,
+    horizons: bool = False,
+    progress: Progress | None = None,
+    **more: Any,
+) -> GapResult:
+    """Say where a simulation deviates from the vehicle, which effects cause it, and how far the gap closes with them.
+
+    Parameters
+    ----------
+    model : the simulation: a fit (its estimates with their standard errors), a model, a model's name, or a vehicle,
+        whose model is taken.
+    after : recordings of the vehicle: one or a list, read or named by files.
+    since : recordings of before something may have changed; asked then is what changed since.
+    held_out : recordings that choose nothing, on which the closure is verified.
+    vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. For a model that is
+        named, also the numbers it starts from.
+    effects : what the model may lack; all that are known unless given, shipped ones and those of installed packages.
+        Effects of one's own are handed over as a list of `Effect`, to be tried beside the names in it; or all by name,
+        as a mapping.
+    columns : column map, where files are named.
+    seed : of everything random.
+    horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too.
+    progress : called with one line at a time.
+    more : further options of `greybox_id.gap.diagnosis.diagnose`.
+
+    Returns
+    -------
+    Gap
+        `ranking`, `closed_model`, `plot()`, `summary()`, `to_pandas()`; with `since` also `changed`, `not_changed` and
+        `scatter`.
+
+    Raises
+    ------
+    BadInput : a recording lacks what the model reads, is both diagnosed and held out, or no effect acts on the model;
+        with `since`, the model is none of motion, or nothing is stated of the vehicle.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> gap = gb.diagnose(fit, lap, effects=["steering_delay", "steering_lag"])
+    >>> isinstance(gap, gb.Gap)
+    True
+    """
+    install()
+    nominal, stated = _nominal(model, vehicle)
+    own = given.recordings(after, columns, "after")
+    others = (
+        [] if isinstance(held_out, list | tuple) and not held_out else given.recordings(held_out, columns, "held_out")
+    )
+    before = None if since is None else given.recordings(since, columns, "since")
+    everything = [*own, *others, *(before or ())]
+    must_be_diagnosable(nominal, everything)
+    must_differ(own, others)
+    tried = _candidates(effects)
+    if before is not None:
+        if more:
+            raise BadInput(f"{', '.join(more)}: no option where what changed since other recordings is asked.")
+        with known(nominal, *tried.values()):
+            changed = diagnose_change(nominal, own, before, tried, vehicle=stated, held_out=others, say=progress)
+        said = replace(changed, gap=doubted(changed.gap, nominal, stated, own))
+        return ChangeResult.since_then(said, made_with(nominal, changed.vehicle, own, others, seed))
+    options = dict(more)
+    with known(nominal, *tried.values()):
+        found = diagnose_gap(
+            nominal, own, tried, vehicle=stated, held_out=others, say=progress, seed=seed, horizons=horizons, **options
+        )
+    return GapResult.of(doubted(found, nominal, stated, own), made_with(nominal, stated, own, others, seed))
+
+
+def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:
+    """Raise `BadInput` where a recording lacks what the model reads, or everything that it predicts."""
+    must_be_recorded(nominal, recordings)
+    if isinstance(nominal, MemoryModel):
+        must_suit(nominal, recordings)
+    for recording in recordings:
+        if not any(name in recording for name in nominal.outputs):
+            raise BadInput(
+                f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; map the "
+                "columns that hold them in the column map (‹columns›)."
+            )
+
+
+def must_differ(own: Sequence[Recording], others: Sequence[Recording]) -> None:
+    """Raise `BadInput` where the same data are diagnosed and held out."""
+    seen = {recording.source.sha256: recording for recording in own if recording.source.sha256}
+    for recording in others:
+        same = seen.get(recording.source.sha256)
+        if any(recording is one for one in own) or (
+            same is not None and same.runs == recording.runs and len(same) == len(recording)
+        ):
+            there = recording.source.path or recording.name
+            beside = same.source.path if same is not None else recording.name
+            raise BadInput(
+                f"‹held_out›: {there} is held out, but it is the same data as {beside}, which is diagnosed; hold "
+                "another one out."
+            )
+
+
+def doubted(found: Gap, nominal: Diagnosed, stated: Vehicle | None, own: Sequence[Recording]) -> Gap:
+    """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
+    more = doubts(nominal, stated, own) if stated is not None else []
+    return replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+
+
+def made_with(
+    nominal: Diagnosed,
+    stated: Vehicle | None,
+    own: Sequence[Recording],
+    others: Sequence[Recording],
+    seed: int,
+    command: str = "",
+) -> Made:
+    """What a diagnosis is made with, for its report."""
+    return Made(
+        vehicle=stated.name if stated is not None else nominal.name,
+        command=command,
+        seed=seed,
+        version=__version__,
+        data=(*(data_record(one, "train") for one in own), *(data_record(one, "validate") for one in others)),
+        settings=dict(nominal.settings),
+        effects={name: float(nominal[name].array) for name in nominal.effects},
+        stated=stated_numbers(stated, nominal) if stated is not None else (),
+    )
+
+
+def of_fit(fit: Fit, name: str) -> tuple[Diagnosed, Vehicle]:
+    """The model of a fit, and what it states of its vehicle, under a name. Raises `BadInput` for hybrids."""
+    model = must_have_gaps(fit.model)
+    with known(model):
+        return model, fitted_vehicle(fit, name)
+
+
+def must_have_gaps(model: Model) -> Diagnosed:
+    """The model, where gaps of its kind are diagnosed. Raises `BadInput` for hybrids."""
+    if isinstance(model, MotionModel | MemoryModel):
+        return model
+    raise BadInput(
+        f"The gap of {model.name} is not diagnosed: it is a hybrid model, whose network takes up what the equations "
+        "lack. Name equations of motion or a model with memory."
+    )
+
+
+def must_be_stated(model: Model) -> Model:
+    """The model, where it a vehicle can state its numbers. Raises `BadInput` for models with memory."""
+    if isinstance(model, MemoryModel):
+        raise BadInput(
+            f"{model.name} is a model with memory, whose weights no vehicle states: fit it, and name the fit (‹fit›); "
+            "or name equations of motion (‹model›): single_track or lateral."
+        )
+    return model
+
+
+def _nominal(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> tuple[Diagnosed, Vehicle | None]:
+    """The model that is diagnosed, and what is stated of its vehicle."""
+    stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
+    if isinstance(model, Fit):
+        return of_fit(model, model.model.name) if stated is None else (must_have_gaps(model.model), stated)
+    found = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
+    return must_have_gaps(must_be_stated(found)), stated
+
+
+def _candidates(effects: Mapping[str, Effect] | Iterable[Effect | str] | None) -> dict[str, Effect]:
+    """What the model may lack, by name."""
+    if effects is None:
+        return dict(EFFECTS)
+    if isinstance(effects, Mapping):
+        found = dict(effects)
+        for name, own in found.items():
+            if not isinstance(own, Effect):
+                raise BadInput(f"effects: {name} is no Effect but {own!r:.60}.")
+        return found
+    if isinstance(effects, str | Path):
+        raise BadInput(f"effects: a list is needed, as in effects=[{str(effects)!r}], not the text {str(effects)!r}.")
+    found = {}
+    for own in effects:
+        if isinstance(own, Effect):
+            found[own.name] = own
+        else:
+            found[own] = given.effect(own)
+    return found

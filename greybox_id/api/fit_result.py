@@ -1,0 +1,327 @@
+"""A fit as `gb.fit` and `gb.load` return it: numbers by name as pandas, scores, simulations, profiles, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ..combined import reach
+from ..datasets.read import read
+from ..errors import BadInput, near_or_all
+from ..export.equations import entries
+from ..fit import Fit
+from ..parameter import Array
+from ..provenance import DataRecord
+from ..recording import Recording
+from ..reports.numbers import pretty_unit
+from ..reports.recordings import matched
+from ..reports.text.fit import parts
+from ..reports.text.screen import as_text
+from ..uncertainty.profile import Profile
+from . import given, predictions, profiles
+from .given import Columns, Recordings
+from .validating import Validation, validation
+
+if TYPE_CHECKING:
+    import control
+
+    from .plots import FitPlots
+
+MOST_SHOWN = 6
+"""Parameters that a fit's `repr` shows."""
+
+
+@dataclass(frozen=True, repr=False)
+class FitResult(Fit):
+    """A fit: the model at its estimates, how well each is known, and what the model makes of recordings.
+
+    `gb.fit` and `gb.load` return it. What it is as a record (`model`, `sd`, `stages`, `metrics`, `data` ...) is
+    documented at `greybox_id.fit.Fit`.
+
+    Attributes
+    ----------
+    recordings : those that it was fitted to and validated on, in the order of `data`, where they are at hand.
+    file : where it was loaded from; None where it was not.
+    vehicle : name of the vehicle whose numbers it started from, where it was fitted just now; "" where there is none.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> fit.params.index.tolist()
+    ['l_f', 'l_r', 'steer_gain', 'yaw_lag', 'K_us']
+    >>> low, high = fit.conf_int(0.95).loc["yaw_lag"]
+    >>> bool(low < fit.params["yaw_lag"] < high)
+    True
+    >>> fit.score(lap).columns.tolist()
+    ['output', 'unit', 'protocol', 'horizon', 'rmse', 'stderr', 'fit_percent', 'fvu', 'samples']
+    """
+
+    recordings: tuple[Recording, ...] = field(default=(), compare=False)
+    file: Path | None = field(default=None, compare=False)
+    vehicle: str = field(default="", compare=False)
+
+    @classmethod
+    def of(
+        cls, fit: Fit, recordings: tuple[Recording, ...] = (), file: Path | None = None, vehicle: str = ""
+    ) -> FitResult:
+        """A fit with what it can do."""
+        own = {one.name: getattr(fit, one.name) for one in fields(Fit)}
+        return cls(**own, recordings=recordings, file=file, vehicle=vehicle)
+
+    @property
+    def params(self) -> pd.Series[float]:
+        """Estimates by name in SI units, entries of arrays as F[0,1]; fixed parameters at their value."""
+        return self._by_name({p.name: p.array for p in self.model.parameters}, "estimate")
+
+    @property
+    def stderr(self) -> pd.Series[float]:
+        """Standard errors by name, corrected for correlated residuals; NaN where a parameter was fixed or has none."""
+        sd = {p.name: np.nan if p.fixed else self.sd.get(p.name, np.nan) for p in self.model.parameters}
+        return self._by_name(sd, "stderr")
+
+    @property
+    def cov(self) -> pd.DataFrame:
+        """Covariance of the estimated single numbers, by name on both axes, in products of their SI units.
+
+        Raises
+        ------
+        BadInput : it was not kept, as for the weights of networks.
+        """
+        if self.covariance is None:
+            raise BadInput(f"The covariance of {self.model.name} was not kept: its weights have standard errors alone.")
+        names, places, start = [], [], 0
+        for parameter in self.model.parameters:
+            if parameter.shape == () and not parameter.fixed:
+                names.append(parameter.name)
+                places.append(start)
+            start += parameter.size
+        return pd.DataFrame(self.covariance[np.ix_(places, places)], names, names)
+
+    @property
+    def corr(self) -> pd.DataFrame:
+        """Correlations of the estimates, by name on both axes. Raises `BadInput` as `cov` does."""
+        cov = self.cov
+        sd = np.sqrt(np.diag(cov))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return pd.DataFrame(cov.to_numpy() / np.outer(sd, sd), cov.index, cov.columns)
+
+    def conf_int(self, level: float = 0.95) -> pd.DataFrame:
+        """Confidence intervals by name, columns `lower` and `upper`, in SI units, cut at the parameters' bounds.
+
+        Parameters
+        ----------
+        level : between 0 and 1. Intervals are Student's t with the standard errors' own degrees of freedom.
+
+        Raises
+        ------
+        BadInput : `level` is no probability.
+        """
+        if isinstance(level, bool) or not isinstance(level, int | float) or not 0 < level < 1:
+            raise BadInput(f"level: a number between 0 and 1 is needed, such as 0.95, not {level!r:.40}.")
+        lower, upper = {}, {}
+        for p in self.model.parameters:
+            sd = np.full(p.shape, np.nan) if p.fixed else np.asarray(self.sd.get(p.name, np.full(p.shape, np.nan)))
+            half = reach(self.dof.get(p.name, np.inf), 0.5 + level / 2) * sd
+            with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
+                lower[p.name] = np.maximum(p.array - half, p.bounds[0])
+                upper[p.name] = np.minimum(p.array + half, p.bounds[1])
+        return pd.DataFrame({"lower": self._by_name(lower, "lower"), "upper": self._by_name(upper, "upper")})
+
+    def summary(self) -> str:
+        """What `greybox fit` prints: verdict, data, optimum, parameters with intervals, errors on what was held out."""
+        return as_text(parts(self, self.vehicle))
+
+    def score(self, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
+        """Errors on a recording, as `gb.score` gives them: a row per output and horizon."""
+        return predictions.score(self, recording, columns)
+
+    def validate(self, recordings: Recordings, columns: Columns = "canonical") -> Validation:
+        """Whether the fit is usable on other recordings, beside persistence and the model before it was fitted.
+
+        Parameters
+        ----------
+        recordings : one or several, read or named by files.
+        columns : column map, where files are named.
+
+        Returns
+        -------
+        Validation
+            `verdict` with its reasons, `scores`, `summary()`.
+
+        Raises
+        ------
+        BadInput : a signal is missing.
+        """
+        read = given.recordings(recordings, columns)
+        names = [own.name for own in read]
+        return validation(
+            self, {name if names.count(name) == 1 else f"{name} ({k})": own for k, (name, own) in
+                   enumerate(zip(names, read, strict=True), 1)},
+        )  # fmt: skip
+
+    def simulate(
+        self,
+        recording: Recording | str | Path,
+        start: Mapping[str, float] | None = None,
+        columns: Columns = "canonical",
+    ) -> Recording:
+        """The free run on a recording's inputs, as `gb.simulate` gives it."""
+        return predictions.simulate(self, recording, start=start, columns=columns)
+
+    def predict(
+        self,
+        recording: Recording | str | Path,
+        horizon: float | None = None,
+        columns: Columns = "canonical",
+        calibrate: str | None = None,
+    ) -> Recording:
+        """Predictions so many seconds ahead, as `gb.predict` gives them; `calibrate="timing"` as there."""
+        return predictions.predict(self, recording, horizon, calibrate=calibrate, columns=columns)
+
+    def residuals(
+        self, recording: Recording | str | Path, horizon: float | None = None, columns: Columns = "canonical"
+    ) -> Recording:
+        """Measured less predicted, output by output, in SI units; NaN in rows that are not predicted or not measured.
+
+        Parameters
+        ----------
+        recording : inputs and readings.
+        horizon : s ahead of the readings of every row; None for the free run.
+        columns : column map, where a file is named.
+        """
+        return predictions.residuals(self, recording, horizon, columns)
+
+    def profile(self, parameter: str, confidence: float = 0.95) -> Profile:
+        """Profile likelihood of a parameter, all others re-optimised, as `gb.profile` gives it."""
+        return profiles.profile(self, parameter, confidence=confidence)
+
+    def linearise(self, v_x: float, steer: float = 0.0) -> control.StateSpace:
+        """The linear system about a steady turn, for poles, Bode plots and step responses with python-control.
+
+        Parameters
+        ----------
+        v_x : speed, m/s, above zero.
+        steer : road-wheel angle, rad; 0 is straight on.
+
+        Returns
+        -------
+        control.StateSpace
+            States, inputs and outputs carry the model's names (`sys.state_labels` ...), in SI units, as deviations from
+            the steady state. Actuators (lags) and relaxed quantities are states; pure delays are not in it, and a
+            warning says so.
+
+        Raises
+        ------
+        BadInput : the model is none of equations of motion, or has no steady state there.
+
+        Examples
+        --------
+        >>> import greybox_id as gb
+        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+        >>> fit = gb.fit("lateral", lap, vehicle="roboracer", free=[], options=gb.FitOptions(solver="gauss-newton"))
+        >>> fit.linearise(v_x=3.0).state_labels
+        ['v_y', 'yaw_rate']
+        """
+        from .linear import linearised  # control takes a second to load
+
+        return linearised(self.model, v_x, steer)
+
+    @property
+    def plot(self) -> FitPlots:
+        """Figures as matplotlib Axes: `measured_and_simulated(rec)`, `residuals(rec)`, `tyres()`, `handling()` ..."""
+        from .plots import FitPlots  # matplotlib takes as long to load as a fit
+
+        return FitPlots(self)
+
+    def seen(self, role: str = "") -> tuple[Recording, ...]:
+        """The recordings that it was fitted to ("train") and validated on ("validate"), read again where need be.
+
+        Raises
+        ------
+        BadInput : a file is no longer there or has changed, or a recording was made in memory.
+        """
+        records = [own for own in self.data if role in ("", own.role)]
+        if self.recordings:
+            return tuple(own for own, record in zip(self.recordings, self.data, strict=True) if record in records)
+        found = [read(found_again(own, self.file), own.columns or "canonical") for own in records]
+        return tuple(_matched(self, records, found))
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(str(name))}</td><td>{row.estimate:.4g}</td><td>[{row.lower:.4g}, {row.upper:.4g}]</td>"
+            f"<td>{escape(pretty_unit(self.model[str(name)].unit))}</td></tr>"
+            for name, row in self._shown().iterrows()
+        )
+        head = "<tr><th>parameter</th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
+        first, *rest = self._lines(table=False)
+        return f"<p><b>{escape(first)}</b><br>{'<br>'.join(map(escape, rest))}</p><table>{head}{rows}</table>"
+
+    def _lines(self, table: bool = True) -> list[str]:
+        names = ", ".join(own.name for own in self.data if own.role == "train")
+        last = self.stages[-1] if self.stages else None
+        lines = [
+            f"Fit of {' + '.join((self.model.name, *self.model.effects))} to {names or 'nothing'}",
+            f"  {last.status}, {last.steps} steps" if last is not None else "  imported",
+        ]
+        if table:
+            shown = self._shown()
+            for name, row in shown.iterrows():
+                unit = pretty_unit(self.model[str(name)].unit)
+                lines.append(f"  {name} = {row.estimate:.4g} [{row.lower:.4g}, {row.upper:.4g}] {unit}")
+            more = self.model.size - sum(p.fixed for p in self.model.parameters) - len(shown)
+            if more > 0:
+                lines.append(f"  and {more} more: .summary(), .params, .conf_int()")
+        return lines
+
+    def _shown(self) -> pd.DataFrame:
+        names = [p.name for p in self.model.parameters if p.shape == () and not p.fixed][:MOST_SHOWN]
+        return pd.concat([self.params, self.conf_int()], axis=1).loc[names]
+
+    def _by_name(self, values: Mapping[str, Any], title: str) -> pd.Series[float]:
+        found: dict[str, float] = {}
+        for parameter in self.model.parameters:
+            own: Array = np.broadcast_to(np.asarray(values[parameter.name], dtype=float), parameter.shape)
+            found |= dict(zip((entry.name for entry in entries(parameter)), own.ravel().tolist(), strict=True))
+        return pd.Series(found, name=title, dtype=float)
+
+
+def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Hand it over.") -> Path:
+    """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder.
+
+    Parameters
+    ----------
+    record : what the fit knows of it.
+    fit_file : the fit's own file.
+    otherwise : what to do where it is not found.
+    """
+    if not record.path:
+        raise BadInput(f"The recording {record.name} was made in memory, and no file holds it. {otherwise}")
+    around = [] if fit_file is None else [fit_file.parent / record.path, fit_file.parent / Path(record.path).name]
+    for place in (Path(record.path), *around):
+        if place.is_file():
+            return place
+    raise BadInput(f"{record.path}, which the fit has seen, is no longer there. {otherwise}")
+
+
+def _matched(fit: Fit, records: list[DataRecord], found: list[Recording]) -> tuple[Recording, ...]:
+    from dataclasses import replace
+
+    return matched(replace(fit, data=tuple(records)), found)
+
+
+def must_have(fit: Fit, parameter: str) -> None:
+    """Raise `BadInput` for a name that is no parameter of a fit."""
+    names = [p.name for p in fit.model.parameters]
+    if parameter not in names:
+        raise BadInput(f"parameter: {fit.model.name} has no parameter {parameter!r}.{near_or_all(parameter, names)}")

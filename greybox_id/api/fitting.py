@@ -1,0 +1,277 @@
+"""Fitting a model to recordings, and fits from files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..choices.parameters import with_choices
+from ..choices.wanted import Wanted, doubts, must_be_recorded
+from ..effect import Effect
+from ..errors import BadInput
+from ..fit import Fit
+from ..fit import load as load_fit
+from ..fitting.how import FitOptions, Say, quiet
+from ..fitting.pretraining import Pretraining, Span
+from ..fitting.verb import fit as fit_model
+from ..hybrid_model import HybridModel
+from ..model import Model
+from ..models.own import own_effect, own_model
+from ..models.registry import build, install, known
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..posterior.posterior import Posterior, load_posterior
+from ..recording import Recording, join
+from ..scores.prediction import must_suit
+from . import given
+from .fit_result import FitResult
+from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
+
+DRAWS = 200
+"""Draws of a known vehicle's parameters."""
+Progress = Callable[..., None]
+"""Called with a line of progress at a time."""
+
+
+def fit(
+    model: ModelLike,
+    recordings: Recordings,
+    *,
+    validation: Recording | str | Path | None = None,
+    vehicle: VehicleLike = None,
+    settings: Mapping[str, Any] | None = None,
+    effects: Effects = (),
+    fix: str | Iterable[str] | Numbers = (),
+    free: str | Iterable[str] = (),
+    prior: Numbers | None = None,
+    start: Numbers | None = None,
+    per_run: str | Iterable[str] = (),
+    columns: Columns = "canonical",
+    options: FitOptions | None = None,
+    pretrain: Fit | Posterior | str | Path | None = None,
+    pretrain_points: int = 20_000,
+    pretrain_range: Span = "data",
+    progress: Progress | None = None,
+) -> FitResult:
+    """Fit a model to recordings.
+
+    Parameters
+    ----------
+    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model". Its nominal values are the start.
+    recordings : training data: one recording or a list, read or named by files; a name may be a pattern.
+    validation : a recording that is only scored, except under early stopping, where it chooses when to stop.
+    vehicle : whose numbers a model that is named starts from: a `Vehicle`, a shipped name or a file.
+    settings : hyperparameters of a model that is named, such as {"tyre": "brush"}.
+    effects : names of effects that are added, "steering_delay" (estimated) or "steering_delay=30ms" (fixed).
+    fix : parameters that are held, by name; or name -> value to hold them at, a number in SI or a text with a unit.
+    free : names of parameters that are estimated though the model fixes them.
+    prior : name -> (mean, sd), estimated with that prior.
+    start : name -> value where the estimation starts.
+    per_run : names of parameters that have one value for each unbroken run.
+    columns : column map, where files are named.
+    options : horizon, starting points, solver, seed.
+    pretrain : for mlp_lateral and bicycle_mlp, a fit or posterior of equations of motion, or its file, from which the
+        network learns first; bicycle_mlp takes its physics from there.
+    pretrain_points, pretrain_range : at how many points, on rows of the recordings ("data") or in a box 1.3 times as
+        wide ("box").
+    progress : called with one line at a time.
+
+    Returns
+    -------
+    Fit
+        Estimates with intervals (`params`, `stderr`, `conf_int()`), `summary()`, `score(...)`, `plot`, and more. Ctrl-C
+        keeps the best point so far and says so in the stage's status.
+
+    Raises
+    ------
+    BadInput : a name stands for nothing, a recording lacks a signal, differs in sample time or is too short.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer", fix={"l_f": "16 cm"})
+    >>> float(fit.params["l_f"])
+    0.16
+    """
+    how = options if options is not None else FitOptions()
+    if not isinstance(how, FitOptions):
+        raise BadInput(f"options: gb.FitOptions(...) is needed, not {options!r:.60}.")
+    chosen = given.choices(fix, free, prior, start, per_run)
+    stated = given.vehicle(vehicle)
+    if isinstance(model, str):  # what is wrong with it is better said before recordings are read than after
+        asked: Wanted | Model = given.wanted(model, stated, settings, effects, chosen)
+    elif isinstance(model, Model):
+        if vehicle is not None or settings:
+            raise BadInput("vehicle, settings: a model is made of them; hand them over where it is made (gb.models).")
+        asked = with_choices(given.model(model, None, effects), chosen)
+    else:
+        raise BadInput(f"model: a Model or its name is needed, not {model!r:.60}.")
+    nominal = asked.model() if isinstance(asked, Wanted) else asked
+    how.must_suit(nominal)
+    training = given.recordings(recordings, columns)
+    validate = None if validation is None else given.recording(validation, columns, "validation")
+    learnt = None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range)
+    return planned(asked, nominal, training, validate, how, learnt).run(progress or quiet)
+
+
+@dataclass(frozen=True)
+class PlannedFit:
+    """A fit that can be made: what was handed over is read, and was found to suit.
+
+    Attributes
+    ----------
+    models : what is fitted; of several, cross-validation chooses.
+    training, validation : recordings.
+    options : how.
+    vehicle : name of the vehicle whose numbers it starts from; "" where there is none.
+    warnings : sentences on what may not be meant.
+    pretraining : what a network learns from first.
+    """
+
+    models: Sequence[Model]
+    training: Sequence[Recording]
+    validation: Recording | None
+    options: FitOptions
+    vehicle: str = ""
+    warnings: Sequence[str] = ()
+    pretraining: Pretraining | None = None
+
+    def run(self, say: Say, command: str = "") -> FitResult:
+        """Fit; `command` is kept in the result."""
+        for warning in self.warnings:
+            say(f"warning: {warning}")
+        found = fit_model(
+            self.models,
+            self.training,
+            validate=self.validation,
+            how=self.options,
+            say=say,
+            command=command,
+            pretraining=self.pretraining,
+        )
+        seen = (*self.training, *([self.validation] if self.validation is not None else []))
+        return FitResult.of(found, seen, vehicle=self.vehicle)
+
+
+def planned(
+    asked: Wanted | Model,
+    nominal: Model,
+    training: Sequence[Recording],
+    validation: Recording | None,
+    options: FitOptions,
+    known: Pretraining | None = None,
+) -> PlannedFit:
+    """What is going to be fitted.
+
+    Parameters
+    ----------
+    asked : the model with its choices as asked for, or the model itself.
+    nominal : the model it asks for.
+    training, validation : recordings that were read.
+    options : how to fit.
+    known : what a network learns from first.
+
+    Raises
+    ------
+    BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
+    """
+    must_be_recorded(nominal, [*training, *([validation] if validation is not None else [])])
+    models = asked.models(join(training, "training data")) if isinstance(asked, Wanted) else [asked]
+    if options.horizon is not None:
+        must_suit(options.horizon, training)
+    stated = asked.vehicle if isinstance(asked, Wanted) else None
+    warnings = doubts(models[0], stated, training) if isinstance(asked, Wanted) else []
+    return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
+
+
+def pretraining(model: Model, source: Fit | Posterior | str | Path, points: int, span: Span) -> Pretraining:
+    """The known vehicle of a fit, a posterior or the file of one, for a network to learn from.
+
+    Raises
+    ------
+    BadInput : the model has no feed-forward network, or the source is none of equations of motion.
+    """
+    if not isinstance(model, HybridModel) or model.recurrent:
+        raise BadInput(
+            f"‹pretrain› is for mlp_lateral and bicycle_mlp; {model.name} learns from recordings alone. Omit it."
+        )
+    name = str(source) if isinstance(source, str | Path) else ""
+    if isinstance(source, str | Path):
+        source = load_posterior(source) if Path(source).suffix == ".parquet" else load_fit(source, build)
+    if isinstance(source, Posterior):
+        fit = source.its_fit(build)
+        draws = source.vectors(fit, source.chosen(DRAWS))
+    elif isinstance(source, Fit):
+        fit, draws = source, _about(source)
+    else:
+        raise BadInput(f"pretrain: a fit, a posterior or the file of one is needed, not {source!r:.60}.")
+    if not isinstance(fit.model, MotionModel):
+        raise BadInput(f"{name or 'pretrain'}: a fit of equations of motion is needed, not one of {fit.model.name}.")
+    return Pretraining(fit.model, draws, points, span, name)
+
+
+def _about(fit: Fit) -> Array:
+    """Draws of the normal distribution of a fit's covariance, cut at bounds; where it has none, its estimates."""
+    if fit.covariance is None or not np.any(fit.covariance):
+        return fit.model.values[None]
+    random = np.random.default_rng(fit.seed)
+    values, vectors = np.linalg.eigh(fit.covariance)
+    drawn = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    drawn[:, np.diag(fit.covariance) == 0] = 0.0
+    low = np.concatenate([np.full(p.size, p.bounds[0]) for p in fit.model.parameters])
+    high = np.concatenate([np.full(p.size, p.bounds[1]) for p in fit.model.parameters])
+    return np.asarray(np.clip(fit.model.values + drawn, low, high))
+
+
+def load(
+    path: str | Path,
+    *,
+    models: Model | str | Sequence[Model | str] = (),
+    effects: Effect | str | Sequence[Effect | str] = (),
+) -> FitResult:
+    """Read a fit that was saved.
+
+    A fit's file holds names and numbers and never runs code: equations of one's own are handed over again.
+
+    Parameters
+    ----------
+    path : a file that `Fit.save` or `greybox fit` wrote.
+    models, effects : those of one's own that it was made with, or "my_car.py:my_model", which runs that file.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    BadInput : the file is no fit or is damaged, or it needs equations that are not at hand: the sentence says which.
+
+    Warns
+    -----
+    UserWarning : the file of equations of one's own has changed since the fit was saved.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = gb.load(fit.save(f"{folder}/fit.json"))
+    >>> bool((again.params == fit.params).all())
+    True
+    """
+    if not isinstance(path, str | Path):
+        raise BadInput(f"path: the path of a fit's file is needed, not {path!r:.60}.")
+    several = [models] if isinstance(models, Model | str) else list(models)
+    own = [own_model(one) if isinstance(one, str) else one for one in several]
+    added = [effects] if isinstance(effects, Effect | str) else list(effects)
+    brought = [own_effect(one) if isinstance(one, str) else one for one in added]
+    install()
+    with known(*own, *brought):
+        return FitResult.of(load_fit(path, build), file=Path(path))

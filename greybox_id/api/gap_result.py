@@ -1,0 +1,194 @@
+"""A diagnosis as `gb.diagnose` returns it: ranking and budget, the closed model, a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from ..errors import BadInput
+from ..gap.changed import Changed
+from ..gap.gap import Gap
+from ..model import Model
+from ..reports.gap.content import Made
+from ..reports.gap.words import judged, whether
+from ..reports.numbers import number, percent, pretty_unit
+from ..reports.text.gap import parts
+from ..reports.text.screen import as_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_SHOWN = 4
+"""Effects that a diagnosis' `repr` shows."""
+
+
+@dataclass(frozen=True, repr=False)
+class GapResult(Gap):
+    """Where the simulation deviates from the vehicle, which effects cause it, and how far the gap closes.
+
+    `gb.diagnose` returns it. What it is as a record (`ranking`, `applied`, `where`, `gap`, `held_out`, `advice` ...) is
+    documented at `greybox_id.gap.Gap`.
+
+    Attributes
+    ----------
+    made : what it was made with, for its report.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> gap = gb.diagnose("kinematic", lap, vehicle="roboracer", effects=["steering_delay"])
+    >>> gap.to_pandas().columns.tolist()
+    ['effect', 'probability', 'magnitude', 'lower', 'upper', 'unit', 'applied']
+    >>> gap.closed_model.name
+    'kinematic'
+    """
+
+    made: Made | None = field(default=None, compare=False)
+
+    @classmethod
+    def of(cls, gap: Gap, made: Made) -> GapResult:
+        """A diagnosis with what it can do."""
+        return cls(**{one.name: getattr(gap, one.name) for one in fields(Gap)}, made=made)
+
+    @property
+    def closed_model(self) -> Model:
+        """The model with the effects that close the gap, at their magnitudes."""
+        if self.closed is None:
+            raise BadInput("This diagnosis was read from a file, which does not hold the closed model; diagnose again.")
+        return self.closed
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, whether it is `applied`."""
+        return pd.DataFrame(
+            [
+                {
+                    "effect": own.effect,
+                    "probability": own.probability,
+                    "magnitude": own.magnitude,
+                    "lower": own.interval[0],
+                    "upper": own.interval[1],
+                    "unit": own.unit,
+                    "applied": own.effect in self.applied,
+                }
+                for own in self.ranking
+            ],
+            columns=["effect", "probability", "magnitude", "lower", "upper", "unit", "applied"],
+        )
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The budget of the gap as a waterfall, share by share; the ranking by probability where there is no budget.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes to draw into; a new figure's unless given.
+        """
+        from .plots import budget
+
+        return budget(self, ax)
+
+    def summary(self) -> str:
+        """What `greybox gap` prints: whether, where, which effects, how far the gap closes, what is left."""
+        return as_text(parts(self))
+
+    def __repr__(self) -> str:
+        lines = [f"Gap of {self.model} on {', '.join(self.recordings)}", f"  {whether(self)}"]
+        for own in self.ranking[:MOST_SHOWN]:
+            low, high = (number(end) for end in own.interval)
+            lines.append(
+                f"  {own.effect}: probability {own.probability:.2f}, {number(own.magnitude)} [{low}, {high}]"
+                f" {pretty_unit(own.unit)}{', applied' if own.effect in self.applied else ''}"
+            )
+        closure, held_out = judged(self)
+        lines.append(f"  closes {percent(closure.closed)} {'(held out)' if held_out else '(same recordings)'}")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        head = escape(f"Gap of {self.model} on {', '.join(self.recordings)}: {whether(self)}")
+        table: Any = self.to_pandas()
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda own: f'{own:.4g}')}"
+
+
+@dataclass(frozen=True, repr=False)
+class ChangeResult(GapResult):
+    """What changed in a vehicle since other recordings of it: `gb.diagnose` with `since`.
+
+    The gap is that of the vehicle as it was before: `ranking`, `applied`, `plot()`, `closed_model` as of `GapResult`.
+
+    Attributes
+    ----------
+    change : what changed, as `greybox_id.gap.changed.Changed`.
+    """
+
+    change: Changed | None = field(default=None, compare=False)
+
+    @classmethod
+    def since_then(cls, change: Changed, made: Made) -> ChangeResult:
+        """A diagnosis of what changed, with what it can do."""
+        return cls(**{one.name: getattr(change.gap, one.name) for one in fields(Gap)}, made=made, change=change)
+
+    @property
+    def _told(self) -> Changed:
+        assert self.change is not None  # since_then makes it
+        return self.change
+
+    @property
+    def since(self) -> tuple[str, ...]:
+        """Names of the recordings from before."""
+        return self._told.since
+
+    @property
+    def scatter(self) -> Mapping[str, tuple[float, float]]:
+        """Effect -> mean and standard deviation of its magnitude between the recordings from before."""
+        return self._told.scatter
+
+    @property
+    def changed(self) -> pd.DataFrame:
+        """One row per effect that changed, with its 95 % interval, what it was `before`, and its `gain` in nats."""
+        rows = [
+            {
+                **{k: v for k, v in own.items() if k != "interval"},
+                "lower": own["interval"][0],
+                "upper": own["interval"][1],
+            }
+            for own in self._told.changed
+        ]
+        columns = ["effect", "magnitude", "lower", "upper", "unit", "before", "probability", "gain", "share"]
+        return pd.DataFrame(rows, columns=columns)
+
+    @property
+    def not_changed(self) -> pd.DataFrame:
+        """One row per effect that did not: `effect`, and `within`, twice the standard deviation of its scatter."""
+        return pd.DataFrame(self._told.not_changed, columns=["effect", "within"])
+
+    def summary(self) -> str:
+        """What the diagnosis says, as text."""
+        return "\n".join([*changed_lines(self._told), super().summary()])
+
+    def __repr__(self) -> str:
+        head = f"Change of {self.model} on {', '.join(self.recordings)}"
+        return "\n".join([head, *(f"  {line}" for line in changed_lines(self._told)[: MOST_SHOWN + 1])])
+
+    def _repr_html_(self) -> str:
+        head = escape(f"Change of {self.model} on {', '.join(self.recordings)}: {changed_lines(self._told)[0]}")
+        table: Any = self.changed
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda own: f'{own:.4g}')}"
+
+
+def changed_lines(own: Changed) -> list[str]:
+    """What changed in lines: a head, and one per effect."""
+    before = ", ".join(own.since)
+    if not own.changed:
+        return [f"changed  nothing beyond what {before} scatter by"]
+    lines = [f"changed  beyond what {before} scatter by"]
+    for each in own.changed:
+        low, high = (number(end) for end in each["interval"])
+        lines.append(
+            f"{each['effect']}: {number(each['magnitude'])} [{low}, {high}] {pretty_unit(each['unit'])}, before "
+            f"{number(each['before'])}"
+        )
+    return lines

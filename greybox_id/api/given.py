@@ -1,0 +1,211 @@
+"""What people hand over, as what the verbs take: recordings, vehicles, models, names; or a sentence on why not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from glob import glob, has_magic
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ..choices.parameters import Choices, magnitudes, wanted_vehicle
+from ..choices.wanted import Wanted
+from ..datasets.column_map import ColumnMap
+from ..datasets.read import read as read_file
+from ..effect import Effect
+from ..errors import BadInput, near_or_all
+from ..fit import Fit
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.own import is_place, own_effect, own_model
+from ..models.registry import MODELS, install
+from ..recording import Recording
+from ..vehicle import Vehicle
+
+Columns: TypeAlias = str | Path | ColumnMap
+"""A column map: the name of a shipped one, the path of a TOML file, or the map itself."""
+Recordings: TypeAlias = Recording | str | Path | Sequence[Recording | str | Path]
+"""One recording or several, read or named by their files; a name may be a pattern such as "lap*.csv"."""
+VehicleLike: TypeAlias = Vehicle | str | Path | None
+"""What is stated of a vehicle: read, or named as a shipped one or by its file."""
+ModelLike: TypeAlias = Model | str
+"""A model, its name, or FILE.py:NAME for one's own."""
+Effects: TypeAlias = str | Effect | Iterable[str | Effect]
+"""Effects, or their names as on the command line: "steering_delay", "steering_delay=30ms"."""
+Numbers: TypeAlias = Mapping[str, Any]
+"""Parameter -> number in the SI unit, or text with a unit: {"m": 3.5} or {"m": "3500 g"}."""
+
+
+def recordings(given: Recordings, columns: Columns = "canonical", argument: str = "recordings") -> list[Recording]:
+    """All that is meant, read where files are named."""
+    several = [given] if isinstance(given, Recording | str | Path) else given
+    if not isinstance(several, Sequence) or hasattr(several, "columns"):
+        raise BadInput(
+            f"{argument}: a Recording, a path or a list of them is needed, not {_what(given)}.{_frame(given)}"
+        )
+    found: list[Recording] = []
+    for own in several:
+        if isinstance(own, Recording):
+            found.append(own)
+        elif isinstance(own, str | Path):
+            found += [read_file(path, columns) for path in files(own, argument)]
+        else:
+            raise BadInput(f"{argument}: a Recording or a path is needed, not {_what(own)}.{_frame(own)}")
+    if not found:
+        raise BadInput(f"{argument}: there is no recording; hand one over, or name a file.")
+    return found
+
+
+def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Recording]:
+    """Those that are meant; where none are, those that a fit was fitted to, where it knows them."""
+    if given is not None:
+        return recordings(given, columns)
+    seen = getattr(fit, "seen", None)
+    if seen is None:
+        raise BadInput("recordings: hand over those that it was fitted to.")
+    return list(seen("train"))
+
+
+def recording(given: Recording | str | Path, columns: Columns = "canonical", argument: str = "recording") -> Recording:
+    """The one that is meant."""
+    found = recordings(given, columns, argument)
+    if len(found) > 1:
+        raise BadInput(f"{argument}: one recording is needed, and {len(found)} are given; take them one by one.")
+    return found[0]
+
+
+def files(pattern: str | Path, argument: str) -> list[Path]:
+    """The files of a path or a pattern, in the order of their names."""
+    text = str(pattern)
+    if Path(text).exists() or not has_magic(text):
+        return [Path(text)]
+    found = sorted(glob(text, recursive=True))
+    if not found:
+        raise BadInput(f"{argument}: no file is called like {text!r}, seen from {Path.cwd()}.")
+    return [Path(path) for path in found]
+
+
+def vehicle(given: VehicleLike) -> Vehicle | None:
+    """The vehicle that is meant; None where none is."""
+    if given is None or isinstance(given, Vehicle):
+        return given
+    if isinstance(given, str | Path):
+        return wanted_vehicle(str(given))
+    raise BadInput(f"vehicle: a Vehicle, a shipped name or a path is needed, not {_what(given)}.")
+
+
+def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
+    """Names, of which one may stand alone."""
+    several = (given,) if isinstance(given, str) else tuple(given)
+    for own in several:
+        if not isinstance(own, str):
+            raise BadInput(f"{argument}: names are needed, as in {argument}=['I_z'], not {_what(own)}.")
+    return several
+
+
+def choices(
+    fix: str | Iterable[str] | Numbers = (),
+    free: str | Iterable[str] = (),
+    prior: Numbers | None = None,
+    start: Numbers | None = None,
+    per_run: str | Iterable[str] = (),
+) -> Choices:
+    """What is said of parameters, as the command line writes it."""
+    return Choices(
+        fix=_pairs(fix, "fix") if isinstance(fix, Mapping) else listed(fix, "fix"),
+        free=listed(free, "free"),
+        prior=[f"{name}={_belief(own, name)}" for name, own in (prior or {}).items()],
+        start=_pairs(start or {}, "start"),
+        per_run=listed(per_run, "per_run"),
+    )
+
+
+def wanted(
+    given: ModelLike, vehicle_given: VehicleLike, settings: Mapping[str, Any] | None, effects: Effects, chosen: Choices
+) -> Wanted:
+    """The model that a name and what belongs to it ask for."""
+    assert isinstance(given, str)
+    install()
+    name = own_model(given).name if is_place(given) else given
+    if name not in MODELS:
+        raise BadInput(f"model: there is no model {name!r}.{near_or_all(name, MODELS)}")
+    objects, written = _effects(effects)
+    if objects:
+        names = ", ".join(own.name for own in objects)
+        raise BadInput(f"effects: add {names} to a model, as in gb.models.{name}(...) + gb.effects.{objects[0].name}.")
+    return Wanted(name, vehicle(vehicle_given), dict(settings or {}), magnitudes(written), chosen)
+
+
+def model(given: ModelLike | Fit, vehicle_given: VehicleLike = None, effects: Effects = ()) -> Model:
+    """The model to simulate."""
+    if isinstance(given, Fit):
+        return given.model
+    if isinstance(given, str):
+        objects, written = _effects(effects)
+        return added(wanted(given, vehicle_given, None, written, Choices()).model(), objects)
+    if isinstance(given, Model):
+        objects, written = _effects(effects)
+        return added(given, objects)
+    raise BadInput(f"model: a Model, its name or a Fit is needed, not {_what(given)}.")
+
+
+def added(model: Model, effects: Iterable[Effect]) -> Model:
+    """A model with effects."""
+    for effect in effects:
+        model = model + effect
+    return model
+
+
+def _effects(given: Effects) -> tuple[list[Effect], list[str]]:
+    """Effects that are handed over, and those that are named."""
+    several = [given] if isinstance(given, str | Effect) else list(given)
+    objects, names = [], []
+    for own in several:
+        if isinstance(own, Effect):
+            objects.append(own)
+        elif isinstance(own, str):
+            names.append(own_effect(own).name if is_place(own) else own)
+        else:
+            raise BadInput(f"effects: an Effect or its name is needed, not {_what(own)}.")
+    return objects, names
+
+
+def _pairs(given: Numbers, argument: str) -> list[str]:
+    found = []
+    for name, value in given.items():
+        if value is None:
+            found.append(name)
+            continue
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise BadInput(f"{argument}: {name} needs a number or a text such as '3.5kg', not {_what(value)}.")
+        found.append(f"{name}={value if isinstance(value, str) else repr(float(value))}")
+    return found
+
+
+def _belief(given: Any, name: str) -> str:
+    if isinstance(given, str):
+        return given
+    try:
+        mean, sd = (float(own) for own in given)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"prior: {name} needs (mean, sd) or a text such as '6±3', not {given!r:.60}.") from error
+    return f"{mean!r}±{sd!r}"
+
+
+def _what(given: object) -> str:
+    return f"the {type(given).__name__} {given!r:.40}" if not hasattr(given, "columns") else f"a {type(given).__name__}"
+
+
+def _frame(given: object) -> str:
+    return " Make one of it: gb.Recording.from_pandas(table)." if hasattr(given, "columns") else ""
+
+
+def effect(name: str) -> Effect:
+    """The effect of a name, or of FILE.py:NAME."""
+    if not isinstance(name, str):
+        raise BadInput(f"effects: an Effect or its name is needed, not {_what(name)}.")
+    if is_place(name):
+        return own_effect(name)
+    install()
+    if name not in EFFECTS:
+        raise BadInput(f"effects: there is no effect {name!r}.{near_or_all(name, EFFECTS)}")
+    return EFFECTS[name]

@@ -1,0 +1,147 @@
+"""Many structures of one model with memory, fitted and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import RenderableType
+
+from ..errors import BadInput
+from ..files import replacing
+from ..fitting.grid import Grid, fit_grid, values_of
+from ..recording import Recording
+from ..reports.numbers import number
+from ..reports.text.screen import as_text, led, plain_table
+from . import given
+from .given import Columns
+
+
+class GridResult(Grid):
+    """What `gb.grid` found: a table with a row per structure, the one that is chosen and that of least AIC.
+
+    Attributes
+    ----------
+    table : pandas.DataFrame, a row per structure.
+    chosen, aic_best : rows as dictionaries.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> found = gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0)
+    >>> found.table["parameters"].tolist()
+    [21, 41]
+    """
+
+    def summary(self) -> str:
+        """What `greybox grid` prints."""
+        return as_text(grid_parts(self))
+
+
+def grid(
+    model: str,
+    recording: Recording | str | Path,
+    varied: Mapping[str, Sequence[Any]],
+    *,
+    settings: Mapping[str, Any] | None = None,
+    validation: Recording | str | Path | None = None,
+    strength: float | None = None,
+    jobs: int = 1,
+    columns: Columns = "canonical",
+) -> GridResult:
+    """Fit every structure of a model with memory that some settings span.
+
+    Parameters
+    ----------
+    model : its name, such as "msnn_lat".
+    recording : training data.
+    varied : setting -> values.
+    settings : the other settings.
+    validation : what is scored, and what the published AIC is formed on.
+    strength : of the priors; None cross-validates it once.
+    jobs : processes at a time.
+    columns : column map, where files are named.
+
+    Returns
+    -------
+    Grid
+        `table`, a row per structure; `chosen`, by the one-standard-error rule on cross-validation; `aic_best`.
+
+    Raises
+    ------
+    BadInput : a setting cannot be used, or the model is not one with memory that is fitted in one step.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> int(gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0).chosen["q"]) in (9, 19)
+    True
+    """
+    if not isinstance(varied, Mapping) or not varied:
+        raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
+    train = given.recording(recording, columns)
+    scored = None if validation is None else given.recording(validation, columns, "validation")
+    found = fit_grid(model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs)
+    return GridResult(found.table, found.names, found.chosen, found.aic_best, found.interrupted)
+
+
+def spanned(pairs: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, Any]]:
+    """NAME=VALUES pairs as settings that vary and settings that do not."""
+    varied: dict[str, list[Any]] = {}
+    fixed: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not equals or not name:
+            raise BadInput(f"‹settings›: {pair!r} is not NAME=VALUES.")
+        values = list(values_of(text))
+        if len(values) > 1:
+            varied[name] = values
+        else:
+            fixed[name] = values[0]
+    if not varied:
+        raise BadInput("‹settings›: a setting with several values is needed, such as n_delta=5,6,7 or n_x=1:4.")
+    return varied, fixed
+
+
+def kept_table(target: Path) -> pd.DataFrame | None:
+    """The rows of an earlier run; None where there is none."""
+    if not target.is_file() or target.stat().st_size == 0:
+        return None
+    try:
+        return pd.read_parquet(target)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{target} is damaged ({error}); remove it, or name another place (‹out›).") from error
+
+
+def written_to(target: Path) -> Callable[[pd.DataFrame], None]:
+    """What keeps a table in a file, whole at any time."""
+
+    def keep(table: pd.DataFrame) -> None:
+        with replacing(target, continued=True) as beside:
+            table.to_parquet(beside, index=False)
+
+    return keep
+
+
+def grid_parts(found: Grid) -> Iterator[RenderableType]:
+    """A grid, part by part."""
+    for word, row in (("chosen", found.chosen), ("AIC", found.aic_best)):
+        cell = ", ".join(f"{name}={row[name]}" for name in found.names)
+        what = "fewest parameters within one standard error" if word == "chosen" else "least as published"
+        yield led(word, f"{cell}: {row['parameters']} parameters; {what}")
+    yield led("fits", f"{len(found.table)}, {number(float(found.table['cpu_seconds'].sum()))} CPU s")
+    yield ""
+    titles = ("parameters", "cross-validated, % of spread", "AIC", "AIC effective")
+    table = plain_table(*found.names, *titles)
+    for _, told in found.table.sort_values("cv_error").head(10).iterrows():
+        row = {str(name): value for name, value in told.items()}
+        table.add_row(
+            *(str(row[name]) for name in found.names), str(row["parameters"]),
+            f"{100 * row['cv_error']:.2f} ± {100 * row['cv_se']:.2f}", f"{row['aic']:.1f}",
+            f"{row['aic_effective']:.1f}",
+        )  # fmt: skip
+    yield table

@@ -1,0 +1,201 @@
+"""Handing results on: code for a controller, reports for people."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..effect import Effect
+from ..errors import BadInput
+from ..export.subject import Subject
+from ..export.verb import ALONE
+from ..export.verb import export as export_subject
+from ..fit import Fit
+from ..gap.gap import Gap
+from ..model import Model
+from ..models.registry import known
+from ..racing.export import PolicySubject, export_policy
+from ..racing.learner import Learned
+from ..racing.policy import Policy, load_policy
+from ..recording import Recording
+from ..reports.comparison import NamedFit, comparison
+from ..reports.document import Document, Part, Section
+from ..reports.gap.report import gap_report
+from ..reports.recordings import matched
+from ..reports.report import kind_of, prepared, write
+from ..reports.track.report import track_report
+from . import given
+from .fit_result import FitResult
+from .gap_result import GapResult
+from .given import Columns, ModelLike, Recordings, VehicleLike
+from .track_result import TrackResult
+
+Result = Fit | Gap | TrackResult
+
+
+def export(
+    model: ModelLike | Fit | Policy | Learned | Path,
+    to: str | Path,
+    *,
+    target: str = "c",
+    name: str = "",
+    parameters: str | Iterable[str] = "free",
+    vehicle: VehicleLike = None,
+) -> list[Path]:
+    """Write a model for a controller or a simulator elsewhere.
+
+    Parameters
+    ----------
+    model : a fit, a model such as `gap.closed_model`, a model's name, or a policy or its file, which "c" and
+        "onnx" take.
+    to : folder, which appears whole or not at all; an earlier export there is replaced, other files are not. A
+        functional mock-up unit may be named by itself, "car.fmu".
+    target : "c", "casadi", "acados", "onnx", "f1tenth", "fmu", "simulink", "autoware", "ros2", "opendbc" or "tir".
+    name : what functions are called after; by default the folder's name.
+    parameters : which can be changed afterwards, others become constants: "free", "all", or a list of names.
+    vehicle : whose numbers a model that is named has.
+
+    Returns
+    -------
+    list of Path
+        The files written, a manifest among them.
+
+    Raises
+    ------
+    BadInput : there is no such target, the model cannot be written for it, or the folder holds other files.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import greybox_id as gb
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     files = gb.export(gb.models.lateral(vehicle="roboracer"), f"{folder}/car")
+    >>> "car.c" in [file.name for file in files]
+    True
+    """
+    if not isinstance(to, str | Path):
+        raise BadInput(f"to: the path of a folder is needed, not {to!r:.60}.")
+    if isinstance(model, Path) or (isinstance(model, str) and model.endswith(".json")):
+        model = load_policy(model)
+    if isinstance(model, Policy | Learned):
+        policy = model if isinstance(model, Policy) else model.policy
+        return export_policy(PolicySubject(policy, name or identifier(to)), target, to)
+    fit = model if isinstance(model, Fit) else None
+    stated = given.vehicle(vehicle)
+    own = given.model(model, stated)
+    subject = Subject(
+        own, name or identifier(to), moving(own, parameters), fit, own.name if fit is None else "fit", "", stated
+    )
+    return export_subject(subject, target, to)
+
+
+def report(
+    results: Result | Sequence[Result],
+    out: str | Path,
+    *,
+    recordings: Recordings | None = None,
+    columns: Columns = "canonical",
+    effects: Iterable[Effect] = (),
+) -> Path:
+    """Write what fits, diagnoses and tracks say as a report with figures, PDF or HTML.
+
+    Parameters
+    ----------
+    results : a fit, a gap or a track; several fits are set side by side, other lists one after the other.
+    out : file to write, .pdf or .html, atomically.
+    recordings : those that the fits have seen, where they do not know them: those that `gb.fit` returned do, and loaded
+        ones read them again from where they were.
+    columns : column map, where files are named.
+    effects : of one's own that a diagnosis has tried.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    BadInput : a recording is missing or is another file, or `out` cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     gb.report(fit, f"{folder}/lap.html").name
+    'lap.html'
+    """
+    several: list[Result] = [results] if isinstance(results, Result) else list(results)
+    if not several or not all(isinstance(own, Result) for own in several):
+        raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {results!r:.60}.")
+    if not isinstance(out, str | Path):
+        raise BadInput(f"out: the path of a file is needed, not {out!r:.60}.")
+    kind_of(out)
+    models = [own for result in several if (own := _model_of(result)) is not None]
+    with known(*models, *effects):
+        if len(several) > 1 and all(isinstance(own, Fit) for own in several):
+            fits = [own for own in several if isinstance(own, Fit)]
+            named = [
+                NamedFit(f"{k} {own.model.name}", own, _seen(own, recordings, columns)) for k, own in enumerate(fits, 1)
+            ]
+            return write(comparison(named), out)
+        documents = [_document(own, recordings, columns) for own in several]
+        return write(documents[0] if len(documents) == 1 else _one_after_the_other(documents), out)
+
+
+def identifier(folder: str | Path) -> str:
+    """A folder's name as far as it can name functions of C; of a file that is written alone, without its ending."""
+    own = Path(folder).resolve()
+    name = own.stem if own.suffix in ALONE.values() else own.name
+    found = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
+    if not found:
+        raise BadInput(f"No function can be called after the folder {folder}; name them with ‹name›.")
+    return found if found[0].isalpha() else f"model_{found}"
+
+
+def moving(model: Model, asked: str | Iterable[str]) -> tuple[str, ...] | None:
+    """Names of the parameters that can be changed after an export: "free", "all" (None), or a list of names."""
+    if asked == "all":
+        return None
+    if asked == "free":
+        return tuple(p.name for p in model.parameters if not p.fixed)
+    names = asked.split(",") if isinstance(asked, str) else asked
+    return tuple(name.strip() for name in given.listed(names, "parameters") if name.strip())
+
+
+def _model_of(result: Result) -> Model | None:
+    return result.closed if isinstance(result, Gap) else result.model
+
+
+def _document(result: Result, recordings: Recordings | None, columns: Columns) -> Document:
+    if isinstance(result, Fit):
+        return prepared(result, _seen(result, recordings, columns))
+    if isinstance(result, TrackResult):
+        return track_report(result.digest)
+    if not isinstance(result, GapResult) or result.made is None:
+        raise BadInput("This diagnosis does not know what it was made with; make it with gb.diagnose.")
+    return gap_report(result, result.made)
+
+
+def _seen(fit: Fit, recordings: Recordings | None, columns: Columns) -> tuple[Recording, ...]:
+    if recordings is not None:
+        return matched(fit, given.recordings(recordings, columns))
+    if isinstance(fit, FitResult):
+        return fit.seen()
+    raise BadInput("recordings: hand over those that the fit has seen.")
+
+
+def _one_after_the_other(documents: Sequence[Document]) -> Document:
+    """One report of several."""
+    parts: list[Part] = []
+    for own in documents:
+        parts += [Section(f"{own.title}: {own.of}"), *own.parts]
+    first = documents[0]
+    titles = ", ".join(dict.fromkeys(own.title for own in documents))
+    return replace(
+        first, title=titles, about="; ".join(own.about for own in documents), of="several results", parts=tuple(parts)
+    )

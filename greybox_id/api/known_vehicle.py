@@ -1,0 +1,47 @@
+"""A vehicle with its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from ..choices.parameters import wanted_vehicle
+from ..datasets.vehicle_text import write_vehicle
+from ..errors import BadInput
+from ..vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class KnownVehicle(Vehicle):
+    """What is stated of a vehicle: values, how well they are known, tolerances, sensor noise; from a file and to it.
+
+    Attributes are those of `greybox_id.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise` (signal ->
+    standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> car = gb.Vehicle.load("roboracer")
+    >>> car.values["m"].value
+    3.6
+    >>> gb.Vehicle("my car", values={"m": gb.Stated(3.5, sd=0.1)}).values["m"].sd
+    0.1
+    """
+
+    @classmethod
+    def load(cls, path: str | Path) -> KnownVehicle:
+        """A shipped vehicle by its name, or one's own from a .toml or .json file.
+
+        Raises
+        ------
+        BadInput : there is no such vehicle, or its file is no valid vehicle file.
+        """
+        if not isinstance(path, str | Path):
+            raise BadInput(f"path: a shipped name or a path is needed, not {path!r:.60}.")
+        found = wanted_vehicle(str(path))
+        assert found is not None
+        return cls(**{own.name: getattr(found, own.name) for own in fields(Vehicle)})
+
+    def save(self, path: str | Path) -> Path:
+        """Write a vehicle file, .toml or .json, atomically. Raises `BadInput` where it cannot be written."""
+        return write_vehicle(self, path)

@@ -1,0 +1,87 @@
+"""A model of motion about a steady state, as a linear system of python-control."""
+
+from __future__ import annotations
+
+import warnings
+
+import casadi as cs
+import control
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..errors import BadInput
+from ..export.equations import Equations
+from ..model import Model
+from ..motion_model import MotionModel
+from ..parameter import Array
+
+EXACT = 1e-15
+"""Tolerances of the search for a steady state: as exact as numbers are."""
+SETTLED = 1e-6
+"""A state is steady where its rate, over its scale, is below this per second."""
+
+
+def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpace:
+    """The linear system about the steady state at a speed [m/s] and a road-wheel angle [rad].
+
+    dx/dt = A x + B u, y = C x + D u, deviations from the steady state: A and B by differentiating the model's own
+    equations, its actuators and relaxed quantities among the states. Pure delays have no place in it.
+
+    Raises
+    ------
+    BadInput : the model is none of equations of motion, or has no steady state there.
+    """
+    for name, value in (("v_x", v_x), ("steer", steer)):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise BadInput(f"{name}: a finite number is needed, not {value!r:.40}.")
+    if not v_x > 0:
+        raise BadInput(f"v_x: a speed above zero is needed, in m/s, not {v_x!r:.40}.")
+    if not isinstance(model, MotionModel):
+        raise BadInput(f"{model.name} is none of equations of motion; only these are linearised.")
+    equations = Equations(model, moving=())
+    for what, seconds in equations.shifts().items():
+        warnings.warn(f"The {what}, {seconds:.4g} s, is no part of the linear system.", stacklevel=3)
+    ode, output, none = equations.ode, equations.output, cs.DM.zeros(0)
+    x, u = equations.x, equations.u
+    rates, read = ode(x, u, none), output(x, u, none)
+    jacobians = cs.Function(
+        "jacobians", [x, u], [cs.jacobian(rates, x), cs.jacobian(rates, u), cs.jacobian(read, x), cs.jacobian(read, u)]
+    )
+    x_0, u_0 = _steady(equations, cs.Function("rates", [x, u], [rates]), v_x, steer)
+    A, B, C, D = (np.asarray(own.full()) for own in jacobians(x_0, u_0))
+    return control.ss(
+        A, B, C, D,
+        states=[own.name for own in equations.states],
+        inputs=[own.name for own in equations.inputs],
+        outputs=[own.name for own in equations.outputs],
+        name=model.name,
+    )  # fmt: skip
+
+
+def _steady(equations: Equations, rates: cs.Function, v_x: float, steer: float) -> tuple[Array, Array]:
+    """States and inputs of the steady state: v_x and steer as given, all others such that nothing changes."""
+    model = equations.model
+    states, inputs = [own.name for own in equations.states], list(model.inputs)
+    given = {"v_x": v_x, "steer": steer}
+    x_0 = np.array([given.get(name, 0.0) for name in states])
+    u_0 = np.array([given.get(name, model.defaults.get(name, 0.0)) for name in inputs])
+    for k, actuator in enumerate(model.actuators, len(model.states)):  # they stand at their command
+        x_0[k] = given.get(actuator.signal, 0.0)
+    loose_x = [k for k, name in enumerate(states) if name != "v_x"]
+    loose_u = [k for k, name in enumerate(inputs) if name == "drive"] if "v_x" in states else []
+    scale = np.array([*(state.scale for state in model.states), *([1.0] * (len(states) - len(model.states)))])
+
+    def off(free: Array) -> Array:
+        x, u = x_0.copy(), u_0.copy()
+        x[loose_x], u[loose_u] = free[: len(loose_x)], free[len(loose_x) :]
+        left: Array = np.asarray(rates(x, u).full(), dtype=float).ravel() / scale
+        return left
+
+    start = np.concatenate([x_0[loose_x], u_0[loose_u]])
+    found = start
+    if len(start):
+        found = np.asarray(least_squares(off, start, x_scale="jac", xtol=EXACT, ftol=EXACT, gtol=EXACT).x)
+    if not np.max(np.abs(off(found)), initial=0.0) < SETTLED:
+        raise BadInput(f"{model.name} has no steady state at v_x = {v_x:g} m/s and steer = {steer:g} rad.")
+    x_0[loose_x], u_0[loose_u] = found[: len(loose_x)], found[len(loose_x) :]
+    return x_0, u_0

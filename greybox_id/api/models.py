@@ -1,0 +1,220 @@
+"""Models by name: `gb.models.single_track(tyre="pacejka", vehicle=car)`; those of installed packages among them.
+
+Examples
+--------
+>>> import greybox_id as gb
+>>> gb.models.names()[:4]
+('single_track', 'lateral', 'longitudinal', 'kinematic')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+from ..errors import near_or_all
+from ..hybrid_model import HybridModel
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..models.own import own_model
+from ..models.registry import MODELS, build, install, prepared
+from ..motion_model import MotionModel
+from ..recording import Recording
+from . import given
+from .given import VehicleLike
+
+__all__ = [
+    *("bicycle_mlp", "mlp_lateral"),
+    *("hybrid_force", "hybrid_stiffness", "kinematic", "lateral", "longitudinal", "msnn_full", "msnn_full_plus"),
+    *("gnn", "msnn_bench_lat", "msnn_bench_long", "msnn_lat", "msnn_long", "names", "own", "single_track"),
+]
+
+
+def single_track(tyre: str = "pacejka", vehicle: VehicleLike = None) -> MotionModel:
+    """Single-track model with three degrees of freedom: v_x, v_y [m/s] and yaw rate [rad/s] from steering and drive.
+
+    Parameters
+    ----------
+    tyre : "pacejka", "linear", "dugoff" or "brush".
+    vehicle : whose numbers it starts from: a shipped name, a file or a `Vehicle`; None leaves those of a full-size car.
+
+    Raises
+    ------
+    BadInput : there is no such tyre or vehicle, or a number of it cannot be used.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> model = gb.models.single_track(tyre="brush", vehicle="roboracer")
+    >>> float(model["m"].value)
+    3.6
+    """
+    return cast(MotionModel, build("single_track", {"tyre": tyre}, vehicle=given.vehicle(vehicle)))
+
+
+def lateral(tyre: str = "pacejka", vehicle: VehicleLike = None) -> MotionModel:
+    """Single-track model at a measured speed: v_y [m/s] and yaw rate [rad/s] from steering [rad] and v_x [m/s].
+
+    Parameters and errors are those of `single_track`.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.models.lateral(tyre="linear").outputs
+    ('v_y', 'yaw_rate', 'a_y')
+    """
+    return cast(MotionModel, build("lateral", {"tyre": tyre}, vehicle=given.vehicle(vehicle)))
+
+
+def longitudinal(vehicle: VehicleLike = None) -> MotionModel:
+    """Longitudinal model: v_x [m/s] and a_x [m/s^2] from the drive signal and the road's slope [rad].
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.models.longitudinal().outputs
+    ('v_x', 'a_x')
+    """
+    return cast(MotionModel, build("longitudinal", vehicle=given.vehicle(vehicle)))
+
+
+def kinematic(understeer: bool = True, vehicle: VehicleLike = None) -> MotionModel:
+    """Kinematic car: yaw rate [rad/s] and a_y [m/s^2] from steering [rad] and measured speed [m/s].
+
+    Parameters
+    ----------
+    understeer : whether it has an understeer gradient K_us [rad s^2/m].
+    vehicle : as of `single_track`.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> "K_us" in gb.models.kinematic(understeer=False)
+    False
+    """
+    return cast(MotionModel, build("kinematic", {"understeer": understeer}, vehicle=given.vehicle(vehicle)))
+
+
+def _network(name: str, recording: Recording | None, settings: Mapping[str, Any]) -> Model:
+    if recording is None:
+        return build(name, settings)
+    return prepared(name, given.recording(recording), settings)
+
+
+def msnn_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """Model-structured neural network of the yaw rate [rad/s] (Mungiello et al.), 160 weights by default.
+
+    Parameters
+    ----------
+    recording : training data whose range hyperparameters that are left open are to cover.
+    settings : hyperparameters, as `greybox models msnn_lat` lists them.
+
+    Raises
+    ------
+    BadInput : there is no such setting, or the recording lacks a signal.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.models.msnn_lat().outputs
+    ('yaw_rate',)
+    """
+    return cast(MemoryModel, _network("msnn_lat", recording, settings))
+
+
+def msnn_long(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """Model-structured neural network of the longitudinal acceleration [m/s^2]; parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("msnn_long", recording, settings))
+
+
+def msnn_full(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """Both model-structured networks in closed loop; parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("msnn_full", recording, settings))
+
+
+def msnn_full_plus(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """`msnn_full` whose structure cross-validation chooses when it is fitted by name; parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("msnn_full_plus", recording, settings))
+
+
+def gnn(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """Network without structure of yaw rate and acceleration (Mungiello et al., G-NN); parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("gnn", recording, settings))
+
+
+def msnn_bench_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """The paper's benchmark of the yaw rate (Mungiello et al., MS-NN-bench); parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("msnn_bench_lat", recording, settings))
+
+
+def msnn_bench_long(recording: Recording | None = None, **settings: Any) -> MemoryModel:
+    """The paper's benchmark of the acceleration (Mungiello et al., MS-NN-bench); parameters as of `msnn_lat`."""
+    return cast(MemoryModel, _network("msnn_bench_long", recording, settings))
+
+
+def hybrid_stiffness(recording: Recording | None = None, **settings: Any) -> HybridModel:
+    """Linear single track whose cornering stiffnesses a recurrent network predicts; parameters as of `msnn_lat`."""
+    return cast(HybridModel, _network("hybrid_stiffness", recording, settings))
+
+
+def mlp_lateral(recording: Recording | None = None, **settings: Any) -> HybridModel:
+    """Feed-forward network of the rates of v_y [m/s] and yaw rate [rad/s]; as `msnn_lat`.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.models.mlp_lateral(hidden=[8, 8]).outputs
+    ('v_y', 'yaw_rate')
+    """
+    return cast(HybridModel, _network("mlp_lateral", recording, settings))
+
+
+def bicycle_mlp(recording: Recording | None = None, **settings: Any) -> HybridModel:
+    """Single track, and a feed-forward network of what its rates are off by; as `msnn_lat`."""
+    return cast(HybridModel, _network("bicycle_mlp", recording, settings))
+
+
+def hybrid_force(recording: Recording | None = None, **settings: Any) -> HybridModel:
+    """Linear single track whose axle forces a recurrent network predicts; parameters as of `msnn_lat`."""
+    return cast(HybridModel, _network("hybrid_force", recording, settings))
+
+
+def own(place: str) -> Model:
+    """A model of one's own from a file, which is run.
+
+    Parameters
+    ----------
+    place : FILE.py:NAME, as in "my_car.py:my_model"; NAME is a model, or a function without arguments that makes one.
+
+    Raises
+    ------
+    BadInput : the file does not run, has no such name, or names itself like a shipped model.
+    """
+    return own_model(place)
+
+
+def names() -> tuple[str, ...]:
+    """Names of all models: those shipped, and those of installed packages.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> "single_track" in gb.models.names()
+    True
+    """
+    install()
+    return tuple(MODELS)
+
+
+def __getattr__(name: str) -> Callable[..., Model]:
+    """A model that an installed package brings."""
+    if name.startswith("_"):
+        raise AttributeError(name)
+    install()
+    if name not in MODELS:
+        raise AttributeError(f"There is no model {name!r}.{near_or_all(name, MODELS)}")
+
+    def brought(vehicle: VehicleLike = None, **settings: Any) -> Model:
+        return build(name, settings, vehicle=given.vehicle(vehicle))
+
+    return brought

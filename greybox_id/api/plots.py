@@ -1,0 +1,318 @@
+"""Figures of results as matplotlib Axes, for people to restyle: `fit.plot.tyres()`, `gap.plot()`, `track.plot()`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+from ..errors import BadInput, near_or_all
+from ..gap import Budget
+from ..model import Model
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..reports.figures.handling import A_Y, BEYOND, is_steered, turns_beyond_curvature
+from ..reports.figures.sheet import band
+from ..reports.figures.style import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, look
+from ..reports.figures.tyres import AXLES, draw_tyre, has_tyres
+from ..reports.numbers import pretty_unit
+from ..reports.settled import OverSlip
+from ..signals import unit_of, unit_of_quantity
+from . import given, predictions
+from .given import Columns
+
+if TYPE_CHECKING:
+    from .fit_result import FitResult
+    from .gap_result import GapResult
+    from .track_result import TrackResult
+
+SLIPS = ("alpha_f", "alpha_r")
+SLIP = 0.25
+"""Slip angles, rad, to which tyre curves are drawn where no recording says how far the vehicle slipped."""
+POINTS = 81
+SIMULATED = look(BLUE, dashes=DASHED)
+
+
+class FitPlots:
+    """Figures of a fit. Each method returns matplotlib Axes, drawn into a new figure unless `ax` or `axes` is given.
+
+    Parameters
+    ----------
+    fit : whose figures these are.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> matplotlib.use("Agg")
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> axes = gb.fit("kinematic", lap, vehicle="roboracer").plot.measured_and_simulated(lap)
+    >>> [ax.get_ylabel() for ax in axes]
+    ['yaw_rate [rad/s]', 'a_y [m/s²]']
+    """
+
+    def __init__(self, fit: FitResult) -> None:
+        self._fit = fit
+
+    def __repr__(self) -> str:
+        names = [name for name in dir(type(self)) if not name.startswith("_")]
+        return f"Figures of {self._fit.model.name}: {', '.join(f'.{name}()' for name in names)}"
+
+    def measured_and_simulated(
+        self,
+        recording: Recording | str | Path | None = None,
+        *,
+        horizon: float | None = None,
+        axes: Any = None,
+        columns: Columns = "canonical",
+    ) -> np.ndarray[Any, Any]:
+        """Outputs over time, as measured and as the model simulates them freely, or predicts them over a horizon.
+
+        Parameters
+        ----------
+        recording : to be compared with; by default what was held out, else what was fitted.
+        horizon : s of predictions; None for the free run.
+        axes : (outputs,) matplotlib Axes to draw into.
+        columns : column map, where a file is named.
+
+        Returns
+        -------
+        (outputs,) of matplotlib Axes, one for each output that was recorded.
+        """
+        own = self._recording(recording, columns)
+        found = predictions.predict(self._fit, own, horizon)
+        names = [name for name in found.signals if name in own]
+        drawn = _rows(axes, len(names), "time [s]")
+        for ax, name in zip(drawn, names, strict=True):
+            for k, (rows, time) in enumerate(_laid(own.time, own.runs)):
+                words = "simulated" if horizon is None else f"{horizon:g} s ahead"
+                for values, line in ((own[name], MEASURED), (found[name], SIMULATED | {"label": words})):
+                    ax.plot(time, values[rows], **line if k == 0 else line | {"label": None})
+            ax.set_ylabel(_label(name))
+        if names:
+            drawn[0].legend(loc="upper right")
+            drawn[0].set_title(f"{self._fit.model.name} on {own.name}")
+        return drawn
+
+    def residuals(
+        self,
+        recording: Recording | str | Path | None = None,
+        *,
+        horizon: float | None = None,
+        axes: Any = None,
+        columns: Columns = "canonical",
+    ) -> np.ndarray[Any, Any]:
+        """Measured less simulated over time; parameters and result as of `measured_and_simulated`."""
+        own = self._recording(recording, columns)
+        left = predictions.residuals(self._fit, own, horizon)
+        drawn = _rows(axes, len(left.signals), "time [s]")
+        for ax, (name, values) in zip(drawn, left.signals.items(), strict=True):
+            for rows, time in _laid(own.time, own.runs):
+                ax.plot(time, values[rows], **look(BLUE, 0.8))
+            ax.axhline(0.0, **ZERO)
+            ax.set_ylabel(_label(name))
+        if len(drawn):
+            drawn[0].set_title(f"residuals of {self._fit.model.name} on {own.name}")
+        return drawn
+
+    def tyres(self, *, slip: float | None = None, v_x: float | None = None, ax: Axes | None = None) -> Axes:
+        """Lateral force over vertical load of either axle over its slip angle, with 95 % bands to first order.
+
+        Parameters
+        ----------
+        slip : rad, the largest slip angle drawn; by default as far as the training data reach, else 0.25 rad.
+        v_x : speed, m/s; by default the median of the training data, else 10 m/s.
+        ax : matplotlib Axes to draw into.
+
+        Raises
+        ------
+        BadInput : the model has no axles with slip angles.
+        """
+        model = _motion(self._fit.model)
+        if not has_tyres(self._fit):
+            raise BadInput(f"{model.name} has no tyres: no slip angles, lateral forces and loads of its axles.")
+        speed = v_x if v_x is not None else self._speed()
+        reach = slip if slip is not None else self._slip()
+        angles = np.linspace(-reach, reach, POINTS)
+        ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
+        for colour, (axle, where) in zip((BLUE, ORANGE), AXLES.items(), strict=True):
+            draw_tyre(ax, self._fit, OverSlip(model, axle, speed), angles, look(colour, 1.4, f"{where} axle"))
+        ax.set(xlabel="slip angle [rad]", ylabel="F_y / F_z [–]", title=f"tyres of {model.name}")
+        ax.legend()
+        return ax
+
+    def handling(self, *, v_x: float | None = None, steer: float = 0.3, ax: Axes | None = None) -> Axes:
+        """Handling diagram: steering beyond what the path's curvature needs, over lateral acceleration, in steady
+        turns.
+
+        Parameters
+        ----------
+        v_x : speed, m/s; by default the median of the training data, else 10 m/s.
+        steer : rad, the largest road-wheel angle drawn.
+        ax : matplotlib Axes to draw into.
+
+        Raises
+        ------
+        BadInput : the model does not steer, or has no steady turns.
+        """
+        model = _motion(self._fit.model)
+        speed = v_x if v_x is not None else self._speed()
+        turns = turns_beyond_curvature(model, speed, abs(steer)) if is_steered(model) else None
+        if turns is None:
+            raise BadInput(f"{model.name} has no steady turns to be drawn.")
+        ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
+        ax.plot(*turns, **look(BLUE, 1.4, f"{speed:.3g} m/s"))
+        ax.axhline(0.0, **ZERO)
+        ax.set(xlabel=A_Y, ylabel=BEYOND, title=f"handling of {model.name}")
+        ax.legend()
+        return ax
+
+    def parameters(self, *names: str, level: float = 0.95, ax: Axes | None = None) -> Axes:
+        """Estimates over the values that the fit started from, with their confidence intervals.
+
+        Parameters
+        ----------
+        names : free single parameters; all of them unless given.
+        level : of the intervals.
+        ax : matplotlib Axes to draw into.
+        """
+        intervals, params = self._fit.conf_int(level), self._fit.params
+        known = [p.name for p in self._fit.model.parameters if p.shape == () and not p.fixed]
+        for name in names:
+            if name not in known:
+                raise BadInput(f"names: there is no free parameter {name!r}.{near_or_all(name, known)}")
+        chosen = list(names) or known
+        ax = ax if ax is not None else plt.subplots(figsize=(6.4, 1.2 + 0.3 * len(chosen)), layout="constrained")[1]
+        for k, name in enumerate(chosen):
+            at, low, high = float(params[name]), float(intervals["lower"][name]), float(intervals["upper"][name])
+            scale = abs(at) or 1.0
+            ax.plot([low / scale, high / scale], [k, k], **look(BLUE, 2.0))
+            ax.plot(at / scale, k, **look(BLUE, dots=3.0))
+        units = [pretty_unit(self._fit.model[name].unit) for name in chosen]
+        told = [f"{name} = {params[name]:.4g} {unit}" for name, unit in zip(chosen, units, strict=True)]
+        ax.set_yticks(range(len(chosen)), told)
+        ax.invert_yaxis()
+        ax.set(xlabel=f"{100 * level:g} % interval over |estimate|", title=f"parameters of {self._fit.model.name}")
+        return ax
+
+    def _recording(self, recording: Recording | str | Path | None, columns: Columns) -> Recording:
+        if recording is not None:
+            return given.recording(recording, columns)
+        return (self._fit.seen("validate") or self._fit.seen("train"))[0]
+
+    def _speed(self) -> float:
+        """Median speed of the training data, m/s."""
+        speeds = [own["v_x"] for own in self._trained() if "v_x" in own]
+        return float(np.nanmedian(np.concatenate(speeds))) if speeds else 10.0
+
+    def _slip(self) -> float:
+        """The largest slip angle that the training data show, rad."""
+        model = _motion(self._fit.model)
+        slipping = replace(model, outputs=(*model.outputs, *(name for name in SLIPS if name not in model.outputs)))
+        found: list[Array] = []
+        for own in self._trained():
+            driven = predictions.simulate(slipping, own)
+            found += [np.abs(driven[name]) for name in SLIPS]
+        return 1.2 * float(np.nanquantile(np.concatenate(found), 0.995)) if found else SLIP
+
+    def _trained(self) -> Sequence[Recording]:
+        try:
+            return self._fit.seen("train")
+        except BadInput:
+            return ()
+
+
+def along_track(track: TrackResult, names: Sequence[str], axes: Any) -> Axes | np.ndarray[Any, Any]:
+    """Estimates of a track over time, with bands of two standard deviations."""
+    for name in names:
+        if name not in track.values:
+            raise BadInput(f"names: this track has no estimate {name!r}.{near_or_all(name, track.values)}")
+    chosen = list(names) or list(track.values)
+    drawn = _rows(axes, len(chosen), "time [s]")
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(track.run)) + 1, [len(track.run)]))
+    runs = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    for ax, name in zip(drawn, chosen, strict=True):
+        measured = track.recording[name][track.rows.astype(int)] if name in track.recording else None
+        for rows, time in _laid(track.time, runs):
+            values, sd = track.values[name][rows], track.sds[name][rows]
+            ax.plot(time, values, **look(BLUE))
+            band(ax, time, values - 2 * sd, values + 2 * sd)
+            if measured is not None:
+                ax.plot(time, measured[rows], **look(PALE, dashes="", dots=0.8), zorder=0)
+        unit = track.units[name]
+        ax.set_ylabel(f"{name} [{pretty_unit(unit)}]")
+    drawn[0].set_title(f"track of {track.recording.name}")
+    if len(chosen) == 1 and axes is None:
+        only: Axes = drawn[0]
+        return only
+    return drawn
+
+
+def budget(gap: GapResult, ax: Axes | None) -> Axes:
+    """The shares of a gap as a waterfall; effects by probability where the diagnosis has no budget."""
+    ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
+    shares = gap.budget
+    if shares is not None:
+        rows = _shares(shares)
+        below = 0.0
+        for k, (name, share) in enumerate(rows):
+            ax.barh(k, 100 * share, left=100 * below, color=PALE if name == "unnamed" else BLUE)
+            below += share
+        ax.set_yticks(range(len(rows)), [name for name, _ in rows])
+        ax.set_xlabel("share of the excess error [%]")
+    else:
+        ranked = gap.ranking
+        ax.barh(range(len(ranked)), [own.probability for own in ranked],
+                color=[BLUE if own.effect in gap.applied else PALE for own in ranked])  # fmt: skip
+        ax.set_yticks(range(len(ranked)), [own.effect for own in ranked])
+        ax.set(xlabel="probability", xlim=(0.0, 1.0))
+    ax.invert_yaxis()
+    ax.set_title(f"gap of {gap.model}")
+    return ax
+
+
+def _shares(given: Budget) -> list[tuple[str, float]]:
+    """Cause and share of every row of a budget, what none of them closes last."""
+    return [(own.effect, own.share) for own in (*given.shares, given.unnamed)]
+
+
+def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:
+    """Axes one below the other: those given, or of a new figure."""
+    if axes is not None:
+        drawn = np.atleast_1d(np.asarray(axes, dtype=object))
+        if len(drawn) != count:
+            raise BadInput(f"axes: {count} are needed, {len(drawn)} are given.")
+        return drawn
+    drawn = plt.subplots(max(count, 1), 1, sharex=True, squeeze=False, figsize=(7.0, 1.0 + 1.8 * max(count, 1)),
+                         layout="constrained")[1][:, 0]  # fmt: skip
+    drawn[-1].set_xlabel(below)
+    return drawn
+
+
+def _laid(time: Array, runs: Sequence[tuple[int, int]]) -> list[tuple[slice, Array]]:
+    """Rows and time of every run; where a clock begins anew, the run is laid behind the one before."""
+    found: list[tuple[slice, Array]] = []
+    end, moved = -np.inf, 0.0
+    for start, stop in runs:
+        own = time[start:stop]
+        if len(own) and own[0] + moved <= end:
+            moved = end - float(own[0]) + (float(own[1] - own[0]) if len(own) > 1 else 0.0)
+        found.append((slice(start, stop), own + moved))
+        end = float(own[-1]) + moved if len(own) else end
+    return found
+
+
+def _label(name: str) -> str:
+    return f"{name} [{pretty_unit(unit_of(name, unit_of_quantity(name)))}]"
+
+
+def _motion(model: Model) -> MotionModel:
+    if isinstance(model, MotionModel):
+        return model
+    raise BadInput(f"{model.name} is none of equations of motion, which this figure is of.")

@@ -1,0 +1,241 @@
+"""What a model makes of a recording: free runs, predictions, residuals as recordings; errors as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..choices.wanted import must_be_recorded
+from ..errors import BadInput, near_or_all
+from ..fit import Fit
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..recording import Recording
+from ..scores.metrics import FREE_RUN, Prediction
+from ..scores.metrics import score as score_model
+from ..scores.prediction import predict as predict_rows
+from ..scores.prediction import simulate as simulate_runs
+from ..scores.timing import (
+    calibrated_predictions,
+    calibrated_seconds,
+    calibrated_timing,
+    calibration_words,
+    must_have_timing,
+)
+from ..signals import unit_of, unit_of_quantity
+from . import given
+from .given import Columns, Effects, ModelLike, VehicleLike
+
+
+def simulate(
+    model: ModelLike | Fit,
+    recording: Recording | str | Path,
+    *,
+    start: Mapping[str, float] | None = None,
+    vehicle: VehicleLike = None,
+    effects: Effects = (),
+    columns: Columns = "canonical",
+) -> Recording:
+    """Simulate every unbroken run of a recording freely, to its end, on its inputs alone.
+
+    Parameters
+    ----------
+    model : a fit, a model, or a model's name.
+    recording : its inputs; readings of outputs are only needed where a run starts.
+    start : state -> value at the start of every run, in its SI unit; others start from the first row's readings.
+    vehicle, effects : what a model that is named starts from, and what is added to it.
+    columns : column map, where a file is named.
+
+    Returns
+    -------
+    Recording
+        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows that are not predicted.
+
+    Raises
+    ------
+    BadInput : an input is missing, a name stands for nothing, or the model has no loop to run in.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> gb.simulate("kinematic", lap, vehicle="roboracer")
+    Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
+      yaw_rate [rad/s], a_y [m/s^2]
+    """
+    chosen, own = _both(model, recording, vehicle, effects, columns)
+    states = [state.name for state in getattr(chosen, "states", ())]
+    for name, value in (start or {}).items():
+        if name not in states:
+            raise BadInput(f"start: {chosen.name} has no state {name!r}.{near_or_all(name, states) if states else ''}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise BadInput(f"start: {name} needs a finite number, not {value!r:.40}.")
+    return _as_recording(chosen, own, simulate_runs(chosen, own, start), chosen.name)
+
+
+def predict(
+    model: ModelLike | Fit,
+    recording: Recording | str | Path,
+    horizon: float | None = None,
+    *,
+    open_loop: bool = False,
+    calibrate: str | None = None,
+    vehicle: VehicleLike = None,
+    effects: Effects = (),
+    columns: Columns = "canonical",
+) -> Recording:
+    """Predict every row of a recording from the readings some time earlier.
+
+    Parameters
+    ----------
+    model : a fit, a model, or a model's name.
+    recording : inputs and readings.
+    horizon : s; equations of motion predict every row from the readings so much earlier. None for the free run.
+    open_loop : whether maps with memory predict one sample ahead from measured inputs.
+    calibrate : for fits of models with memory, "timing" or "timing=8s": the first 5 s, or 8 s, of motion of each run
+        tell its delay, which is then held; what follows is predicted.
+    vehicle, effects, columns : as of `simulate`.
+
+    Returns
+    -------
+    Recording
+        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows that are not predicted.
+
+    Raises
+    ------
+    BadInput : a signal is missing, or the horizon is no number above zero, shorter than a sample or longer than every
+        run.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> ahead = gb.predict("kinematic", lap, horizon=0.5, vehicle="roboracer")
+    >>> len(ahead) == len(lap)
+    True
+    """
+    must_be_horizon(horizon)
+    seconds = calibrated_seconds(calibrate)
+    chosen, own = _both(model, recording, vehicle, effects, columns)
+    if seconds is not None:
+        return _calibrated(model, chosen, own, seconds, horizon, open_loop)
+    found = predict_rows(chosen, own, None if horizon is None else float(horizon), open_loop=open_loop)
+    return _as_recording(chosen, own, found, f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}")
+
+
+def _calibrated(
+    fit: ModelLike | Fit, model: Model, recording: Recording, seconds: float, horizon: float | None, open_loop: bool
+) -> Recording:
+    must_have_timing(model)
+    if horizon is not None:
+        raise BadInput(
+            "calibrate: it is for models with memory, which predict freely or one sample ahead; omit horizon."
+        )
+    if not isinstance(fit, Fit):
+        raise BadInput(f"calibrate: a fit is needed, whose training says what an error is, not {fit!r:.60}.")
+    assert isinstance(model, MemoryModel)
+    timing = calibrated_timing(fit, recording, seconds)
+    found = calibrated_predictions(model, recording, timing, open_loop=open_loop)
+    return _as_recording(model, recording, found, f"{model.name}, {calibration_words(seconds)}")
+
+
+def residuals(
+    model: ModelLike | Fit,
+    recording: Recording | str | Path,
+    horizon: float | None = None,
+    columns: Columns = "canonical",
+) -> Recording:
+    """Measured less predicted, on the recording's time, in SI units."""
+    own = given.recording(recording, columns)
+    found = predict(model, own, horizon)
+    left = {name: own[name] - values for name, values in found.signals.items() if name in own}
+    return replace(found, name=f"{found.name}, residuals", signals=left)
+
+
+def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
+    """Errors of a model on a recording, over horizons and in free run.
+
+    Parameters
+    ----------
+    model : a fit, a model, or a model's name.
+    recording : inputs and readings.
+    columns : column map, where a file is named.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per output and protocol: `output`, `unit` (SI), `protocol` ("0.5 s ahead", "free run", or that of a model
+        with memory), `horizon` [s] (infinite in free run, NaN one sample ahead), `rmse` and its standard error `stderr`
+        [unit], `fit_percent` = 100 (1 - |e| / |y - mean(y)|), the fraction of variance unexplained `fvu`, and
+        `samples`.
+
+    Raises
+    ------
+    BadInput : a signal is missing.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> gb.score(gb.models.kinematic(vehicle="roboracer"), lap)["protocol"].unique().tolist()
+    ['0.1 s ahead', '0.5 s ahead', '1 s ahead', '2 s ahead', 'free run']
+    """
+    chosen, own = _both(model, recording, None, (), columns)
+    rows = [
+        {
+            "output": name,
+            "unit": unit_of(name, unit_of_quantity(name)),
+            "protocol": protocol,
+            "horizon": _seconds(protocol),
+            "rmse": error.rmse,
+            "stderr": error.rmse_sd,
+            "fit_percent": error.fit_percent,
+            "fvu": error.fvu,
+            "samples": error.samples,
+        }
+        for protocol, errors in score_model(chosen, own).items()
+        for name, error in errors.items()
+    ]
+    return pd.DataFrame(rows).sort_values(["output", "horizon"], kind="stable", ignore_index=True)
+
+
+def must_be_horizon(horizon: object) -> None:
+    """Raise `BadInput` for what is no time above zero; None is the free run."""
+    if horizon is None:
+        return
+    number = isinstance(horizon, int | float) and not isinstance(horizon, bool)
+    if not number or not 0 < horizon < np.inf:  # type: ignore[operator]
+        raise BadInput(f"horizon: seconds above zero are needed, or None for the free run, not {horizon!r:.40}.")
+
+
+def _seconds(protocol: str) -> float:
+    if protocol in (FREE_RUN, "closed_loop"):
+        return float("inf")
+    head, _, rest = protocol.partition(" s ahead")
+    return float(head) if rest == "" and head != protocol else float("nan")
+
+
+def _both(
+    model: ModelLike | Fit, recording: Recording | str | Path, vehicle: VehicleLike, effects: Effects, columns: Columns
+) -> tuple[Model, Recording]:
+    chosen, own = given.model(model, vehicle, effects), given.recording(recording, columns)
+    must_be_recorded(chosen, [own])
+    return chosen, own
+
+
+def _as_recording(model: Model, recording: Recording, found: Prediction, suffix: str) -> Recording:
+    """Predictions on the time of what was predicted."""
+    signals = {}
+    rows = np.asarray(found.rows, dtype=int)
+    for k, name in enumerate(model.outputs):
+        values = np.full(len(recording), np.nan)
+        values[rows] = found.predicted[:, k]
+        signals[name] = values
+    units = {name: unit_of_quantity(name) for name in model.outputs if not unit_of(name, "")}
+    return Recording(
+        name=f"{recording.name}, {suffix}", time=recording.time, signals=signals, runs=recording.runs, extra_units=units
+    )

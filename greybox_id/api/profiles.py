@@ -1,0 +1,249 @@
+"""Profile likelihood of a fit's parameters."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import RenderableType
+from rich.table import Table
+
+from ..engine.motion.shooting import MotionProblem
+from ..errors import BadInput
+from ..fit import Fit
+from ..fitting.how import Say, quiet
+from ..fitting.restated import place, profiled, restated
+from ..processes import Pace, apart, side_by_side
+from ..recording import Recording
+from ..reports.numbers import interval, number, pretty_unit
+from ..reports.recordings import matched
+from ..reports.text.fit import estimate
+from ..reports.text.screen import as_text, plain_table
+from ..solvers.gauss_newton import Solution
+from ..uncertainty import uncertainty
+from ..uncertainty.profile import End, Profile
+from ..uncertainty.profile import profile as profile_one
+from ..uncertainty.sandwich import Uncertainty
+from . import given
+from .given import Columns, Recordings
+
+ENDS = {
+    End.CROSSED: "",
+    End.BOUND: "end is the bound",
+    End.FLAT: "side has no end",
+    End.NOT_FINITE: "end is where the model is finite no more",
+}
+"""How one side of a profile ends, where the recording does not limit it."""
+MOVED = 0.1
+"""An optimum so many standard deviations from where a fit ended is another one."""
+
+
+@dataclass(frozen=True)
+class ProfileBeside:
+    """A profile beside what the covariance says: interval and standard deviation."""
+
+    profile: Profile
+    wald: tuple[float, float]
+    sd: float
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Profiles of several parameters.
+
+    Attributes
+    ----------
+    fit : the fit.
+    confidence : of the intervals.
+    found : parameter -> its profile.
+    missed : parameters that an interruption left without one.
+    moved : parameters that an optimisation begun at the fit takes elsewhere -> how far, in standard deviations.
+    """
+
+    fit: Fit
+    confidence: float
+    found: Mapping[str, ProfileBeside]
+    missed: Sequence[str] = ()
+    moved: Mapping[str, float] = field(default_factory=dict)
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What they say, part by part."""
+        if self.moved:
+            most = max(self.moved, key=lambda name: abs(self.moved[name]))
+            yield (
+                f"The fit was not at its optimum: optimised again, {most} moved by {abs(self.moved[most]):.2g} sd. "
+                "Fit again.\n"
+            )
+        yield _table(self.fit, self.found, self.confidence)
+        for name, one in self.found.items():
+            if one.profile.at_a_better_optimum or not one.profile.settled:
+                yield one.profile.about(name, self.fit.model[name].unit)
+        if self.missed:
+            yield f"\ninterrupted before {', '.join(self.missed)}"
+
+    def summary(self) -> str:
+        """What `greybox profile` prints."""
+        return as_text(self.parts())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Every profile point by point: value, rise of the objective, and the rise at which the interval ends."""
+        tables = [
+            pd.DataFrame({"parameter": name, "value": o.values, "rise": o.rise, "allowed": o.allowed})
+            for name, o in ((name, one.profile) for name, one in self.found.items())
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        return {
+            "model": self.fit.model.name,
+            "confidence": self.confidence,
+            "interrupted": bool(self.missed),
+            "moved": dict(self.moved),
+            "profiles": {name: _as_dict(self.fit, name, own) for name, own in self.found.items()},
+        }
+
+
+def profile(
+    fit: Fit,
+    parameter: str,
+    recordings: Recordings | None = None,
+    *,
+    confidence: float = 0.95,
+    columns: Columns = "canonical",
+) -> Profile:
+    """Follow the likelihood along one parameter of a fit, all others re-optimised.
+
+    Parameters
+    ----------
+    fit : of equations of motion.
+    parameter : a free one that is the same in all runs.
+    recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
+    confidence : of the interval, between 0 and 1.
+    columns : column map, where files are named.
+
+    Returns
+    -------
+    Profile
+        `interval` in the parameter's SI unit, `values` (k,) along the profile, and `rise` (k,) of the objective there,
+        which ends the interval at `allowed`; `ends` says how either side ends, `about(name, unit)` all of it in words.
+
+    Raises
+    ------
+    BadInput : there is no such parameter, it was fixed, or a recording is not the one that was fitted.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> found = gb.profile(fit, "yaw_lag")
+    >>> bool(found.interval[0] < fit.params["yaw_lag"] < found.interval[1])
+    True
+    """
+    if not isinstance(parameter, str):
+        raise BadInput(f"parameter: the name of one parameter is needed, not {parameter!r:.60}.")
+    if isinstance(confidence, bool) or not isinstance(confidence, int | float) or not 0 < confidence < 1:
+        raise BadInput(f"confidence: a number between 0 and 1 is needed, such as 0.95, not {confidence!r:.40}.")
+    profiled(fit, [parameter])  # a wrong name is said before recordings are read
+    read = given.seen_by(fit, recordings, columns)
+    return profiles(fit, [parameter], read, confidence).found[parameter].profile
+
+
+def profiles(
+    fit: Fit,
+    names: Sequence[str],
+    recordings: Sequence[Recording],
+    confidence: float = 0.95,
+    jobs: int = 1,
+    say: Say = quiet,
+) -> Profiles:
+    """Profiles of several parameters, side by side in so many processes; Ctrl-C keeps those that are done."""
+    problem, solution = restated(fit, matched(trained(fit), recordings))
+    told = uncertainty(problem, solution.x, solution.nodes)
+    intervals = told.interval(confidence)
+    away, pace, finished = apart(len(names), jobs), Pace(len(names)), itertools.count(1)
+
+    def work(k: int) -> ProfileBeside:
+        if not away:
+            say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
+        at = place(problem, names[k])
+        own = profile_one(problem, solution.x, solution.nodes, at, told=told, confidence=confidence)
+        low, high = (float(end) for end in intervals[at])
+        return ProfileBeside(own, (low, high), float(told.sd[at]))
+
+    def done_with(k: int, own: ProfileBeside) -> bool:
+        del own
+        done = next(finished)
+        say(f"{names[k]}: done, {done} of {len(names)}{pace.left(done)}", passing=True)
+        return True
+
+    done = side_by_side(work, len(names), jobs, done_with)
+    found = {names[k]: done.found[k] for k in sorted(done.found)}
+    missed = [name for name in names if name not in found]
+    return Profiles(fit, confidence, found, missed, _moved(fit, problem, solution, told))
+
+
+def trained(fit: Fit) -> Fit:
+    """The fit as if it had seen the recordings alone that it was fitted to."""
+    return replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
+
+
+def _moved(fit: Fit, problem: MotionProblem, solution: Solution, told: Uncertainty) -> dict[str, float]:
+    """Parameters that an optimisation begun at the fit takes elsewhere, and how far, in standard deviations."""
+    found = {}
+    for own in fit.model.parameters:
+        if own.shape == () and not own.fixed and own.scope == "model":
+            at = place(problem, own.name)
+            if np.isfinite(told.sd[at]) and told.sd[at] > 0:
+                found[own.name] = float((solution.x[at] - float(own.array)) / told.sd[at])
+    return {name: away for name, away in found.items() if abs(away) > MOVED}
+
+
+def _table(fit: Fit, found: Mapping[str, ProfileBeside], confidence: float) -> Table:
+    level = f"{100 * confidence:g} %"
+    table = plain_table("parameter", "estimate", f"{level} by covariance", f"{level} by profile", "unit", "")
+    for name, one in found.items():
+        own = fit.model[name]
+        table.add_row(
+            name, estimate(float(own.array), one.sd), _interval(one.wald, one.sd),
+            _interval(one.profile.interval, one.sd), pretty_unit(own.unit), _status(one.profile),
+        )  # fmt: skip
+    return table
+
+
+def _interval(ends: tuple[float, float], sd: float) -> str:
+    """An interval, which may have no end."""
+    if all(math.isfinite(end) for end in (*ends, sd)) and sd > 0:
+        return interval(*ends, sd)
+    return f"[{number(ends[0])}, {number(ends[1])}]"
+
+
+def _status(own: Profile) -> str:
+    """What a reader must know of a profile: sides that the recording does not limit."""
+    sides = [f"{side} {ENDS[end]}" for side, end in zip(("lower", "upper"), own.ends, strict=True) if ENDS[end]]
+    return "; ".join(sides)
+
+
+def _as_dict(fit: Fit, name: str, one: ProfileBeside) -> dict[str, Any]:
+    own = one.profile
+    return {
+        "unit": fit.model[name].unit,
+        "estimate": float(fit.model[name].array),
+        "sd": one.sd,
+        "by_covariance": list(one.wald),
+        "by_profile": list(own.interval),
+        "ends": [end.value for end in own.ends],
+        "identifiable": own.identifiable,
+        "at_a_better_optimum": own.at_a_better_optimum,
+        "settled": own.settled,
+        "about": own.about(name, fit.model[name].unit),
+        "allowed_rise": own.allowed,
+        "values": own.values.tolist(),
+        "rise": own.rise.tolist(),
+    }

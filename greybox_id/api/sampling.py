@@ -1,0 +1,261 @@
+"""Draws of the posterior of a fit's parameters, and what they predict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from rich.console import RenderableType
+
+from ..choices.wanted import must_be_recorded
+from ..datasets.formats.contents import needed
+from ..errors import BadInput
+from ..fit import Fit
+from ..fitting.how import Say, quiet
+from ..guard import claim, content_of
+from ..posterior.abc_smc import Distance
+from ..posterior.posterior import Method, Posterior, load_posterior
+from ..posterior.predictive import banded_table, predictive_band
+from ..posterior.verb import SampleOptions, must_suit_sampling
+from ..posterior.verb import sample as sample_fit
+from ..recording import Recording
+from ..reports.numbers import interval, number, pretty_unit
+from ..reports.recordings import matched
+from ..reports.text.screen import as_text, plain_table
+from . import given
+from .given import Columns, Recordings
+from .predictions import must_be_horizon
+from .profiles import trained
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WORDS = "a posterior"
+"""What its file is, in sentences."""
+MOST_SHOWN = 12
+"""Parameters that a corner plot shows unless they are named."""
+
+
+@dataclass(frozen=True, repr=False)
+class PosteriorResult(Posterior):
+    """Draws of the posterior of a fit's parameters, as `gb.sample` returns them.
+
+    What it is as a record (`frame`, `table`, `r_hat`, `ess`, `weight` ...) is documented at
+    `greybox_id.posterior.posterior.Posterior`.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> found = gb.sample(fit, method="laplace", draws=1000)
+    >>> found.frame.columns.tolist()[:5]
+    ['chain', 'draw', 'weight', 'log_posterior', 'l_f']
+    >>> low, high = found.table.loc["yaw_lag", ["low", "high"]]
+    >>> bool(low < fit.params["yaw_lag"] < high)
+    True
+    """
+
+    @classmethod
+    def of(cls, posterior: Posterior) -> PosteriorResult:
+        """A posterior with what it can do."""
+        return cls(**{own.name: getattr(posterior, own.name) for own in fields(Posterior)})
+
+    @classmethod
+    def load(cls, path: str | Path) -> PosteriorResult:
+        """Read a posterior that `save` or `greybox sample` wrote. Raises `BadInput` where the file is none."""
+        return cls.of(load_posterior(path))
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What it says, part by part."""
+        if not len(self):
+            yield "no draws yet"
+            return
+        worst, least = self.worst
+        met = f", R-hat at most {worst:.3f}" if np.isfinite(worst) else ""
+        yield (
+            f"sampled  {len(self)} draws of {self.fit.get('model')} by {self.method}, {100 * self.acceptance:.3g} % "
+            f"accepted{met}, worth {least:.0f} independent draws or more; {self.cpu_seconds:.1f} CPU s\n"
+        )
+        table = plain_table("parameter", "mean", "sd", "95 % interval", "unit", "R-hat", "ESS")
+        for name, row in self.table.iterrows():
+            table.add_row(
+                str(name), number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
+                pretty_unit(row["unit"]), f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–",
+                f"{row['ess']:.0f}",
+            )  # fmt: skip
+        yield table
+        for sentence in self.cautions():
+            yield f"\n{sentence}"
+
+    def summary(self) -> str:
+        """What `greybox sample` prints."""
+        return as_text(self.parts())
+
+    def bands(
+        self,
+        fit: Fit,
+        recording: Recording | str | Path,
+        horizon: float | None = None,
+        *,
+        level: float = 0.95,
+        columns: Columns = "canonical",
+    ) -> pd.DataFrame:
+        """What the draws predict of a recording: the mean over 200 of them, and a band of readings.
+
+        Parameters
+        ----------
+        fit : whose posterior it is.
+        recording : inputs and, where they are read, outputs.
+        horizon : s ahead of the readings of every row; None for the free run.
+        level : share of readings expected within the band: parameters' spread and the residuals' spread together.
+        columns : column map, where a file is named.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `time` [s], `run`, and by output readings, `_predicted`, `_predicted_low`, `_predicted_high` in SI units.
+
+        Raises
+        ------
+        BadInput : the posterior is of another fit, or a signal is missing.
+        """
+        must_be_horizon(horizon)
+        if isinstance(level, bool) or not isinstance(level, int | float) or not 0 < level < 1:
+            raise BadInput(f"level: a number between 0 and 1 is needed, such as 0.95, not {level!r:.40}.")
+        own = given.recording(recording, columns)
+        must_be_recorded(fit.model, [own])
+        return banded_table(fit.model, own, predictive_band(fit, self, own, horizon, level=level))
+
+    def corner(self, names: Sequence[str] | None = None) -> Figure:
+        """Corner plot: histograms of parameters on the diagonal, every pair of them below.
+
+        Parameters
+        ----------
+        names : columns to show; the first twelve unless given.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        BadInput : there is no such column.
+        """
+        import matplotlib.pyplot as plt
+
+        chosen = list(self.names[:MOST_SHOWN] if names is None else names)
+        for name in chosen:
+            if name not in self.names:
+                raise BadInput(f"names: the posterior has no {name!r}; it has {', '.join(self.names)}.")
+        values = pd.DataFrame(self.chosen(min(max(len(self), 1000), 5000)), columns=list(self.names))
+        size = len(chosen)
+        figure, axes = plt.subplots(size, size, figsize=(1.6 * size + 1, 1.6 * size + 1), squeeze=False)
+        for row, down in enumerate(chosen):
+            for column, across in enumerate(chosen):
+                axis = axes[row, column]
+                if column > row:
+                    axis.set_visible(False)
+                    continue
+                if row == column:
+                    axis.hist(values[down], bins=40, histtype="step", color="C0")
+                    axis.set_yticks([])
+                else:
+                    axis.plot(values[across], values[down], ".", markersize=1, alpha=0.3, color="C0")
+                axis.tick_params(labelsize=7)
+                if row == size - 1:
+                    axis.set_xlabel(across, fontsize=8)
+                else:
+                    axis.set_xticklabels([])
+                if column == 0 and row > 0:
+                    axis.set_ylabel(down, fontsize=8)
+                elif column > 0:
+                    axis.set_yticklabels([])
+        figure.align_labels()
+        return figure
+
+
+def sample(
+    fit: Fit,
+    recordings: Recordings | None = None,
+    *,
+    method: Method = "mcmc",
+    draws: int = 2000,
+    seed: int = 0,
+    distance: Distance = "pooled",
+    out: str | Path | None = None,
+    columns: Columns = "canonical",
+    progress: Callable[..., None] | None = None,
+) -> PosteriorResult:
+    """Draw from the posterior of a fit's free parameters.
+
+    Parameters
+    ----------
+    fit : of equations of motion.
+    recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
+    method : "mcmc" draws from the likelihood and the priors that the fit counted (needs the extra `sample`); "laplace"
+        from the normal distribution of the fit's covariance, free of cost; "abc-smc" by distances alone.
+    draws : how many; of "abc-smc" particles.
+    seed : of everything random.
+    distance : of "abc-smc", "pooled" over all rows or "trajectories", the mean of each one's.
+    out : a .parquet file in which the run is kept meanwhile; called again with the same arguments it goes on there.
+    columns : column map, where files are named.
+    progress : called with one line at a time.
+
+    Returns
+    -------
+    Posterior
+        `frame` (a row a draw), `table` (mean, sd and 95 % interval by parameter), `r_hat`, `ess`, `summary()`,
+        `corner()`, `priors()`, `to_arviz()`, `save(path)`. Ctrl-C leaves what there is, `complete` false.
+
+    Raises
+    ------
+    BadInput : the fit is of a network, a recording is not the one that was fitted (hashes are compared), its parameters
+        are not determined, or emcee is not installed.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
+    >>> found = gb.sample(fit, draws=640)
+    >>> len(found), bool(found.r_hat.max() < 1.1)
+    (640, True)
+    """
+    if not isinstance(fit, Fit):
+        raise BadInput(f"fit: a fit is needed, as gb.fit and gb.load return it, not {fit!r:.60}.")
+    options = SampleOptions(method, draws, seed, distance)
+    must_suit_sampling(fit)
+    read = given.seen_by(fit, recordings, columns)
+    return sampled(fit, read, options, None if out is None else posterior_target(out), progress or quiet)
+
+
+def posterior_target(out: str | Path) -> Path:
+    """Where a posterior is to be written. Raises `BadInput` for another kind of file."""
+    target = Path(out)
+    if target.suffix != ".parquet":
+        raise BadInput(f"{out}: a posterior is kept as .parquet, which holds what a run goes on from (‹out›).")
+    return claim(target, becomes=WORDS)
+
+
+def sampled(
+    fit: Fit, recordings: Sequence[Recording], options: SampleOptions, target: Path | None, say: Say
+) -> PosteriorResult:
+    """Draws, kept in a file meanwhile, and gone on with where that holds an earlier run of the same."""
+    if options.method == "mcmc":
+        needed("emcee", "sample", "mcmc", "what emcee samples")
+    read = matched(trained(fit), recordings)
+    ours = target is not None and target.is_file() and content_of(target).words == WORDS
+    begun = load_posterior(target, going_on=True) if target is not None and ours else None
+
+    def keep(own: Posterior) -> None:
+        if target is not None:
+            own.save(target)
+
+    found = sample_fit(fit, read, options, begun=begun, keep=keep, say=say)
+    keep(found)
+    return PosteriorResult.of(found)

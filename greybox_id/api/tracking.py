@@ -1,0 +1,155 @@
+"""Tracking a vehicle along a recording: what is tracked by default, and the verb."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..effect import Effect
+from ..errors import BadInput
+from ..filters.how import TrackOptions
+from ..filters.verb import track as track_recording
+from ..fit import Fit
+from ..memory_model import MemoryModel
+from ..model import Model
+from ..models.effects import EFFECTS
+from ..models.registry import install, model_of
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..reports.track.digest import TrackMade
+from ..vehicle import TrackingPlan, Vehicle
+from . import given
+from .fitting import Progress
+from .given import Columns, ModelLike, VehicleLike
+from .track_result import TrackResult
+
+
+def track(
+    model: ModelLike | Fit | Vehicle,
+    recording: Recording | str | Path,
+    parameters: str | Iterable[str] = (),
+    *,
+    disturbances: str | Iterable[str] = (),
+    vehicle: VehicleLike = None,
+    effects: Iterable[Effect] = (),
+    columns: Columns = "canonical",
+    options: TrackOptions | None = None,
+    progress: Progress | None = None,
+) -> TrackResult:
+    """Estimate states, tyres and forces along a recording with an EKF or UKF.
+
+    Parameters
+    ----------
+    model : a fit (its covariance widens the bands), a model, a model's name, or a vehicle, whose model is taken.
+    recording : in SI units. Glitches and short gaps of inputs are bridged and reported.
+    parameters : what walks at random: parameters, C_alpha_f, effects, quantities such as F_yf, or inputs. By default
+        what the vehicle's file says, else the cornering stiffnesses.
+    disturbances : what comes and goes about where it stands, such as road_bank.
+    vehicle : whose numbers a model that is named starts from.
+    effects : of one's own that may be tracked by name.
+    columns : column map, where a file is named.
+    options : filter, readings, noise.
+    progress : called with one line at a time.
+
+    Returns
+    -------
+    Track
+        Estimates (n,) with standard deviations, in SI units: `to_pandas()`, `plot()`.
+
+    Raises
+    ------
+    BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 300)
+    >>> track = gb.track("lateral", lap, ["C_alpha_f"], vehicle="roboracer", options=gb.TrackOptions(tune=0.0))
+    >>> "C_alpha_f_sd" in track.to_pandas()
+    True
+    """
+    if options is not None and not isinstance(options, TrackOptions):
+        raise BadInput(f"options: gb.TrackOptions(...) is needed, not {options!r:.60}.")
+    install()
+    meant = _tracked(model, vehicle)
+    walking, others = meant.names(given.listed(parameters, "parameters"), given.listed(disturbances, "disturbances"))
+    named = {**EFFECTS, **{effect.name: effect for effect in effects}}
+    how = options or TrackOptions(known=meant.plan.noise)
+    read = given.recording(recording, columns)
+    found = track_recording(
+        meant.model, read, walking, disturbances=others, effects=named, how=how, uncertain=meant.uncertain,
+        say=progress or (lambda line: None),
+    )  # fmt: skip
+    made = TrackMade(meant.model.name, "", __version__, how.tune, how.calibrate)
+    return TrackResult.of(found, read, how, made)
+
+
+def stiffnesses(model: Model) -> tuple[str, ...]:
+    """The cornering stiffnesses a model has: what is tracked where nothing else is asked for."""
+    known = {*(own.name for own in model.combinations), *(own.name for own in model.parameters)}
+    return tuple(name for name in ("C_alpha_f", "C_alpha_r") if name in known)
+
+
+def principal(covariance: Array | None) -> Array | None:
+    """(k, parameters) principal standard deviations of a covariance (parameters, parameters)."""
+    if covariance is None:
+        return None
+    values, vectors = np.linalg.eigh(np.nan_to_num(covariance))
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return np.asarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+
+
+@dataclass(frozen=True)
+class TrackSetup:
+    """What is tracked.
+
+    Attributes
+    ----------
+    model : with which.
+    plan : what is tracked of it where nothing else is asked for.
+    uncertain : (k, parameters) principal standard deviations of its numbers, which widen the bands; of a fit.
+    """
+
+    model: MotionModel
+    plan: TrackingPlan
+    uncertain: Array | None = None
+
+    @classmethod
+    def of_fit(cls, fit: Fit) -> TrackSetup:
+        """By a fit's model, whose covariance widens the bands. Raises `BadInput` where it is none of motion."""
+        own = must_be_motion(fit.model)
+        return cls(own, TrackingPlan(parameters=stiffnesses(own)), principal(fit.covariance))
+
+    @classmethod
+    def of_model(cls, model: Model, vehicle: Vehicle | None) -> TrackSetup:
+        """By a model, as the vehicle's file says. Raises `BadInput` where it is none of motion."""
+        own = must_be_motion(model)
+        plan = vehicle.tracking if vehicle is not None else None
+        return cls(own, plan or TrackingPlan(parameters=stiffnesses(own)))
+
+    def names(
+        self, parameters: tuple[str, ...], disturbances: tuple[str, ...]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Parameters and disturbances as asked for, else those of the plan."""
+        walking = parameters or self.plan.parameters
+        return walking, disturbances or tuple(name for name in self.plan.disturbances if name not in walking)
+
+
+def must_be_motion(model: Model) -> MotionModel:
+    """The model, where it is one of motion. Raises `BadInput` for others."""
+    if isinstance(model, MotionModel):
+        return model
+    kind = "a map with memory" if isinstance(model, MemoryModel) else "a hybrid, whose network has a state of its own"
+    raise BadInput(f"{model.name} is {kind}; filters track equations of motion, such as single_track or lateral.")
+
+
+def _tracked(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> TrackSetup:
+    if isinstance(model, Fit):
+        return TrackSetup.of_fit(model)
+    stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
+    return TrackSetup.of_model(model_of(model) if isinstance(model, Vehicle) else given.model(model, stated), stated)

@@ -1,0 +1,87 @@
+"""How far a fit is from recordings it was not fitted to, and whether it is usable on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import RenderableType
+
+from ..choices.wanted import must_be_recorded
+from ..fit import Fit
+from ..fitting.carrying import carried
+from ..motion_model import MotionModel
+from ..provenance import data_record
+from ..recording import Recording
+from ..reports.text.fit import errors_table, motion_errors_table, verdict_table
+from ..reports.text.screen import as_text
+from ..scores.baseline import Scores, score_beside_hold, unfitted_scores
+from ..scores.metrics import as_dict, score
+from ..scores.verdict import HELD_OUT, distrust, judged, used_signals
+from ..verdict import USABLE, Verdict
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A fit on recordings.
+
+    Attributes
+    ----------
+    model : name of the fit's model.
+    verdict : whether it is usable on them, and why not.
+    scores : recording -> protocol or horizon -> output -> error.
+    held : the same of persistence, the persistence; empty for models with memory.
+    """
+
+    model: str
+    verdict: Verdict
+    scores: Mapping[str, Scores]
+    held: Mapping[str, Scores]
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What it says, part by part."""
+        own, beside = self._tables()
+        yield verdict_table(self.verdict)
+        yield ""
+        yield motion_errors_table(own, beside=beside) if beside else errors_table(own)
+
+    def summary(self) -> str:
+        """What `greybox validate` prints: the verdict and the errors."""
+        return as_text(self.parts())
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        own, beside = self._tables()
+        more = {"persistence": beside} if beside else {}
+        return {**self.verdict.as_dict(), "model": self.model, "metrics": own, **more}
+
+    def __repr__(self) -> str:
+        return f"Validation of {self.model} on {', '.join(self.scores)}: {self.verdict.usability}"
+
+    def _tables(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        own, beside = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
+        return own, beside
+
+
+def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
+    """Score a fit on recordings, by name.
+
+    Equations of motion are set beside persistence, and beside the model as it was before it was fitted.
+    """
+    model = fit.model
+    must_be_recorded(model, list(recordings.values()))
+    found = {name: distrust(used_signals(fit), recording) for name, recording in recordings.items()}
+    data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
+    scores: Mapping[str, Scores]
+    if not isinstance(model, MotionModel):
+        scores = {name: score(model, recording) for name, recording in recordings.items()}
+        return Validation(model.name, judged(fit, scores, findings=found, data=data), scores, {})
+    both = {name: score_beside_hold(model, recording) for name, recording in recordings.items()}
+    scores, held = ({name: own[k] for name, own in both.items()} for k in (0, 1))
+    before = {name: unfitted_scores(fit, recording) for name, recording in recordings.items()}
+    verdict = judged(fit, scores, held=held, unfitted=before, findings=found, data=data)
+    if verdict.usability == USABLE:
+        against = [why for name, recording in recordings.items() for why in carried(fit, recording, name)]
+        verdict = judged(fit, scores, held=held, unfitted=before, findings=found, data=data, more=against)
+    return Validation(model.name, verdict, scores, held)

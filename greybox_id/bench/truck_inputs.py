@@ -1,0 +1,140 @@
+"""The truck's recordings as the benchmark's models see them: every tenth row, steering without its dead zone.
+
+What is made of the steering angles and of the speed here is NOT CAUSAL: filters are centred, and a stretch in which
+alpha1 rests at zero is bridged from both of its ends. The task, a free run along recorded inputs, allows that; a
+controller could not do it. Outputs (v_y and yaw rate) are taken as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import savgol_filter
+
+from ..datasets.read import read
+from ..parameter import Array
+from ..recording import Recording
+
+EVERY = 10
+"""200 Hz to the published 0.05 s."""
+SHORT = 120
+"""Rows (0.6 s): a shorter rest at zero between two readings is crossed straight, a longer one is left and entered on
+ramps of at most so many."""
+SLOPE_OVER = 16
+"""Rows over which the slope of such a ramp is taken."""
+EARLY = 17
+"""Rows (85 ms) by which alpha2 leads alpha1."""
+ORIGIN = (47.5342, -0.6355)
+"""Latitude and longitude, deg, of the middle of the track."""
+METRES_PER_DEGREE = (111132.0, 111320.0 * np.cos(np.radians(ORIGIN[0])))
+ROAD = (0.755, -0.656)
+"""East and north along the track's straights."""
+
+Filter = Callable[[Array], Array]
+
+
+def published_signs(path: Path) -> Recording:
+    """The file as if all its signs were of one frame, as the publication takes them."""
+    found = raw(path)
+    return found.with_signals(yaw_rate=-found["yaw_rate"], steer=-found["steer"])
+
+
+def raw(path: Path) -> Recording:
+    """Every tenth row of a file, in ISO signs."""
+    return _thinned(read(path, "truck"))
+
+
+def prepared(path: Path) -> Recording:
+    """The same with speed and steering angles smoothed, alpha1 bridged, and what else the models read.
+
+    Further signals: v_x_rate [m/s^2]; alpha2 [rad]; at_rest, the share of 0.1 s about a row in which alpha1 still rests
+    at zero after bridging; alpha2_at_rest, that share of alpha2 85 ms ago [rad]; x, y, metres east and north of the
+    track's middle; along_road, the cosine of the angle between course and straights.
+    """
+    found = read(path, "truck")
+    runs = found.runs
+    bridged = np.concatenate([_bridged(found["steer"][a:b]) for a, b in runs])
+    second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
+    resting = _each((np.abs(bridged) < 1e-9).astype(float), runs, lambda z: _mean(z, 21))
+    x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
+    y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
+    east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
+    course = np.hypot(east, north)
+    more = {
+        "steer": _each(bridged, runs, lambda a: _mean(a, 21)),
+        "v_x": _each(found["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
+        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=0.005)),
+        "alpha2": second,
+        "at_rest": resting,
+        "alpha2_at_rest": resting * _each(second, runs, _later),
+        "x": x,
+        "y": y,
+        "along_road": (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0),
+    }
+    return _thinned(found.with_signals(**more))
+
+
+def _thinned(recording: Recording) -> Recording:
+    rows = np.concatenate([np.arange(a, b, EVERY) for a, b in recording.runs])
+    stops = np.cumsum([len(range(a, b, EVERY)) for a, b in recording.runs])
+    return replace(
+        recording,
+        time=recording.time[rows],
+        signals={name: values[rows] for name, values in recording.signals.items()},
+        runs=tuple(zip([0, *stops[:-1].tolist()], stops.tolist(), strict=True)),
+    )
+
+
+def _bridged(steer: Array) -> Array:
+    """alpha1 (n,) without its rests at zero, where its neighbours tell what is between them."""
+    found = steer.copy()
+    for begin, end in _rests(steer):
+        before, after = steer[:begin][::-1], steer[end:]  # both lead away from the rest
+        if len(before) and len(after) and end - begin <= SHORT:
+            found[begin:end] = np.linspace(before[0], after[0], end - begin + 2)[1:-1]
+            continue
+        if len(after):
+            ramp = _ramp(after, end - begin)
+            found[end - len(ramp) : end] = ramp[::-1]
+        if len(before):
+            ramp = _ramp(before, end - begin)
+            found[begin : begin + len(ramp)] = ramp
+    return _median(found, 9)
+
+
+def _rests(steer: Array) -> Iterator[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], steer == 0, [False])).astype(int)))
+    return zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def _ramp(away: Array, longest: int) -> Array:
+    """Down to zero from the first of some readings, as steep as they rise."""
+    near, far = away[:5], away[SLOPE_OVER : SLOPE_OVER + 5]
+    rise = (np.median(far) - np.median(near)) / SLOPE_OVER if len(far) else 0.0
+    rows = away[0] / rise if away[0] * rise > 0 else np.inf
+    rows = max(1, int(min(rows, SHORT, longest)))
+    return np.asarray(away[0] * (1 - np.arange(1, rows + 1) / rows))
+
+
+def _each(values: Array, runs: tuple[tuple[int, int], ...], change: Filter) -> Array:
+    """A filter of the last axis run by run; all at once where all are equally long, as they are in these files."""
+    lengths = {b - a for a, b in runs}
+    if len(lengths) == 1:
+        return change(values.reshape(len(runs), -1)).ravel()
+    return np.concatenate([change(values[a:b]) for a, b in runs])
+
+
+def _mean(values: Array, rows: int) -> Array:
+    return np.asarray(uniform_filter1d(values, rows, axis=-1, mode="nearest"))
+
+
+def _median(values: Array, rows: int) -> Array:
+    return np.asarray(median_filter(values, (1,) * (values.ndim - 1) + (rows,), mode="nearest"))
+
+
+def _later(values: Array) -> Array:
+    return np.concatenate([np.repeat(values[..., :1], EARLY, axis=-1), values[..., :-EARLY]], axis=-1)

@@ -1,0 +1,78 @@
+"""`greybox adapt`: a fit meets a car that may have changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .defaults import command_line
+from .options import calibrate_option, columns_option, json_option, read_part
+from .output import console, print_json, show
+from .own import own_option
+
+
+@click.command(name="adapt")
+@click.argument("fit_file", metavar="FIT", type=click.Path())
+@click.argument("file", metavar="RECORDING", type=click.Path())
+@columns_option
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0, min_open=True),
+    default=20.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Of motion to adapt to; what follows is scored.",
+)
+@click.option(
+    "--free",
+    default="auto",
+    show_default=True,
+    metavar="WORDS",
+    help="What may move: auto, all, names of parameters; with memory F, few, paper, physical too.",
+)
+@click.option("--validate", metavar="RECORDING", type=click.Path(), help="What is scored in place of the rest.")
+@calibrate_option
+@click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name, adapted.")
+@own_option
+@json_option
+def adapt(
+    fit_file: str,
+    file: str,
+    columns: str,
+    seconds: float,
+    free: str,
+    validate: str | None,
+    calibrate: str | None,
+    out: str | None,
+    as_json: bool,
+) -> None:
+    """Adapt FIT to the first seconds of RECORDING, of a car that may have changed.
+
+    What moves, how far, and whether time is aligned is chosen by blocked cross-validation on those seconds alone; the
+    fit as it was is always a candidate. What follows the seconds is scored: one sample ahead, with windows across no
+    join; equations of motion 0.5 s ahead.
+
+    \b
+    greybox adapt run/fit.json new_tyres.csv --columns roboracer --seconds 20 --out adapted
+    """
+    from dataclasses import replace
+
+    from ..api.adapting import adapted
+    from ..files import ensure_writable
+    from ..guard import claim
+    from .fit_file import fit_of
+
+    fit = fit_of(fit_file)
+    target = Path(out or f"{fit.model.name}_adapted") / "fit.json"
+    claim(target, becomes=f"a fit of {fit.model.name}")
+    recording = read_part(file, columns)
+    scored = None if validate is None else read_part(validate, columns)
+    ensure_writable(target.parent)
+    found = adapted(fit, recording, seconds, free, scored, [calibrate] if calibrate else [], Path(fit_file))
+    path = replace(found.fit, command=command_line()).save(target)
+    if as_json:
+        print_json(found.as_dict() | {"written": str(path)})
+        return
+    show(found.parts())
+    console().print(f"\nwritten  {path}   adapted in {found.cpu_seconds:.1f} CPU s")

@@ -1,0 +1,101 @@
+"""`greybox bench`: tables of published papers again, on their recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .commands import CommandGroup
+from .options import json_option
+from .output import console, print_json, progress, show
+
+
+@click.group(name="bench", cls=CommandGroup)
+def bench() -> None:
+    """Make the tables of published papers again, on the authors' recordings, beside what greybox-id reaches.
+
+    \b
+    greybox bench msnn --data roboracer --quick
+    greybox bench truck --data truck --quick
+    """  # fmt: skip
+
+
+@bench.command("msnn")
+@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
+@click.option("--out", default=None, metavar="FILE", help="Write the rows there too, as they come: a .json file.")
+@click.option(
+    "--report", default=None, metavar="FOLDER", help="Write tables and figures there: msnn.html and msnn.pdf."
+)
+@json_option
+def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
+    """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
+
+    FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Both protocols
+    stand beside the paper's figures: the authors' to the letter, and one in which nothing is chosen on what is scored.
+    The report holds Figs. 2 and 7 to 12 too.
+
+    \b
+    greybox bench msnn --data roboracer --quick --report msnn
+    """  # fmt: skip
+    from ..bench.msnn import BENCH, measure
+    from ..bench.msnn_report import NAME, write_report
+    from ..bench.msnn_words import tables
+    from ..files import ensure_writable, write_atomically
+    from ..guard import claim
+
+    target = None if out is None else claim(out, becomes="a bench")
+    folder = None if report is None else Path(report)
+    if folder is not None:
+        for kind in ("html", "pdf"):
+            claim(folder / f"{NAME}.{kind}", becomes="the report of a bench")
+        ensure_writable(folder)
+
+    def keep(rows: list[dict[str, object]]) -> None:
+        if target is not None:
+            write_atomically(target, BENCH.text({"paper": "msnn", "quick": quick, "rows": rows}), continued=True)
+
+    with progress() as say:
+        found = measure(data, quick=quick, say=say, keep=keep)
+        keep(found.rows)
+        pages = [] if folder is None else [str(own) for own in write_report(found, folder)]
+    if as_json:
+        told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
+        print_json(told | ({"written": str(target)} if target else {}) | ({"report": pages} if pages else {}))
+        return
+    show(tables(found.rows))
+    for path in [*([] if target is None else [str(target)]), *pages]:
+        console().print(f"written  {path}")
+
+
+@bench.command("truck")
+@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
+@click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
+@json_option
+def truck_command(data: Path, quick: bool, seeds: int, as_json: bool) -> None:
+    """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
+
+    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted.
+
+    \b
+    greybox bench truck --data truck --quick --json
+    """  # fmt: skip
+    from ..bench.truck import TruckOptions, truck_tables
+
+    with progress() as say:
+        found = truck_tables(data, TruckOptions(quick, seeds), say)
+    if as_json:
+        print_json(found)
+    else:
+        show(parts(found))
+
+
+def parts(found: Mapping[str, Any]) -> list[Any]:
+    """The tables for people."""
+    from ..bench.truck_words import tables
+
+    return tables(found)

@@ -1,0 +1,72 @@
+"""`greybox design`: the manoeuvre to be driven next, so that parameters get precise or explanations come apart."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import click
+
+from ..api.designing import GOALS, as_dict, targets
+from ..api.designing import design as designed
+from .options import json_option
+from .output import console, print_json, progress, show
+from .own import own_option
+
+
+@click.command(name="design")
+@click.argument("source", metavar="FIT|GAP", type=click.Path())
+@click.option("--goal", type=click.Choice(GOALS), help="Usual: precision of a FIT, discriminate of a GAP.")
+@click.option("--arena", required=True, metavar="ARENA", help="straight:120x8, disc:30 (m), or OUTLINE.csv with x, y.")
+@click.option("--parameters", default="", metavar="NAMES", help="What is to be precise: I_z,B_f; all that is free.")
+@click.option(
+    "--criterion", type=click.Choice(["d", "a", "e", "c"]), default="d", show_default=True,
+    help="Of the covariance: determinant, mean, worst combination, or the first of NAMES alone.",
+)  # fmt: skip
+@click.option("--duration", type=float, default=20.0, show_default=True, metavar="SECONDS", help="At most.")
+@click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan a second.")
+@click.option("--limits", metavar="FILE", type=click.Path(), help="TOML file: steer_max, speed_max, sideslip_max ...")
+@click.option("--vehicle", metavar="NAME|FILE", help="Whose steer_max is where the steering stops, unless LIMITS say.")
+@click.option("--speed-max", type=float, metavar="M/S", help="Fastest that may be driven.")
+@click.option("--grip", type=float, metavar="SHARE", help="Of an axle's friction, at most; 0.85 unless given.")
+@click.option("--repeat", type=int, default=1, show_default=True, help="How often it is going to be driven.")
+@click.option(
+    "--driver/--open-loop", default=True, show_default=True,
+    help="A driver keeps speed and path, or commands are given as they stand.",
+)  # fmt: skip
+@click.option("--effort", type=float, default=1.0, show_default=True, help="Of the search, over what is usual.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
+@click.option(
+    "--out", default="design", show_default=True, metavar="FOLDER", help="For plan.csv, plan.svg, design.json."
+)
+@own_option
+@json_option
+def design(
+    source: str, goal: Literal["precision", "discriminate", "detect"] | None, arena: str, parameters: str,
+    criterion: str, duration: float, rate: float, limits: str | None, vehicle: str | None,
+    speed_max: float | None, grip: float | None, repeat: int, driver: bool,
+    effort: float, seed: int, out: str, as_json: bool,
+) -> None:  # fmt: skip
+    """Design the manoeuvre that tells most: about parameters of FIT, or about which explanation of GAP is true.
+
+    \b
+    greybox design run/fit.json --goal precision --parameters I_z,B_f --arena disc:40 --duration 20 --out next
+    greybox design gap/gap.json --goal discriminate --arena straight:120x8 --out next
+    greybox simulate --vehicle car.toml next/plan.csv
+
+    The plan keeps to the arena, to friction and to sideslip for 95 % of what is held possible.
+    """  # fmt: skip
+    place = targets(out)
+    names = tuple(name.strip() for name in parameters.split(",") if name.strip())
+    with progress() as say:
+        found = designed(
+            source, goal, arena=arena, parameters=names, criterion=criterion, duration=duration, rate=rate,
+            limits=limits, vehicle=vehicle, speed_max=speed_max, grip=grip, repeat=repeat, driver=driver,
+            effort=effort, seed=seed, progress=say,
+        )  # fmt: skip
+    written = found.save(place)
+    if as_json:
+        print_json(as_dict(found, written))
+        return
+    show(found.parts())
+    for path in written:
+        console().print(f"written  {path}")

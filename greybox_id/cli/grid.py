@@ -1,0 +1,79 @@
+"""`greybox grid`: many structures of one model, each fitted and cross-validated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from ..models.names import MODEL_NAMES
+from .completion import names
+from .options import columns_option, jobs_option, json_option, read_part
+from .output import console, print_json, progress, show
+
+
+@click.command(name="grid")
+@click.argument("name", metavar="MODEL", shell_complete=names(MODEL_NAMES))
+@click.argument("file", metavar="RECORDING", type=click.Path())
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUES",
+    help="A setting and its values: n_delta=5,6,7, n_x=1:4 (both included), or one value for all.",
+)
+@columns_option
+@click.option("--validate", metavar="RECORDING", type=click.Path(), help="What is scored; the published AIC is its.")
+@click.option(
+    "--strength",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Factor on the priors; default: cross-validated once, on the structure of the defaults.",
+)
+@jobs_option
+@click.option("--out", default="grid.parquet", show_default=True, metavar="FILE", help="A .parquet file; continued.")
+@json_option
+def grid(
+    name: str,
+    file: str,
+    settings: Sequence[str],
+    columns: str,
+    validate: str | None,
+    strength: float | None,
+    jobs: int,
+    out: str,
+    as_json: bool,
+) -> None:
+    """Fit every structure of MODEL that the settings span, and choose one.
+
+    A table of all fits is written as they come; called again, the command carries on with it. Chosen is the structure
+    with the fewest parameters whose cross-validated error is within one standard error of the least; beside it stands
+    the one of least AIC, as published.
+
+    \b
+    greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv
+    """
+    from ..api.gridding import grid_parts, kept_table, spanned, written_to
+    from ..datasets.result_table import target_of
+    from ..files import ensure_writable
+    from ..fitting.grid import fit_grid
+    from ..guard import claim
+
+    target = claim(target_of(out, (".parquet",)), becomes="a table of a grid")
+    varied, fixed = spanned(settings)
+    train = read_part(file, columns)
+    scored = None if validate is None else read_part(validate, columns)
+    ensure_writable(Path(target).parent)
+    done = kept_table(target)
+    with progress() as say:
+        found = fit_grid(
+            name, train, varied, settings=fixed, validate=scored, strength=strength, jobs=jobs, done=done, say=say,
+            keep=written_to(target),
+        )  # fmt: skip
+    if as_json:
+        print_json(found.as_dict() | {"written": str(target)})
+    else:
+        show(grid_parts(found))
+        console().print(f"\nwritten  {target}")
+    if found.interrupted:
+        raise SystemExit(130)

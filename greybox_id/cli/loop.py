@@ -1,0 +1,87 @@
+"""`greybox loop`: drive, identify, name, learn anew, swap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .commands import CommandGroup
+from .options import json_option
+from .output import console, print_json, progress
+
+
+@click.group(name="loop", cls=CommandGroup)
+def loop() -> None:
+    """Let a driver that was learned adapt to the vehicle it drives, through what `greybox gap` names.
+
+    \b
+    greybox loop demo --quick --out loop
+    """
+
+
+@loop.command("demo")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the demo.")
+@click.option("--quick", is_flag=True, help="Fewer rows and steps: some minutes.")
+@click.option(
+    "--case",
+    type=click.IntRange(0, 7),
+    default=0,
+    show_default=True,
+    help="What the car has that its file does not state; 6 and 7 are outside what is known.",
+)
+@click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@json_option
+def demo_command(out: Path, quick: bool, case: int, cycles: int, seed: int, as_json: bool) -> None:
+    """Close the loop on a car in simulation; killed at any moment, the same command carries on.
+
+    \b
+    greybox loop demo --quick --out loop
+    greybox loop demo --out loop --case 1 --json
+    """  # fmt: skip
+    from ..loop.demo import demo
+
+    with progress() as say:
+        found = demo(out, quick=quick, case=case, seed=seed, cycles=cycles, say=say)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+
+
+@loop.command("agent")
+@click.argument("server", metavar="SERVER")
+@click.option("--token-file", required=True, metavar="FILE", type=click.Path(), help="What signs requests.")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
+@click.option("--session", default="car", show_default=True, help="Name at the server: letters, digits and dashes.")
+@click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
+@click.option("--arm", type=click.Choice(["named", "nominal"]), default="named", show_default=True,
+              help="Learned on what is named, or on the vehicle file alone.")  # fmt: skip
+@click.option(
+    "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Policies that are asked for."
+)
+@click.option("--steps", type=click.IntRange(1, 10_000_000), default=150_000, show_default=True, help="Of a training.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@json_option
+def agent_command(
+    server: str, token_file: str, out: Path, session: str, case: int, arm: str, trainings: int, steps: int, seed: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Drive a car in simulation, send SERVER its rows, and let policies drive that SERVER learned.
+
+    SERVER is the address that `greybox serve` prints. Killed at any moment, the same command carries on.
+
+    \b
+    greybox loop agent http://127.0.0.1:8787 --token-file token.txt --out car
+    """  # fmt: skip
+    from ..loop.agent import AgentOptions, agent
+    from ..loop.protocol import read_token
+
+    options = AgentOptions(case, seed, session, arm, trainings, steps)
+    with progress() as say:
+        found = agent(server, read_token(token_file), out, options, say=say)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)

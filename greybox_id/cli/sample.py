@@ -1,0 +1,89 @@
+"""`greybox sample`: draws of the posterior of a fit's parameters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .options import json_option
+from .output import console, print_json, progress, show
+from .own import own_option
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as of other commands; what there is was kept."""
+
+
+@click.command(name="sample")
+@click.argument("fit_file", metavar="FIT", type=click.Path())
+@click.argument("files", nargs=-1, metavar="[RECORDING...]", type=click.Path())
+@click.option(
+    "--method",
+    type=click.Choice(["laplace", "mcmc", "abc-smc"]),
+    default="mcmc",
+    show_default=True,
+    help="From the fit's covariance; from likelihood and priors; by distances alone.",
+)
+@click.option("--draws", type=int, default=2000, show_default=True, help="Draws, of abc-smc particles.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
+@click.option(
+    "--distance",
+    type=click.Choice(["pooled", "trajectories"]),
+    default="pooled",
+    show_default=True,
+    help="abc-smc: over all rows, or the mean of each trajectory's.",
+)
+@click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
+@click.option(
+    "--out",
+    default="posterior.parquet",
+    show_default=True,
+    metavar="FILE",
+    help="A .parquet file; a run goes on in it.",
+)
+@own_option
+@json_option
+def sample(
+    fit_file: str,
+    files: Sequence[str],
+    method: Any,
+    draws: int,
+    seed: int,
+    distance: Any,
+    columns: str | None,
+    out: str,
+    as_json: bool,
+) -> None:
+    """Draw from the posterior of FIT's free parameters.
+
+    The recordings are those FIT was trained on, read again from where it found them unless RECORDING... names their
+    new places; their hashes are compared. A run that was interrupted, or killed, goes on where it was when the same
+    command is given again; more --draws of mcmc go on as well.
+
+    \b
+    greybox sample run/fit.json --draws 2000 --out posterior.parquet
+    greybox sample run/fit.json --method laplace --draws 10000
+    """  # fmt: skip
+    from ..api.profiles import trained
+    from ..api.sampling import posterior_target, sampled
+    from ..posterior.verb import SampleOptions, must_suit_sampling
+    from .fit_file import fit_of
+    from .report import recordings_of
+
+    target = posterior_target(out)
+    options = SampleOptions(method, draws, seed, distance)
+    fit = fit_of(fit_file)
+    must_suit_sampling(fit)
+    read = recordings_of(trained(fit), Path(fit_file), files, columns=columns, option="RECORDING")
+    with progress() as say:
+        found = sampled(fit, read, options, target, say)
+    if as_json:
+        print_json(found.as_dict() | {"written": str(target)})
+    else:
+        show(found.parts())
+        console().print(f"\nwritten  {target}")
+    if not found.complete:
+        sys.exit(INTERRUPTED)

@@ -1,0 +1,129 @@
+"""What reaches a terminal: text, and no orders to it that names of files, columns or units may hold."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, TextIO, cast
+
+import click
+
+from ..processes import interrupt, interrupts_return
+from ..reports.text.screen import ORDERS, Screen, clean
+
+__all__ = ["NotTaken", "Screen", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]
+
+
+def clean_json(text: str) -> str:
+    """The same JSON without such characters: they are escaped."""
+    return ORDERS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def tell(line: str) -> None:
+    """A line on standard error."""
+    click.echo(clean(line), err=True)
+
+
+@contextmanager
+def streams() -> Iterator[None]:
+    """Standard streams that are there, and warnings of the toolbox told on standard error as sentences."""
+    _opened()
+    logger, handler = logging.getLogger("greybox_id"), _Told()
+    logger.addHandler(handler)
+    logger.propagate = False
+    before, sys.stdout = sys.stdout, cast(TextIO, _Output(sys.stdout))
+    try:
+        yield
+    finally:
+        sys.stdout = before
+        logger.removeHandler(handler)
+        logger.propagate = True
+
+
+@contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """What Ctrl-C sent meanwhile, each raised as `KeyboardInterrupt`.
+
+    Commands that keep what they have end as usual after it; what was sent tells that they were interrupted. Where
+    interrupts are ignored, as in the background of a shell, they stay so.
+    """
+    sent: list[int] = []
+
+    def take(number: int, frame: FrameType | None) -> None:
+        sent.append(number)
+        interrupt(frame)
+
+    heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not heeded or threading.current_thread() is not threading.main_thread():
+        yield sent
+        return
+    signal.signal(signal.SIGINT, take)
+    try:
+        with interrupts_return():
+            yield sent
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+class NotTaken(Exception):
+    """Standard output does not take what is written to it; reason : what the system says."""
+
+    def __init__(self, reason: OSError) -> None:
+        super().__init__(str(reason))
+        self.reason = reason
+
+
+class _Output:
+    """Standard output, whose failures are told apart from those of other files."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except OSError as error:
+            raise NotTaken(error) from error
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except OSError as error:
+            raise NotTaken(error) from error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def drop_output() -> None:
+    """Have the interpreter's end not stumble over what standard output did not take."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _Told(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        tell(f"warning: {record.getMessage()}")
+
+
+def _opened() -> None:
+    """Open closed standard streams on nothing: files opened next would take their places, and what is printed."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            with suppress(OSError):
+                os.fstat(number)
+                continue
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+            stream = open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            setattr(sys, name, stream)

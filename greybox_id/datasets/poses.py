@@ -1,0 +1,499 @@
+"""Motion from poses: velocities, yaw rate and accelerations at the centre of gravity from x, y and yaw alone.
+
+Two fixed-interval smoothers, one after the other. The yaw's acceleration walks at random, and so do the accelerations
+along and across the vehicle, which the yaw just found turns into the map's axes:
+
+    psi' = r,  r' = alpha,  dalpha = q_psi dw            measured: psi
+    p' = v,  v' = R(psi) a,  da = diag(q_x, q_y) dw      measured: p
+
+Readings carry white noise of r_psi and r_p. The five levels q and r are those under which the poses themselves are most
+likely; nothing is set by hand. The same likelihood says whether the poses were taken at their stamps or in even steps
+(motion capture is; its stamps scatter by the computer's own delays), and which single poses no motion explains. A pose
+equal to the last one in all of x, y and yaw is that one held, no new reading.
+
+Filter: Kalman, in Joseph's form; backwards the modified Bryson-Frazier recursion, which inverts no covariance.
+Sources: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 6.2.3 (white
+noise jerk); Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, Ch. X; de Jong, A cross-validation
+filter for time series models, Biometrika 75, 1988 (each reading against all others).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import norm
+
+from ..errors import BadInput
+from ..recording import Array, split_runs
+from .column_map import Reference
+
+MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
+"""Signals that are made of poses."""
+BLOCK = 500
+"""Rows that are gone through at a time."""
+BLOCKS = 4
+"""Blocks on which the levels are estimated: 2 000 rows tell them to some 5 %."""
+GLITCHES = 0.05
+"""Sound poses of a whole file that may be expected to be taken for glitches."""
+AROUND = 10
+"""Rows about the worst glitch that are judged anew once it is left out."""
+PASSES = 20
+"""Most rounds of looking for glitches."""
+FEWEST = 10
+"""Fewest poses that tell their own noise."""
+UNTOLD = 0.5
+"""Of the sd with which a run begins, beyond which a value is missing: the poses have told next to nothing of it."""
+LEAST_SCATTER = 1e-4
+"""Of a step: stamps that scatter less are even."""
+TOLERANCE = 0.03
+"""How closely the logarithms of the levels are searched for: 3 % of a level."""
+
+
+@dataclass(frozen=True)
+class PoseMotion:
+    """Motion that poses tell.
+
+    Attributes
+    ----------
+    time : (n,) s: the stamps, or even steps within each run.
+    signals : x, y, yaw and those of `MADE` at the centre of gravity, (n,) each; NaN where the poses tell next to
+        nothing, as a single one between two gaps.
+    sd : their standard deviations, (n,) each. Where on the vehicle the pose is taken counts as exact.
+    notes : what was done, as sentences.
+    """
+
+    time: Array
+    signals: Mapping[str, Array]
+    sd: Mapping[str, Array]
+    notes: tuple[str, ...]
+
+
+def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, where: str) -> PoseMotion:
+    """Motion of the centre of gravity.
+
+    Parameters
+    ----------
+    time : (n,) s; where it jumps or steps back, a new run begins.
+    x, y, yaw : (n,) m, m, rad in fixed axes, y and yaw to the left; NaN where missing. Yaw may begin anew after a turn.
+    reference : where on the vehicle they are taken.
+    where : the file, for sentences.
+
+    Raises
+    ------
+    BadInput
+        There are too few poses.
+    """
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(yaw) & np.isfinite(time))
+    moved = [np.diff(values[known]) != 0 for values in (x, y, yaw)]
+    fresh = np.zeros(len(time), dtype=bool)
+    fresh[known[:1]] = True
+    fresh[known[1:][moved[0] | moved[1] | moved[2]]] = True
+    if np.count_nonzero(fresh) < FEWEST:
+        raise BadInput(
+            f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to make motion of; "
+            "take the [poses] table out of the column map."
+        )
+    notes = []
+    if held := len(known) - int(np.count_nonzero(fresh)):
+        notes.append(f"{held} of {len(known)} poses are the one before, held; they count as no reading.")
+    poses = _Poses(time, fresh, x, y, yaw)
+    levels = _likeliest(poses, None)
+    even = _evened(time)
+    scatter = float(np.sqrt(np.mean((even - time) ** 2)))
+    if scatter > LEAST_SCATTER * float(np.median(poses.steps[poses.steps > 0])):
+        stepped = replace(poses, time=even)
+        own = _likeliest(stepped, levels)
+        if own.evidence > levels.evidence:
+            poses, levels = stepped, own
+            notes.append(
+                f"the poses' stamps scatter by {1e3 * scatter:.2g} ms about even steps, which explain the poses better "
+                "than the stamps do: time runs in even steps."
+            )
+    poses, levels, smoothed = _without_glitches(poses, levels, notes)
+    return _at_centre(poses, levels, smoothed, reference, notes)
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Poses, and which of them are readings."""
+
+    time: Array
+    fresh: NDArray[np.bool_]
+    x: Array
+    y: Array
+    yaw: Array
+
+    @functools.cached_property
+    def begins(self) -> Array:
+        """(n,) one where a run begins."""
+        begins = np.zeros(len(self.time))
+        begins[[start for start, _ in split_runs(self.time)]] = 1.0
+        return begins
+
+    @functools.cached_property
+    def steps(self) -> Array:
+        """(n,) s since the row before; zero where a run begins."""
+        return np.where(self.begins == 1, 0.0, np.diff(self.time, prepend=self.time[0]))
+
+    @functools.cached_property
+    def filled(self) -> Mapping[str, Array]:
+        """x, y and yaw, which runs on through full turns; something finite where there is no reading."""
+        at = np.flatnonzero(self.fresh)
+        last = at[np.clip(np.searchsorted(at, np.arange(len(self.time)), side="right") - 1, 0, None)]
+        turned = np.zeros(len(self.time))
+        turned[at] = np.unwrap(self.yaw[at])
+        return {"x": self.x[last], "y": self.y[last], "yaw": turned[last]}
+
+    @functools.cached_property
+    def means(self) -> Mapping[str, float]:
+        """What is taken off x, y and yaw while they are filtered."""
+        return {name: float(np.mean(values[self.fresh])) for name, values in self.filled.items()}
+
+    def centred(self, name: str) -> Array:
+        """(n,) about the mean."""
+        return self.filled[name] - self.means[name]
+
+    def fastest(self, *names: str) -> float:
+        """Rate of change that none of these exceeds from one reading to the next."""
+        at = np.flatnonzero(self.fresh)
+        gaps = np.diff(self.time[at])
+        usual = float(np.median(gaps[gaps > 0])) if np.any(gaps > 0) else 1.0
+        changes = [np.abs(np.diff(self.filled[name][at])) for name in names]
+        return float(np.max([np.max(change / np.maximum(gaps, usual)) for change in changes])) or 1.0
+
+    def most_driven(self) -> list[int]:
+        """Where blocks for estimating levels begin: of evenly spread ones the half with the longest way."""
+        n = len(self.time)
+        if n <= BLOCK * BLOCKS:
+            return list(range(0, n, BLOCK))
+        steps = np.hypot(np.diff(self.filled["x"]), np.diff(self.filled["y"]))
+        path = np.concatenate(([0.0], np.cumsum(np.where(self.begins[1:] == 1, 0.0, steps))))
+        starts = np.linspace(0, n - BLOCK, min(2 * BLOCKS, n // BLOCK)).astype(int)
+        far = np.argsort(path[starts] - path[starts + BLOCK - 1], kind="stable")[:BLOCKS]
+        return sorted(starts[far].tolist())
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """Logarithms of the levels: q_psi, r_psi; q_x, q_y, r_p; and how likely the poses are under them."""
+
+    yaw: Array
+    place: Array
+    evidence: float
+
+
+@dataclass(frozen=True)
+class _Smoothed:
+    """States p, v, a (n, 3 axes), their covariance, and each reading against all others (n, axes), in its sd."""
+
+    state: Array
+    P: Array
+    against_others: Array
+
+
+def _likeliest(poses: _Poses, start: _Levels | None) -> _Levels:
+    """The levels under which the poses are most likely, on a part of them."""
+    yaw, evidence = _climbed(poses, ("yaw",), None, None if start is None else start.yaw)
+    psi = _through(poses, ("yaw",), yaw, None).state[:, 0]
+    place, more = _climbed(poses, ("x", "y"), psi, None if start is None else start.place)
+    return _Levels(yaw, place, evidence + more)
+
+
+def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Array | None) -> tuple[Array, float]:
+    columns, loose = _columns(poses, names, psi), _loose(poses, names)
+    parts = [_on_its_own(_block(columns, begin)) for begin in poses.most_driven()]
+    forward, nothing = _forward(len(names)), _nothing_known(len(names))
+
+    def unlikeliness(levels: Array) -> float:
+        settings = np.tile(np.concatenate([levels, loose])[:, None], BLOCK)
+        found = -sum(float(forward(nothing, part, settings)[1].full().sum()) for part in parts)
+        return found if np.isfinite(found) else np.inf
+
+    edge = 1.0 if start is None else 0.2
+    if start is None:
+        start = np.log([*[10 * poses.fastest(*names)] * len(names), _fast(poses, names[0])])
+    simplex = np.vstack([start, start + edge * np.eye(len(start))])
+    found = minimize(
+        unlikeliness,
+        start,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": TOLERANCE, "fatol": 0.1, "maxfev": 400},
+    )
+    return np.asarray(found.x), -float(found.fun)
+
+
+def _fast(poses: _Poses, name: str) -> float:
+    """Standard deviation of what third differences leave: how noisy readings are at most."""
+    third = np.abs(np.diff(poses.filled[name][poses.fresh], 3))
+    third = third[third > 0]
+    return float(np.median(third)) / np.sqrt(20) if len(third) else 1e-6
+
+
+def _loose(poses: _Poses, names: tuple[str, ...]) -> Array:
+    """Logarithms of the standard deviations of p, v and a where a run begins: more than any of them can be."""
+    size = max(float(np.max(np.abs(poses.centred(name)))) for name in names) or 1.0
+    rate = poses.fastest(*names)
+    usual = float(np.median(poses.steps[poses.steps > 0])) if np.any(poses.steps > 0) else 1.0
+    return np.log([2 * size, 2 * rate, rate / (10 * usual)])
+
+
+def _columns(poses: _Poses, names: tuple[str, ...], psi: Array | None) -> Array:
+    """What the filter is fed, (inputs, n); `psi` turns what is measured in the map's axes, where that is a place."""
+    rows = [poses.steps, poses.begins, poses.fresh.astype(float), *(poses.centred(name) for name in names)]
+    if psi is not None:
+        once, twice = _turning(np.diff(psi, prepend=psi[0]))
+        before = np.exp(1j * (np.concatenate([psi[:1], psi[:-1]]) + poses.means["yaw"]))
+        rows += [(before * once).real, (before * once).imag, (before * twice).real, (before * twice).imag]
+    return np.vstack(rows)
+
+
+def _turning(by: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """What an acceleration that turns evenly over a step adds to velocity and place, over what one that does not adds.
+
+    Over a step h a constant acceleration a adds h a and h^2 a / 2; one that turns by delta, with z = i delta,
+    h a (e^z - 1) / z and h^2 a (e^z - 1 - z) / z^2.
+    """
+    z = 1j * by
+    small = np.abs(by) < 1e-2
+    safe = np.where(small, 1.0, z)
+    once = np.where(small, 1 + z / 2 + z**2 / 6 + z**3 / 24, (np.exp(safe) - 1) / safe)
+    twice = np.where(small, 1 + z / 3 + z**2 / 12 + z**3 / 60, 2 * (np.exp(safe) - 1 - safe) / safe**2)
+    return once, twice
+
+
+def _block(columns: Array, start: int) -> Array:
+    """`BLOCK` rows; those beyond the last change nothing."""
+    block = columns[:, start : start + BLOCK]
+    return np.pad(block, ((0, 0), (0, BLOCK - block.shape[1])))
+
+
+def _on_its_own(block: Array) -> Array:
+    """A block as a run of its own."""
+    block = block.copy()
+    block[0, 0], block[1, 0] = 0.0, 1.0
+    return block
+
+
+def _nothing_known(axes: int) -> Array:
+    return np.zeros(3 * axes + 9 * axes**2)
+
+
+@functools.cache
+def _forward(axes: int) -> cs.Function:
+    """A block of the filter: (state, columns, levels) -> state, evidence, predicted states and covariances."""
+    return _Step(axes).forward().mapaccum(BLOCK)
+
+
+@functools.cache
+def _backward(axes: int) -> cs.Function:
+    return _Step(axes).backward().mapaccum(BLOCK)
+
+
+class _Step:
+    """One row of the filter, forwards and backwards, for one axis (yaw) or two (x and y)."""
+
+    def __init__(self, axes: int) -> None:
+        self.axes, self.n = axes, 3 * axes
+        self.u = cs.SX.sym("u", 3 + axes + (4 if axes == 2 else 0))
+        self.levels = cs.SX.sym("levels", axes + 4)
+        self.r = cs.exp(2 * self.levels[axes])
+
+    def transition(self) -> tuple[cs.SX, cs.SX]:
+        dt, begins, axes = self.u[0], self.u[1], self.axes
+        identity, nought = cs.SX.eye(axes), cs.SX(axes, axes)
+        R, twice = (
+            (_rotation(*self.u[5:7].elements()), _rotation(*self.u[7:9].elements())) if axes == 2 else (identity,) * 2
+        )
+        q = cs.diag(cs.exp(2 * self.levels[:axes]))
+        F = cs.blockcat(
+            [[identity, dt * identity, dt**2 / 2 * twice], [nought, identity, dt * R], [nought, nought, identity]]
+        )
+        W = R @ q @ R.T
+        Q = cs.blockcat(
+            [
+                [dt**5 / 20 * W, dt**4 / 8 * W, dt**3 / 6 * R @ q],
+                [dt**4 / 8 * W, dt**3 / 3 * W, dt**2 / 2 * R @ q],
+                [dt**3 / 6 * q @ R.T, dt**2 / 2 * q @ R.T, dt * q],
+            ]
+        )
+        size, rate, second = (cs.exp(2 * self.levels[axes + 1 + k]) for k in range(3))
+        loose = cs.diag(cs.vertcat(*[size] * axes, *[rate] * axes, *[second] * axes))
+        return (1 - begins) * F, (1 - begins) * Q + begins * loose
+
+    def updates(self, m: cs.SX, P: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, list[tuple[cs.SX, ...]]]:
+        """Each reading in turn: state, covariance, evidence, and (residual, its variance, gain, what it leaves)."""
+        seen, evidence, gone = self.u[2], 0, []
+        for axis in range(self.axes):
+            e, S = self.u[3 + axis] - m[axis], P[axis, axis] + self.r
+            K = seen * P[:, axis] / S
+            H = cs.SX.zeros(1, self.n)
+            H[axis] = 1
+            left = cs.SX.eye(self.n) - K @ H
+            m, P = m + K * e, left @ P @ left.T + K @ K.T * self.r
+            evidence -= seen * (cs.log(S) + e**2 / S) / 2
+            gone.append((e, S, K, left))
+        return m, P, evidence, gone
+
+    def forward(self) -> cs.Function:
+        state = cs.SX.sym("state", self.n + self.n**2)
+        F, Q = self.transition()
+        m, P = F @ state[: self.n], F @ cs.reshape(state[self.n :], self.n, self.n) @ F.T + Q
+        after, P_after, evidence, _ = self.updates(m, P)
+        packed = cs.vertcat(after, cs.vec(P_after))
+        return cs.Function("forward", [state, self.u, self.levels], [packed, evidence, cs.vertcat(m, cs.vec(P))])
+
+    def backward(self) -> cs.Function:
+        adjoint = cs.SX.sym("adjoint", self.n + self.n**2)
+        predicted = cs.SX.sym("predicted", self.n + self.n**2)
+        m, P = predicted[: self.n], cs.reshape(predicted[self.n :], self.n, self.n)
+        lam, L = adjoint[: self.n], cs.reshape(adjoint[self.n :], self.n, self.n)
+        *_, gone = self.updates(m, P)
+        against: list[cs.SX] = []
+        for axis in reversed(range(self.axes)):
+            e, S, K, left = gone[axis]
+            against.insert(0, self.u[2] * (e / S + K.T @ lam) / cs.sqrt(1 / S + K.T @ L @ K))
+            lam, L = left.T @ lam, left.T @ L @ left
+            lam[axis] -= self.u[2] * e / S
+            L[axis, axis] += self.u[2] / S
+        out = cs.vertcat(m - P @ lam, cs.vec(P - P @ L @ P), *against)
+        F, _ = self.transition()
+        packed = cs.vertcat(F.T @ lam, cs.vec(F.T @ L @ F))
+        return cs.Function("backward", [adjoint, cs.vertcat(self.u, predicted), self.levels], [packed, out])
+
+
+def _rotation(c: cs.SX, s: cs.SX) -> cs.SX:
+    return cs.blockcat([[c, -s], [s, c]])
+
+
+def _through(poses: _Poses, names: tuple[str, ...], levels: Array, psi: Array | None) -> _Smoothed:
+    """All rows forwards and backwards."""
+    axes, n = len(names), len(poses.time)
+    size = 3 * axes
+    settings = np.tile(np.concatenate([levels, _loose(poses, names)])[:, None], BLOCK)
+    state, fed, predicted = _nothing_known(axes), [], []
+    columns = _columns(poses, names, psi)
+    for part in (_block(columns, start) for start in range(0, n, BLOCK)):
+        ends, _, before = _forward(axes)(state, part, settings)
+        state = ends.full()[:, -1]
+        fed.append(part)
+        predicted.append(before.full())
+    adjoint, found = _nothing_known(axes), []
+    for part, before in zip(reversed(fed), reversed(predicted), strict=True):
+        ends, out = _backward(axes)(adjoint, np.vstack([part, before])[:, ::-1], settings)
+        adjoint = ends.full()[:, -1]
+        found.append(out.full()[:, ::-1])
+    rows = np.hstack(found[::-1])[:, :n].T
+    return _Smoothed(rows[:, :size], rows[:, size : size + size**2].reshape(n, size, size), rows[:, size + size**2 :])
+
+
+def _evened(time: Array) -> Array:
+    """The same rows in even steps of one length, each run beginning where its stamps say on average."""
+    runs = [(a, b) for a, b in split_runs(time) if b - a > 1]
+    about = [(np.arange(b - a) - (b - a - 1) / 2, time[a:b] - np.mean(time[a:b])) for a, b in runs]
+    weight = sum(float(k @ k) for k, _ in about)
+    if not weight:
+        return time
+    step = sum(float(k @ t) for k, t in about) / weight
+    even = time.copy()
+    for (a, b), (k, _) in zip(runs, about, strict=True):
+        even[a:b] = np.mean(time[a:b]) + step * k
+    return even
+
+
+def _without_glitches(
+    poses: _Poses, levels: _Levels, notes: list[str]
+) -> tuple[_Poses, _Levels, tuple[_Smoothed, _Smoothed]]:
+    """Leave out poses that all others speak against, the worst of a neighbourhood first; then the levels anew."""
+    limit = float(norm.isf(GLITCHES / (2 * 3 * len(poses.time))))
+    before = told = int(np.count_nonzero(poses.fresh))
+    for _ in range(PASSES):
+        yaw = _through(poses, ("yaw",), levels.yaw, None)
+        place = _through(poses, ("x", "y"), levels.place, yaw.state[:, 0])
+        against = np.max(np.abs(np.hstack([yaw.against_others, place.against_others])), axis=1)
+        worst = _peaks(against, limit)
+        left = int(np.count_nonzero(poses.fresh)) - len(worst)
+        if worst:
+            fresh = poses.fresh.copy()
+            fresh[worst] = False
+            poses = replace(poses, fresh=fresh)
+        elif left == told:
+            break
+        else:
+            levels, told = _likeliest(poses, levels), left
+    if left < before:
+        notes.append(f"{before - left} of {before} poses lie where no motion between the others leads; left out.")
+    return poses, levels, (yaw, place)
+
+
+def _peaks(values: Array, limit: float) -> list[int]:
+    """Rows above a limit, none within `AROUND` of a larger one."""
+    found: list[int] = []
+    for row in sorted(np.flatnonzero(values > limit), key=lambda row: -values[row]):
+        if all(abs(int(row) - other) > AROUND for other in found):
+            found.append(int(row))
+    return found
+
+
+def _at_centre(
+    poses: _Poses, levels: _Levels, smoothed: tuple[_Smoothed, _Smoothed], reference: Reference, notes: list[str]
+) -> PoseMotion:
+    turning, place = smoothed
+    psi = turning.state[:, 0] + poses.means["yaw"] - reference.heading
+    r, alpha = turning.state[:, 1], turning.state[:, 2]
+    c, s = np.cos(psi), np.sin(psi)
+    n = len(psi)
+    R = np.empty((n, 2, 2))  # from the map's axes to the vehicle's
+    R[:, 0, 0], R[:, 0, 1], R[:, 1, 0], R[:, 1, 1] = c, s, -s, c
+    h = reference.heading
+    turned = np.array([[np.cos(h), -np.sin(h)], [np.sin(h), np.cos(h)]])  # from the pose's axes to the vehicle's
+    v = np.einsum("kij,kj->ki", R, place.state[:, 2:4])
+    a = place.state[:, 4:6] @ turned.T
+    f, left = reference.forward, reference.left
+    at = place.state[:, :2] - np.stack([c * f - s * left, s * f + c * left], axis=1)
+    signals = {
+        "x": at[:, 0] + poses.means["x"],
+        "y": at[:, 1] + poses.means["y"],
+        "yaw": psi,
+        "v_x": v[:, 0] + left * r,
+        "v_y": v[:, 1] - f * r,
+        "yaw_rate": r,
+        "a_x": a[:, 0] + left * alpha + f * r**2,
+        "a_y": a[:, 1] - f * alpha + left * r**2,
+    }
+    Y, P = turning.P, place.P
+    V = np.einsum("kij,kjl,kml->kim", R, P[:, 2:4, 2:4], R)
+    A = turned @ P[:, 4:6, 4:6] @ turned.T
+
+    def lever(of_yaw: tuple[Array | float, Array | float, Array | float]) -> Array:
+        """Variance that errors of yaw, yaw rate and yaw acceleration add, by these derivatives."""
+        d = np.stack([np.broadcast_to(np.asarray(one, dtype=float), n) for one in of_yaw], axis=1)
+        return np.asarray(np.einsum("ki,kij,kj->k", d, Y, d))
+
+    variance = {
+        "x": P[:, 0, 0] + lever((s * f + c * left, 0, 0)),
+        "y": P[:, 1, 1] + lever((s * left - c * f, 0, 0)),
+        "yaw": Y[:, 0, 0],
+        "v_x": V[:, 0, 0] + lever((v[:, 1], left, 0)),
+        "v_y": V[:, 1, 1] + lever((-v[:, 0], -f, 0)),
+        "yaw_rate": Y[:, 1, 1],
+        "a_x": A[:, 0, 0] + lever((a[:, 1], 2 * f * r, left)),
+        "a_y": A[:, 1, 1] + lever((-a[:, 0], 2 * left * r, -f)),
+    }
+    sd = {name: np.sqrt(np.maximum(values, 0.0)) for name, values in variance.items()}
+    _, v_loose, a_loose = np.exp(_loose(poses, ("x", "y")))
+    loose = {
+        "v_x": v_loose,
+        "v_y": v_loose,
+        "yaw_rate": np.exp(_loose(poses, ("yaw",)))[1],
+        "a_x": a_loose,
+        "a_y": a_loose,
+    }
+    for name in MADE:
+        signals[name] = np.where(sd[name] > UNTOLD * loose[name], np.nan, signals[name])
+    return PoseMotion(poses.time, signals, sd, tuple(notes))

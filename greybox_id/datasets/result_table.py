@@ -1,0 +1,104 @@
+"""Tables of results, one row a sample, as CSV, Parquet, MDF 4 (.mf4) or MCAP: what plotting tools open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..errors import BadInput
+from ..files import replacing
+from ..guard import MARK
+from ..signals import unit_of, unit_of_quantity
+from .formats import mdf
+from .formats.columns import BETWEEN_RUNS, Columns
+from .formats.contents import needed
+
+PLAIN = (".csv", ".parquet")
+SUFFIXES = (*PLAIN, ".mf4", ".mcap")
+ENDINGS = ("_predicted", "_simulated", "_sd")
+"""What names of results end in behind the signal they are of."""
+TOPIC = "/greybox"
+"""Of MCAP: one message a row."""
+
+
+def target_of(out: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
+    """Where a table is to be written. Raises `BadInput` for a kind of file that is not written."""
+    target = Path(out)
+    if target.suffix not in suffixes:
+        kinds = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+        raise BadInput(f"{out}: tables are written as {kinds}; name such a file (‹out›).")
+    if target.suffix == ".mf4":
+        needed("asammdf", "mdf", out, mdf.KIND)
+    if target.suffix == ".mcap":
+        needed("mcap.writer", "mcap", out, "MCAP")
+    return target
+
+
+def write_table(table: pd.DataFrame, target: Path, words: str) -> None:
+    """Write a table as the file's name says, atomically; columns `time` [s] and `run`, others in their SI units.
+
+    Parameters
+    ----------
+    table : one row a sample.
+    target : a file whose suffix is one of `SUFFIXES`.
+    words : what it holds, such as "a table of predictions"; the file says so where it can.
+    """
+    with replacing(target) as beside:
+        if target.suffix == ".csv":
+            table.to_csv(beside, index=False)
+        elif target.suffix == ".parquet":
+            table.to_parquet(beside, index=False)
+        elif target.suffix == ".mf4":
+            columns = Columns({str(name): table[name].to_numpy() for name in table}, _units(table), _clock(table))
+            mdf.write(columns, beside, f"{MARK}: {words}")
+        else:
+            _write_mcap(table, beside, words)
+
+
+def _units(table: pd.DataFrame) -> dict[str, str]:
+    found = {"time": "s"}
+    for column in table:
+        name = str(column)
+        for ending in ENDINGS:
+            name = name.removesuffix(ending)
+        unit = unit_of(name, unit_of_quantity(name))
+        if unit and name != "time":
+            found[str(column)] = unit
+    return found
+
+
+def _clock(table: pd.DataFrame) -> np.ndarray[Any, Any]:
+    """Seconds that do not step back: the table's time, moved where a run starts before the last one ended."""
+    if "time" not in table:
+        return np.arange(len(table), dtype=float)
+    time = table["time"].to_numpy(dtype=float)
+    back = np.append(0.0, np.where(np.diff(time) <= 0, BETWEEN_RUNS - np.diff(time), 0.0)) if len(time) else time
+    return np.asarray(time + np.cumsum(back))
+
+
+def _write_mcap(table: pd.DataFrame, path: Path, words: str) -> None:
+    """JSON messages with their schema; what is no number is left out of its message."""
+    writer_of = needed("mcap.writer", "mcap", str(path), "MCAP").Writer
+    units = _units(table)
+    properties: dict[str, Mapping[str, str]] = {str(name): {"type": "number"} for name in table}
+    for name, unit in units.items():
+        if name in properties:
+            properties[name] = {"type": "number", "description": unit}
+    schema = {"type": "object", "title": "greybox.Row", "description": words, "properties": properties}
+    names, rows = [str(name) for name in table], table.to_numpy(dtype=float)
+    clock = np.round(_clock(table) * 1e9).astype(np.int64)
+    clock -= min(0, int(clock.min(initial=0)))  # MCAP's times are above zero
+    with path.open("wb") as opened:
+        writer = writer_of(opened)
+        writer.start(profile="", library=f"{MARK}: {words}")
+        kind = writer.register_schema("greybox.Row", "jsonschema", json.dumps(schema, ensure_ascii=False).encode())
+        channel = writer.register_channel(TOPIC, "json", kind)
+        for at, row in zip(clock.tolist(), rows, strict=True):
+            told = {name: value for name, value in zip(names, row.tolist(), strict=True) if np.isfinite(value)}
+            writer.add_message(channel, at, json.dumps(told).encode(), at)
+        writer.finish()

@@ -1,0 +1,61 @@
+"""A hybrid whose network has no memory, as equations of motion: what exports and diagnoses take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+
+import casadi as cs
+
+from ...errors import BadInput
+from ...hybrid_model import HybridModel
+from ...model import Namespace, Symbol
+from ...motion_model import MotionModel, Quantities, State
+from .cell import said
+
+
+def as_motion(model: HybridModel) -> MotionModel:
+    """The same vehicle as equations of motion, the network's weights constants of them.
+
+    Raises
+    ------
+    BadInput : the network has a memory, or was trained by steps that are no derivative's.
+    """
+    if model.recurrent:
+        raise BadInput(
+            f"{model.name} has a recurrent network, whose memory equations of motion have no place for. Give a single "
+            "track the stiffnesses it estimates, or fit mlp_lateral or bicycle_mlp."
+        )
+    if model.integrator != "rk4":
+        raise BadInput(
+            f"This {model.name} was trained by steps of {model.integrator}: what its network says is right over its "
+            f"own sample time of {model.sample_time:g} s alone. Train it with integrator=rk4."
+        )
+    weights = {name: cs.DM(model[name].array) for name in model.network.shapes}
+    physical = tuple(own for own in model.parameters if own.name not in weights)
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        inputs = SimpleNamespace(**{name: getattr(u, name) for name in model.inputs})
+        for name, least in model.least.items():  # slower, the equations only stay finite
+            setattr(inputs, name, cs.fmax(getattr(inputs, name), least))
+        z = said(model.network, cs.vertcat(*model.features(x, inputs, p)), weights)
+        rates, quantities = model.physics(x, inputs, p, [z[k] for k in range(model.network.outputs)])
+        for name in others:
+            setattr(q, name, quantities[name])
+        return rates
+
+    states = tuple(State(own.name, own.unit, 1.0) for own in model.states)
+    names = [own.name for own in states]
+    others = tuple(name for name in model.estimates if name not in names)
+    return MotionModel(
+        name=model.name,
+        about=model.about,
+        inputs=model.inputs,
+        commands=model.commands,
+        outputs=model.outputs,
+        parameters=physical,
+        states=states,
+        dynamics=dynamics,
+        quantities=others,
+        settings=model.settings,
+    )

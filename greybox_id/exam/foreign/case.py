@@ -1,0 +1,274 @@
+"""One case of a foreign vehicle made: drawn, identified, something withheld, driven twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import resources
+
+import numpy as np
+
+from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
+from ...datasets.virtual_vehicle import VirtualCar, toleranced, tolerances, vehicle_file_text
+from ...errors import BadInput
+from ...parameter import Array
+from ...recording import Recording
+from ..aliases import Cause, indistinguishable
+from ..answers import Answer, exceeds
+from ..plan import Planned
+from ..replays import Replays
+from .double_track import DoubleTrack
+from .effects import ENTRIES, OUTSIDE, magnitude, together, withheld
+from .families import FAMILIES, gusts
+from .identify import identified
+from .ride import Ride, driven, readings, recorded, replayed
+from .vehicles import Reality, chassis, single_track
+
+PERIODS = (0.010, 0.020)
+"""Between rows, s."""
+DURATION, HELD_OUT, REFERENCE = (60.0, 100.0), (40.0, 60.0), 45.0
+"""Of recordings and of the manoeuvres on which a vehicle is identified, s."""
+FORM_MOST = 0.02
+"""Largest error of form, over the sd of the signal, with which a vehicle is taken: beyond that the single track that
+was identified is not a description of it."""
+FORM_CHANNELS = ("v_x", "yaw_rate", "a_x", "a_y")
+VISIBLE = 1.5
+"""What tolerances leave of an effect over what they leave of the error of form, in some channel, from which on it can
+be asked for."""
+DRAWS = 12
+"""Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
+
+
+@dataclass(frozen=True)
+class MadeCase:
+    """A case as it is handed out, and what is kept back.
+
+    Attributes
+    ----------
+    recording, vehicle_file, columns : handed out; the column map says how commands run between rows.
+    held_out, answer : kept back.
+    """
+
+    recording: Recording
+    vehicle_file: str
+    columns: str
+    held_out: Recording
+    answer: Answer
+
+
+def made(planned: Planned) -> MadeCase:
+    """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
+
+    Raises
+    ------
+    BadInput : none of the draws can be simulated, or the simulator is not installed.
+    """
+    last: _Case | None = None
+    for attempt in range(DRAWS):
+        try:
+            case = _Case(planned, attempt)
+            if case.shows and not (planned.kind == "outside" and any(case.aliases.values())):
+                return case.made()
+        except _Unfit:
+            continue
+        last = case
+    try:
+        if last is not None:
+            return last.made()
+    except _Unfit:
+        pass
+    what = f" with {', '.join(planned.effects)}" if planned.effects else ""
+    raise BadInput(f"None of {DRAWS} vehicles of the family {planned.family} can be driven{what}; take another ‹seed›.")
+
+
+class _Unfit(Exception):
+    """A draw that is no case."""
+
+
+class _Case:
+    """One draw of vehicle, magnitudes and drive."""
+
+    def __init__(self, planned: Planned, attempt: int) -> None:
+        self.planned, self.family = planned, FAMILIES[planned.family]
+        self.rng = rng = np.random.default_rng((planned.seed, attempt, 1153))
+        self.rate = 1.0 / float(rng.choice(PERIODS))
+        vehicle = self.family.draw(rng, planned.number)
+        if "velocity_lever_arm" in planned.effects and not vehicle.about.measures_v_y:
+            measuring = {**vehicle.about.noise, "v_y": vehicle.about.noise["v_x"]}
+            vehicle = replace(vehicle, about=replace(vehicle.about, noise=measuring))
+        self.vehicle = vehicle
+        self.stated = self._identified()
+        self.tolerances = tolerances(self.stated)
+        self.true = toleranced(self.stated, rng)
+        self.numbers = _shifted(vehicle.numbers, self.stated, self.true)
+        self.drawn = {name: magnitude(name, self.stated, rng) for name in planned.effects}
+        self.effects = dict(self.drawn)
+        if "wind_gust" in self.drawn:
+            self.effects["wind_direction"] = float(rng.uniform(-np.pi, np.pi))
+        self.seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        self.ride = self._driven(DURATION, self.seed)
+        self.recording = self._recorded(self.ride, self.seed)
+        form = self._form()
+        noise, rows = self.stated.noise, len(self.recording)
+        self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, form)
+
+    def _reality(self, effects: Mapping[str, float], seed: int, numbers: Mapping[str, float]) -> Reality:
+        own = withheld(numbers, effects, self.vehicle.about)
+        return self.family.build(own, gusts(6000, seed) if effects.get("crosswind") else np.zeros(1))
+
+    def _identified(self) -> VirtualCar:
+        """The single track that fits the nominal vehicle; where it does not fit well, the draw is none."""
+        about = self.vehicle.about
+        try:
+            rides = [
+                driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(own))
+                for own in self.rng.integers(2**31, size=3)
+            ]
+            stated = identified(about, rides[:2])
+            proof = rides[2]
+            flat = DoubleTrack(single_track(stated, proof.linear_hold))
+            model = replayed(flat, about, proof.commands, proof.period, proof.start)
+        except BadInput as error:
+            if "exam]" in str(error):
+                raise
+            raise _Unfit from error
+        real, said = readings(proof, about, {}, 0), readings(model, about, {}, 0)
+        self.form = {
+            name: float(np.std(said[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
+        }
+        if max(self.form.values()) > FORM_MOST:
+            raise _Unfit
+        return stated
+
+    def _driven(self, duration: tuple[float, float], seed: int) -> Ride:
+        everything = together(self.true.small, self.effects)
+        reality = self._reality(everything, seed, self.numbers)
+        try:
+            return driven(reality, self.stated, float(self.rng.uniform(*duration)), self.rate, seed)
+        except BadInput as error:
+            raise _Unfit from error
+
+    def _recorded(self, ride: Ride, seed: int) -> Recording:
+        return recorded(ride, self.stated, together(self.true.small, self.effects), seed, self.planned.case)
+
+    def _driven_again(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
+        """The recording's commands driven by another vehicle, see `replays.Drive`.
+
+        What tolerances change is taken from the single track that is stated.
+        """
+        everything = together(self.true.small, effects)
+        if beyond:
+            real, flat = self._base
+            car, small = self.stated, {}
+            known = self.tolerances
+            if beyond in known.parameters:
+                moved = car.parameters[beyond] + known.parameters[beyond]
+                car = replace(car, parameters={**car.parameters, beyond: moved})
+            else:
+                small[beyond] = ENTRIES[beyond].null + known.effects[beyond]
+            further = self._stated(rows, car, small)
+            return {name: real[name] + further[name] - flat[name] for name in self.stated.noise}
+        commands = self.ride.commands[:rows]
+        reality = self._reality(everything, self.seed, self.numbers)
+        ride = replayed(reality, self.stated, commands, self.ride.period, self.ride.start)
+        return readings(ride, self.stated, everything, self.seed)
+
+    @cached_property
+    def _base(self) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """The recording's commands driven by the vehicle with nothing withheld, and by what is stated of it."""
+        rows = len(self.recording)
+        return self._driven_again({}, rows, ""), self._stated(rows, self.stated, {})
+
+    def _stated(self, rows: int, car: VirtualCar, effects: Mapping[str, float]) -> Mapping[str, Array]:
+        """The same by the single track that is stated."""
+        numbers = withheld(single_track(car, self.ride.linear_hold), effects, car)
+        commands = self.ride.commands[:rows]
+        ride = replayed(DoubleTrack(numbers), car, commands, self.ride.period, self.ride.start)
+        return readings(ride, car, effects, self.seed)
+
+    def _form(self) -> Array:
+        """Nominal vehicle less what is stated of it, under the recording's commands, in noise sds."""
+        rows = len(self.recording)
+        try:
+            nominal = self._reality({}, self.seed, self.vehicle.numbers)
+            ride = replayed(nominal, self.stated, self.ride.commands, self.ride.period, self.ride.start)
+        except BadInput as error:
+            raise _Unfit from error
+        real, flat = readings(ride, self.stated, {}, self.seed), self._stated(rows, self.stated, {})
+        return np.stack([(real[name] - flat[name]) / sd for name, sd in self.stated.noise.items()])
+
+    @cached_property
+    def shows(self) -> bool:
+        """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
+        if not self.drawn or self.again.form is None:
+            return True
+        try:
+            hidden = self.again.beside_tolerances(self.again.form)
+        except BadInput as error:
+            raise _Unfit from error
+        for name in self.drawn:
+            rest = {other: own for other, own in self.effects.items() if other != name}
+            try:
+                size, left = self.again.size(self.effects, rest), self.again.left(self.effects, rest)
+            except BadInput as error:
+                raise _Unfit from error
+            if not exceeds(size) or not exceeds(left) or all(left[c] < VISIBLE * hidden[c] for c in left):
+                return False
+        return True
+
+    @cached_property
+    def aliases(self) -> dict[str, tuple[str, ...]]:
+        """What the recording cannot tell apart, the model's form being what it is."""
+        if not self.drawn:
+            return {}
+        car = self.stated
+        causes = {
+            name: Cause(entry.null, entry.at, entry.sizes(car.size, car.kind)[0], entry.sides)
+            for name, entry in VOCABULARY.items()
+            if name in self.family.effects and (name != "velocity_lever_arm" or car.measures_v_y)
+        }
+        alike = [other for name in self.drawn if name in OUTSIDE for other in OUTSIDE[name].resembles]
+        return indistinguishable(self.drawn, causes, self.again.views(), alike)
+
+    def made(self) -> MadeCase:
+        """The case with its answer."""
+        held_out = self._recorded(self._driven(HELD_OUT, self.other_seed), self.other_seed)
+        try:
+            size, left = self.again.size(self.effects, {}), self.again.left(self.effects, {})
+        except BadInput as error:
+            raise _Unfit from error
+        answer = Answer(
+            case=self.planned.case,
+            kind=self.planned.kind,
+            tier=self.planned.tier,
+            effects=together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn),
+            nulls={name: ENTRIES[name].null for name in self.drawn},
+            aliases=self.aliases if self.shows else {},
+            size=size,
+            left=left,
+            seed=self.planned.seed,
+            car={"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
+                 "numbers": dict(self.numbers), "noise": dict(self.stated.noise)},
+            about={"family": self.planned.family, "rate": self.rate, "rows": len(self.recording),
+                   "held_out_rows": len(held_out), "drawn": self.effects, "form_error": self.form},
+        )  # fmt: skip
+        text = vehicle_file_text(self.stated, self.tolerances)
+        return MadeCase(self.recording, text, columns(self.ride.linear_hold), held_out, answer)
+
+
+def columns(linear_hold: bool) -> str:
+    """The canonical column map, and how commands run between rows."""
+    text = resources.files("greybox_id.datasets").joinpath("columns", "canonical.toml").read_text("utf-8")
+    return text.replace('hold = "zero"', 'hold = "linear"') if linear_hold else text
+
+
+def _shifted(numbers: Mapping[str, float], stated: VirtualCar, true: VirtualCar) -> dict[str, float]:
+    """Numbers of a vehicle that differs from the one identified as the true single track differs from that stated."""
+    found, before, after = dict(numbers), chassis(stated), chassis(true)
+    for name, value in before.items():
+        if name in ("drive_split_front", "brake_split_front"):
+            found[name] = min(max(found[name] + after[name] - value, 0.0), 1.0)
+        elif value != 0.0:
+            found[name] = found[name] * after[name] / value
+    return found

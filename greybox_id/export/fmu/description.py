@@ -1,0 +1,188 @@
+"""`modelDescription.xml` and `buildDescription.xml`. Source: the FMI standards, 2.0.4 and 3.0.2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ... import __version__
+from ...units import si_exponents
+from ..quoting import xml_attribute as quoted
+from .variables import Variable
+
+SOURCES = ("{name}.c", "instance.c", "fmi{version}.c")
+CAUSALITY = {
+    "time": "independent", "input": "input", "output": "output", "state": "local", "rate": "local",
+    "parameter": "parameter", "setting": "parameter",
+}  # fmt: skip
+VARIABILITY = {"parameter": "tunable", "setting": "fixed"}
+INTERVAL = "greybox-id.interval"
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is said of a unit.
+
+    Attributes
+    ----------
+    name : the model's identifier.
+    about : for people.
+    token : what binary and description know each other by.
+    variables : all of them.
+    continuous : whether model exchange is offered.
+    step : default communication step, s.
+    """
+
+    name: str
+    about: str
+    token: str
+    variables: Sequence[Variable]
+    continuous: bool
+    step: float
+
+    def model(self, version: int) -> str:
+        """`modelDescription.xml` of FMI 2 or 3."""
+        return self._fmi2() if version == 2 else self._fmi3()
+
+    def build(self, version: int) -> str:
+        """`buildDescription.xml`: how the sources become a shared library, whose functions have plain names."""
+        files = "".join(f'      <SourceFile name="{file}"/>\n' for file in self.sources(version))
+        plain = f'      <PreprocessorDefinition name="FMI{version}_OVERRIDE_FUNCTION_PREFIX" value="1"/>\n'
+        return (
+            '<?xml version="1.0" encoding="UTF-8"?>\n'
+            '<fmiBuildDescription fmiVersion="3.0">\n'
+            f'  <BuildConfiguration modelIdentifier="{self.name}">\n'
+            f'    <SourceFileSet language="C99">\n{files}{plain}    </SourceFileSet>\n'
+            "  </BuildConfiguration>\n</fmiBuildDescription>\n"
+        )
+
+    def sources(self, version: int) -> list[str]:
+        """Names of the C files that are compiled."""
+        return [file.format(name=self.name, version=version) for file in SOURCES]
+
+    def _of(self, *kinds: str) -> list[Variable]:
+        return [own for own in self.variables if own.kind in kinds]
+
+    def _units(self) -> str:
+        lines = []
+        for unit in dict.fromkeys(own.unit for own in self.variables if own.unit):
+            exponents = si_exponents(unit)
+            base = ""
+            if exponents is not None:
+                base = f"<BaseUnit{''.join(f' {key}={quoted(str(value))}' for key, value in exponents.items())}/>"
+            lines.append(f"    <Unit name={quoted(unit)}>{base}</Unit>\n")
+        return f"  <UnitDefinitions>\n{''.join(lines)}  </UnitDefinitions>\n"
+
+    def _experiment(self) -> str:
+        return f'  <DefaultExperiment startTime="0" stopTime="10" stepSize={quoted(repr(self.step))}/>\n'
+
+    def _head(self, version: str, token: str) -> str:
+        return (
+            f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription fmiVersion="{version}" '
+            f"modelName={quoted(self.name)} {token}={quoted(self.token)} description={quoted(self.about)} "
+            f'generationTool="greybox-id {__version__}" variableNamingConvention="structured"'
+        )
+
+    def _fmi2(self) -> str:
+        files = "".join(f"      <File name={quoted(file)}/>\n" for file in self.sources(2))
+        can = (
+            f'modelIdentifier={quoted(self.name)} canGetAndSetFMUstate="true" canSerializeFMUstate="true" '
+            'providesDirectionalDerivative="true"'
+        )
+        interfaces = ""
+        if self.continuous:
+            interfaces += f"  <ModelExchange {can}>\n    <SourceFiles>\n{files}    </SourceFiles>\n  </ModelExchange>\n"
+        interfaces += (
+            f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true">\n'
+            f"    <SourceFiles>\n{files}    </SourceFiles>\n  </CoSimulation>\n"
+        )
+        place = {own.name: k for k, own in enumerate(self.variables, 1)}
+        rows = "".join(self._variable2(own, place) for own in self.variables)
+        outputs = "".join(f'      <Unknown index="{place[own.name]}"/>\n' for own in self._of("output"))
+        rates = "".join(f'      <Unknown index="{place[own.name]}"/>\n' for own in self._of("rate"))
+        structure = f"    <Outputs>\n{outputs}    </Outputs>\n"
+        if rates:
+            structure += f"    <Derivatives>\n{rates}    </Derivatives>\n"
+        structure += f"    <InitialUnknowns>\n{outputs}{rates}    </InitialUnknowns>\n"
+        return (
+            f'{self._head("2.0", "guid")} numberOfEventIndicators="0">\n{interfaces}{self._units()}'
+            '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>\n'
+            f"{self._experiment()}  <ModelVariables>\n{rows}  </ModelVariables>\n"
+            f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
+        )
+
+    def _variable2(self, own: Variable, place: dict[str, int]) -> str:
+        unit = f" unit={quoted(own.unit)}" if own.unit else ""
+        derivative = f' derivative="{place[own.name[4:-1]]}"' if own.kind == "rate" else ""
+        note = ""
+        if own.interval is not None:
+            low, high = map(repr, own.interval)
+            note = (
+                f'\n      <Annotations><Tool name="greybox-id"><Interval level="0.95" low="{low}" high="{high}"/>'
+                "</Tool></Annotations>\n    "
+            )
+        return (
+            f'    <ScalarVariable name={quoted(own.name)} valueReference="{own.reference}"{_described(own)} '
+            f"{_kind(own)}><Real{unit}{_bounds(own)}{derivative}{_start(own)}/>{note}</ScalarVariable>\n"
+        )
+
+    def _fmi3(self) -> str:
+        can = (
+            f'modelIdentifier={quoted(self.name)} canGetAndSetFMUState="true" canSerializeFMUState="true" '
+            'providesDirectionalDerivatives="true"'
+        )
+        interfaces = f"  <ModelExchange {can}/>\n" if self.continuous else ""
+        interfaces += f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true"/>\n'
+        reference = {own.name: own.reference for own in self.variables}
+        rows = "".join(self._variable3(own, reference) for own in self.variables)
+        outputs = "".join(f'    <Output valueReference="{own.reference}"/>\n' for own in self._of("output"))
+        rates = [own.reference for own in self._of("rate")]
+        structure = outputs
+        structure += "".join(f'    <ContinuousStateDerivative valueReference="{own}"/>\n' for own in rates)
+        unknown = [*(own.reference for own in self._of("output")), *rates]
+        structure += "".join(f'    <InitialUnknown valueReference="{own}"/>\n' for own in unknown)
+        return (
+            f"{self._head('3.0', 'instantiationToken')}>\n{interfaces}{self._units()}"
+            '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>\n'
+            f"{self._experiment()}  <ModelVariables>\n{rows}  </ModelVariables>\n"
+            f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
+        )
+
+    def _variable3(self, own: Variable, reference: dict[str, int]) -> str:
+        unit = f" unit={quoted(own.unit)}" if own.unit else ""
+        derivative = f' derivative="{reference[own.name[4:-1]]}"' if own.kind == "rate" else ""
+        head = (
+            f'    <Float64 name={quoted(own.name)} valueReference="{own.reference}"{_described(own)} {_kind(own)}'
+            f"{unit}{_bounds(own)}{derivative}{_start(own)}"
+        )
+        if own.interval is None:
+            return f"{head}/>\n"
+        low, high = map(repr, own.interval)
+        return (
+            f'{head}>\n      <Annotations><Annotation type="{INTERVAL}"><Interval level="0.95" low="{low}" '
+            f'high="{high}"/></Annotation></Annotations>\n    </Float64>\n'
+        )
+
+
+def _described(own: Variable) -> str:
+    return f" description={quoted(own.about)}" if own.about else ""
+
+
+def _kind(own: Variable) -> str:
+    computed = ' initial="calculated"'
+    initial = {"time": "", "input": "", "output": computed, "rate": computed}.get(own.kind, ' initial="exact"')
+    return f'causality="{CAUSALITY[own.kind]}" variability="{VARIABILITY.get(own.kind, "continuous")}"{initial}'
+
+
+def _bounds(own: Variable) -> str:
+    low = "" if own.low is None else f' min="{own.low!r}"'
+    return low + ("" if own.high is None else f' max="{own.high!r}"')
+
+
+def _start(own: Variable) -> str:
+    return "" if own.start is None else f' start="{_number(own.start)}"'
+
+
+def _number(value: float) -> str:
+    """As XML Schema has it: INF is no limit."""
+    return {float("inf"): "INF", float("-inf"): "-INF"}.get(value, repr(value))

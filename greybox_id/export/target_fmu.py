@@ -1,0 +1,170 @@
+"""Target `fmu`: the exported C as functional mock-up units of FMI 2.0 and 3.0, sources and binary."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from importlib import resources
+
+from .. import __version__
+from ..engine.compiler import CannotCompile, compiler_command
+from ..engine.motion.stiffness import STABLE
+from .c.motion import MotionC
+from .c.naming import constant, number
+from .equations import Equations, Named
+from .fmu.archive import archive
+from .fmu.binary import binaries, place, suffix
+from .fmu.description import Description
+from .fmu.steps import Steps, steps_of
+from .fmu.variables import continuous, starts, variables_of
+from .origin import KeyOrigin
+from .quoting import c_comment, c_string, one_line
+from .subject import Subject
+
+REMEMBERED = 4096
+"""Commands and beginnings of segments that a unit remembers: 0.5 s of steps of a quarter of a millisecond, and cuts."""
+VERSIONS = {2: "", 3: "_fmi3"}
+"""Version of FMI -> what is added to the file's name."""
+NOBODY = Named("", "")
+"""Stands behind the last entry of tables: C knows no empty ones."""
+UNSIGNED = "{TOKEN}"
+"""Stands for the token until everything it is made of is known."""
+SHARED = ("instance.h", "instance.c", "shared.h")
+
+
+def files(subject: Subject) -> Mapping[str, bytes]:
+    """`NAME.fmu` of FMI 2.0 and `NAME_fmi3.fmu` of FMI 3.0. Raises `BadInput` for what is no model of motion."""
+    steps = steps_of(subject.equations)
+    title = f"{subject.model.about} ({subject.model.name}), from {subject.source or 'Python'}"
+    about = Description(
+        subject.name, one_line(title), "", variables_of(subject, steps), continuous(subject.equations), steps.longest
+    )
+    code, described, sources = _code(subject, title), dict[int, Description](), dict[int, dict[str, bytes]]()
+    for version in VERSIONS:
+        shared = {name: _shipped(name) for name in (*SHARED, f"fmi{version}.c")}
+        model = _model(subject, steps, UNSIGNED)
+        token = _token(version, *code.values(), *shared.values(), model.encode(), about.model(version).encode())
+        described[version] = replace(about, token=token)
+        sources[version] = {**code, **shared, "model.h": model.replace(UNSIGNED, token).encode()}
+    try:
+        made = binaries(sources, {version: own.sources(version) for version, own in described.items()})
+    except CannotCompile:  # said among the cautions
+        made = {}
+    return {
+        f"{subject.name}{ending}.fmu": archive(_held(subject.name, described[version], sources[version], made, version))
+        for version, ending in VERSIONS.items()
+    }
+
+
+def cautions(subject: Subject) -> list[str]:
+    """Sentences on what these files do not hold."""
+    found = []
+    try:
+        compiler_command()
+    except CannotCompile as error:
+        found.append(f"{error} The units hold sources only; who imports them has to compile them.")
+    model = subject.equations.model
+    ahead = [name for name, seconds in subject.equations.shifts().items() if seconds < 0]
+    if ahead:
+        found.append(f"A unit knows no inputs of the future: {', '.join(ahead)} is below zero and taken as none.")
+    scatter = [name for name in ("timestamp_jitter", "dropped_samples") if name in model.effects]
+    if scatter:
+        found.append(f"{', '.join(scatter)} belongs to recordings, not to the motion: a unit's readings have none.")
+    return found
+
+
+def origins(subject: Subject) -> list[KeyOrigin]:
+    """Every parameter of the unit, and what is behind it."""
+    names = {own.name.removeprefix("parameters."): own for own in variables_of(subject, steps_of(subject.equations))}
+    return [
+        KeyOrigin(f"{subject.name}.fmu", f"parameters.{p.name}", names[p.name].start, p.name)
+        for p in subject.model.parameters
+        if p.name in names
+    ]
+
+
+def _code(subject: Subject, title: str) -> dict[str, bytes]:
+    """The model's own C."""
+    line = c_comment(f"{subject.name}: {title}, greybox-id {__version__}.")
+    unused = ("step_jacobian", "step_by_p") + (() if continuous(subject.equations) else ("ode_jacobian",))
+    written = MotionC(subject.name, subject.equations, line, REMEMBERED, unused)
+    return {f"{subject.name}.h": written.header.encode(), f"{subject.name}.c": written.source.encode()}
+
+
+def _held(
+    name: str, about: Description, sources: Mapping[str, bytes], made: Mapping[int, bytes], version: int
+) -> dict[str, bytes]:
+    """The files of a unit."""
+    held = {"modelDescription.xml": about.model(version).encode()}
+    held |= {f"sources/{file}": content for file, content in sources.items()}
+    held["sources/buildDescription.xml"] = about.build(version).encode()
+    if version in made:
+        held[f"binaries/{place(version)}/{name}{suffix()}"] = made[version]
+    return held
+
+
+def _token(version: int, *parts: bytes) -> str:
+    """The same for the same unit, in the form of a GUID."""
+    digits = hashlib.sha256(b"\0".join((str(version).encode(), *parts))).hexdigest()
+    return f"{{{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:32]}}}"
+
+
+@lru_cache
+def _shipped(name: str) -> bytes:
+    return resources.files(__package__).joinpath("fmu", "sources", name).read_bytes()
+
+
+def _model(subject: Subject, steps: Steps, token: str) -> str:
+    """`model.h`: what the sources that all units share have to know of this one."""
+    e, own = subject.equations, subject.name
+    sizes = "\n".join(f"#define {letters} {constant(own, letters)}" for letters in ("NX", "NU", "NP", "NY"))
+    late = {name: k for k, name in enumerate(e.late)}
+    delays = {name: k for k, name in enumerate(e.delayed)}
+    speed, kind = _speed(e)
+    return f"""\
+/* {c_comment(own)} as the sources beside this one see it. */
+
+#ifndef MODEL_H
+#define MODEL_H
+
+#include "{own}.h"
+
+#define MODEL(name) {own}_##name
+#define TOKEN {c_string(token)}
+
+{sizes}
+#define MOVING {len(e.model.states)} /* states that move; behind them actuators and relaxed quantities */
+#define SETTLES {int(e.settles)}
+#define CONTINUOUS {int(continuous(e))} /* a differential equation and nothing besides */
+#define DELAYED {len(e.delayed)}
+#define LATE {len(e.late)}
+#define PAST {REMEMBERED}
+{f"#define MODEL_COMMANDS {constant(own, 'COMMANDS')}" if e.delayed else ""}
+
+#define START_X {{{", ".join(map(number, starts(e.states)))}}}
+#define START_U {{{", ".join(map(number, [*starts(e.inputs), 0.0]))}}}
+#define DELAY_OF {{{", ".join(str(delays.get(i.name, -1)) for i in (*e.inputs, NOBODY))}}}
+#define LATENCY_OF {{{", ".join(str(late.get(i.name, -1)) for i in (*e.outputs, NOBODY))}}}
+
+#define LONGEST_STEP {number(steps.longest)}
+#define STABLE {number(STABLE)} /* longest step times eigenvalue, which is at most STIFF + STIFF_BY_SPEED / speed */
+#define STIFF {number(steps.stiff)}
+#define STIFF_BY_SPEED {number(steps.by_speed)}
+#define SLOWEST {number(steps.slowest)}
+#define SPEED_IS_STATE {int(kind == "state")}
+#define SPEED_IS_INPUT {int(kind == "input")}
+#define SPEED {speed}
+
+#endif
+"""
+
+
+def _speed(e: Equations) -> tuple[int, str]:
+    """Where the speed stands, and among what."""
+    for kind, entries in (("state", e.states), ("input", e.inputs)):
+        for k, own in enumerate(entries):
+            if own.name == "v_x":
+                return k, kind
+    return 0, ""

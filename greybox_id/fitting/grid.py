@@ -1,0 +1,319 @@
+"""Many structures of one model with memory, each fitted and cross-validated, to choose one by more than its error.
+
+Source of the criterion and of the grids: Mungiello et al., "Vehicle dynamics learning from physics priors with
+model-structured neural networks", Sec. III and Fig. 7. Theirs is Akaike's on the validation data, which counts every
+reading as independent; beside it stand the same on the training data with as many readings as are independent, and
+blocked cross-validation.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg as la
+from threadpoolctl import threadpool_limits
+
+from ..engine.shooting import Problem
+from ..engine.trace import Trace
+from ..errors import BadInput
+from ..memory_model import MemoryModel
+from ..models.registry import prepared
+from ..parameter import Array
+from ..processes import side_by_side
+from ..recording import Recording
+from ..scores.metrics import Error, aic, errors, predictions
+from ..solvers.gauss_newton import Status, gauss_newton
+from ..statistics import correlation_time
+from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
+from .how import Say, quiet
+from .memory import MOST_STEPS, TOLERANCE, _noise
+
+MOST_CELLS = 10_000
+"""Fits in a grid: a slip of the pen is no day's work."""
+FINGERPRINT, STRENGTHS_USED = "data", "strengths"
+"""Columns that say which data a row is of, and how strongly priors were taken."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What a grid found.
+
+    Attributes
+    ----------
+    table : a row per structure.
+    names : the settings that were varied.
+    chosen, aic_best : rows: by the one-standard-error rule on cross-validation; of least AIC.
+    interrupted : whether it was stopped before its end.
+    """
+
+    table: pd.DataFrame
+    names: tuple[str, ...]
+    chosen: Mapping[str, Any]
+    aic_best: Mapping[str, Any]
+    interrupted: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        return {
+            "fits": len(self.table),
+            "cpu_seconds": float(self.table["cpu_seconds"].sum()),
+            "chosen": dict(self.chosen),
+            "aic_best": dict(self.aic_best),
+            "interrupted": self.interrupted,
+            "table": json.loads(self.table.to_json(orient="records", double_precision=12)),
+        }
+
+
+def cells(varied: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    """All combinations of values, the last setting varying first."""
+    found = [dict(zip(varied, own, strict=True)) for own in itertools.product(*varied.values())]
+    if len(found) > MOST_CELLS:
+        raise BadInput(
+            f"A grid of {len(found)} structures; {MOST_CELLS} are the most. Vary fewer settings (‹settings›)."
+        )
+    return found
+
+
+def fit_grid(
+    name: str,
+    train: Recording,
+    varied: Mapping[str, Sequence[Any]],
+    *,
+    settings: Mapping[str, Any] | None = None,
+    validate: Recording | None = None,
+    strength: float | None = None,
+    jobs: int = 1,
+    done: pd.DataFrame | None = None,
+    say: Say = quiet,
+    keep: Callable[[pd.DataFrame], None] | None = None,
+) -> Grid:
+    """Fit every structure of a grid.
+
+    Parameters
+    ----------
+    name : of a model with memory that is fitted in one step.
+    train : training data.
+    varied : setting -> its values.
+    settings : the other settings.
+    validate : what is scored, and what the published AIC is formed on; the training data where there is none.
+    strength : of the priors; None cross-validates it once, on the structure that `settings` alone make.
+    jobs : processes at a time.
+    done : rows of an earlier run that are kept.
+    keep : called with the table whenever a row has come.
+
+    Raises
+    ------
+    BadInput : a setting cannot be used, the model is of another kind, or `done` is of other data.
+    """
+    base = dict(settings or {})
+    train.must_run()
+    several = cells(varied)
+    models = [_model(name, train, {**base, **cell}) for cell in several]  # what is wrong is better said before
+    data = fingerprint(name, train, validate, base)
+    rows = _kept(done, data, several)
+    strengths = _strengths(name, train, base, strength, rows, jobs, say)
+    missing = [k for k, cell in enumerate(several) if _key(cell) not in rows]
+    if len(missing) < len(several):
+        say(f"{len(several) - len(missing)} of {len(several)} structures are there already")
+
+    def work(number: int) -> dict[str, Any]:
+        with threadpool_limits(1):
+            return _row(models[missing[number]], several[missing[number]], train, validate, strengths)
+
+    def told(number: int, row: dict[str, Any]) -> bool:
+        cell = several[missing[number]]
+        rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
+        said = ", ".join(f"{n}={v}" for n, v in cell.items())
+        say(f"{name} {said}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4f}")
+        if keep is not None:
+            keep(_table(rows, several))
+        return True
+
+    interrupted = False
+    if missing:
+        try:
+            interrupted = side_by_side(work, len(missing), jobs, told).interrupted
+        except KeyboardInterrupt:
+            interrupted = True
+    table = _table(rows, several)
+    if not len(table):
+        raise KeyboardInterrupt
+    return Grid(table, tuple(varied), _plain(one_standard_error(table)), _plain(_least(table)), interrupted)
+
+
+def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
+    """The structure with the fewest parameters whose cross-validated error is within a standard error of the least."""
+    usable = table[np.isfinite(table["cv_error"])]
+    best = usable.iloc[int(np.argmin(usable["cv_error"]))]
+    near = usable[usable["cv_error"] <= best["cv_error"] + best["cv_se"]]
+    fewest: pd.DataFrame = near[near["parameters"] == near["parameters"].min()]
+    return fewest.iloc[int(np.argmin(fewest["cv_error"]))]
+
+
+def fingerprint(name: str, train: Recording, validate: Recording | None, settings: Mapping[str, Any]) -> str:
+    """What tells grids of different data or models apart."""
+    part = [f"{own.source.sha256}{own.source.between}{own.source.where}:{len(own)}" for own in (train, validate) if own]
+    return json.dumps([name, *part, settings], sort_keys=True, default=list)
+
+
+def _least(table: pd.DataFrame) -> pd.Series[Any]:
+    return table.iloc[int(np.argmin(table["aic"]))]
+
+
+def _plain(row: pd.Series[Any]) -> dict[str, Any]:
+    told = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+    return {n: v for n, v in told.items() if n not in (FINGERPRINT, STRENGTHS_USED)}
+
+
+def _key(cell: Mapping[str, Any]) -> str:
+    return json.dumps(cell, sort_keys=True)
+
+
+def _kept(done: pd.DataFrame | None, data: str, several: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    if done is None or not len(done):
+        return {}
+    names = list(several[0])
+    if not {*names, FINGERPRINT, STRENGTHS_USED, "cv_error"} <= set(done.columns) or set(done[FINGERPRINT]) != {data}:
+        raise BadInput(
+            "What is there already is a grid of other data, another model or other settings; name another place "
+            "(‹out›)."
+        )
+    wanted = {_key(cell) for cell in several}
+    rows = {}
+    for _, row in done.iterrows():
+        own = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+        key = _key({n: own[n] for n in names})
+        if key in wanted:
+            rows[key] = own
+    return rows
+
+
+def _table(rows: Mapping[str, Mapping[str, Any]], several: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    return pd.DataFrame([rows[_key(cell)] for cell in several if _key(cell) in rows])
+
+
+def _model(name: str, train: Recording, settings: Mapping[str, Any]) -> MemoryModel:
+    model = prepared(name, train, settings)
+    if not isinstance(model, MemoryModel) or model.parts:
+        raise BadInput(f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none.")
+    return model
+
+
+def _strengths(
+    name: str,
+    train: Recording,
+    base: Mapping[str, Any],
+    strength: float | None,
+    rows: Mapping[str, Mapping[str, Any]],
+    jobs: int,
+    say: Say,
+) -> dict[str, float]:
+    if rows:
+        return dict(json.loads(next(iter(rows.values()))[STRENGTHS_USED]))
+    model = _model(name, train, base)
+    named = sorted({p.prior.strength for p in model.parameters if p.prior is not None and p.prior.strength})
+    if strength is not None:
+        return dict.fromkeys(named, strength)
+    trace = Trace(model)
+    with threadpool_limits(1):
+        noise, start = _noise(trace, [train])
+        return choose_strengths(trace, [train], noise, start, say, jobs).strengths
+
+
+def _row(
+    model: MemoryModel,
+    cell: Mapping[str, Any],
+    train: Recording,
+    validate: Recording | None,
+    strengths: Mapping[str, float],
+) -> dict[str, Any]:
+    clock = time.process_time()
+    trace = Trace(model)
+    noise, near = _noise(trace, [train])
+    problem = Problem(trace, [train], noise=noise, strengths=strengths)
+    solution = gauss_newton(problem, near, max_steps=MOST_STEPS, tolerance=TOLERANCE)
+    if solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    fitted = model.with_values(problem.shared(solution.x))
+    spread = np.array([max(float(np.nanstd(train[output])), 1e-9) for output in model.outputs])
+    cv_error, cv_se = cross_validated(problem, solution.x, noise / spread)
+    spent = time.process_time() - clock
+    row: dict[str, Any] = {**cell, "parameters": fitted.size, "cpu_seconds": spent}
+    row |= {"steps": solution.steps, "status": solution.status.value, "cv_error": cv_error, "cv_se": cv_se}
+    for role, recording in (("train", train), ("valid", validate)):
+        if recording is None:
+            continue
+        for protocol in ("published", "honest"):
+            seen = predictions(fitted, recording, protocol, trace=trace)
+            told: dict[str, Error] = errors(fitted, seen, protocol)
+            for output, own in told.items():
+                row[f"{role}_{protocol}_{output}"] = own.rmse
+            residuals = seen.predicted - seen.measured
+            if protocol == "published":
+                row["aic"] = sum(aic(own, fitted.size) for own in residuals.T)
+            elif role == "train":
+                counted = len(residuals) / correlation_time(residuals / noise)
+                row["aic_effective"] = sum(aic(own, fitted.size, effective=counted) for own in residuals.T)
+    return row
+
+
+def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, float]:
+    """Cross-validated error of a fit as a share of the readings' spread, and its standard error over folds.
+
+    A fold's fit is one Gauss-Newton step from the fit to everything, without the fold's rows: to first order, what the
+    fit would have been. Errors count as at most `WORST`, as where strengths are chosen.
+    """
+    believed = (problem.R.T @ problem.R).toarray()
+    pull = problem.R.T @ problem.prior_residuals(x)
+    found = list(problem.residuals(x, []))
+    free = problem.free
+    squares = []
+    for kept, held_out in blocks(problem, FOLDS):
+        H, g = believed.copy(), np.asarray(pull).copy()
+        for run, rows, (r, J), index in zip(problem.runs, kept, found, problem.layout.index, strict=True):
+            own = rows[run.predicted] > 0
+            flat = J[own].reshape(-1, J.shape[2])
+            H[np.ix_(index, index)] += flat.T @ flat
+            g[index] += flat.T @ r[own].ravel()
+        step = np.zeros_like(x)
+        ridge = 1e-9 * np.diag(np.diag(H)[free] + 1e-12)
+        step[free] = -la.solve(H[np.ix_(free, free)] + ridge, g[free], assume_a="pos")
+        total = count = 0.0
+        for run, rows, (r, J), index in zip(problem.runs, held_out, found, problem.layout.index, strict=True):
+            own = rows[run.predicted] > 0
+            error = np.minimum(np.abs(r[own] + J[own] @ step[index]), WORST)
+            total, count = total + float(np.sum((scale * error) ** 2)), count + error.size
+        squares.append(total / max(count, 1.0))
+    if len(squares) < 2:
+        raise BadInput("The training data are too short for cross-validation: record more.")
+    by_fold = np.array(squares)
+    least = float(np.sqrt(np.mean(by_fold)))
+    return least, float(np.std(by_fold, ddof=1) / np.sqrt(len(by_fold)) / (2 * least))
+
+
+def values_of(text: str) -> Iterator[Any]:
+    """Values of a setting as a command line writes them: 5,6,7 or 1:4 (both included) or one.
+
+    Raises
+    ------
+    BadInput : they cannot be understood.
+    """
+    for piece in text.split(","):
+        low, colon, high = piece.partition(":")
+        try:
+            if colon:
+                first, last = int(low), int(high)
+                if not 0 <= last - first < MOST_CELLS:
+                    raise ValueError
+                yield from range(first, last + 1)
+            else:
+                yield json.loads(piece)
+        except ValueError as error:
+            raise BadInput(f"‹settings›: {piece!r} is no number, true, false or range such as 1:4.") from error

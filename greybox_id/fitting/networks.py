@@ -1,0 +1,166 @@
+"""Training networks without a memory: over growing horizons, each begun where the one before ended.
+
+One row ahead almost any network learns which way the vehicle goes; over a whole window a poor one is far from anything.
+Errors count in units of the readings' spread, as published: what ends training is the held-out error.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
+from ..engine.hybrid.stretches import Stretch
+from ..errors import BadInput
+from ..hybrid_model import HybridModel
+from ..parameter import Array
+from ..processes import apart, side_by_side
+from ..provenance import Stage
+from ..recording import Recording
+from ..solvers.quasi_newton import Descent, descend
+from .how import How, Say, quiet
+from .hybrid import Trained, manoeuvres, split
+from .pretraining import Pretraining, known_physics, pretrained
+
+HORIZONS = (2, 11, 21)
+"""Rows predicted from one start before the window that is wanted: one, ten and twenty steps, as published."""
+COUNTS = 0.1
+"""Share of an output's spread that an error of one counts as."""
+ADAM, SHORT_STEPS, STEPS, PATIENCE = 100, 120, 400, 60
+"""Steps of Adam from a random start; of L-BFGS over each of the short horizons and over the last; see `descend`."""
+_SAID = 20
+
+Outside = Callable[[Array], float]
+"""Parameter vector -> error on what is held out."""
+
+
+def fit_network(
+    model: HybridModel, recordings: Sequence[Recording], how: How, say: Say, known: Pretraining | None = None
+) -> Trained:
+    """Train a hybrid model whose network has no memory.
+
+    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
+    end.
+
+    Parameters
+    ----------
+    model : nominal values of physical parameters; weights are drawn.
+    recordings : training data.
+    how : seed, number of starts and known noise.
+    say : progress.
+    known : a vehicle to learn from first; of a model with physics, whose parameters it has.
+
+    Raises
+    ------
+    BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
+    """
+    clock = time.process_time()
+    named = manoeuvres(model, recordings)
+    train, held_out, names = split(named, model, how.seed)
+    if known is not None and "m" in model:
+        model = known_physics(model, known)
+    sd = counted(model, [one for _, one in named], how)
+    outside = WindowErrors(model, held_out, sd)
+    away = apart(how.starts, how.jobs)
+
+    def told(k: int, one: Descent) -> bool:
+        if away:
+            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {one.held_out[one.best]:.3g}")
+        return one.status != "interrupted"
+
+    def work(k: int) -> Descent:
+        own = quiet if away else say
+        return trained_from(model, recordings, train, sd, outside, how.seed + k, own, known)
+
+    done = side_by_side(work, how.starts, how.jobs, told)
+    best = min(done.results, key=lambda each: each.held_out[each.best])
+    stage = Stage(
+        model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
+        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in done.results)), strengths={},
+        strengths_from="early stopping", tried=(),
+        noise={name: float(own) for name, own in zip(model.outputs, _noise(model, held_out, best.x), strict=True)},
+        cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
+    )  # fmt: skip
+    inside = WindowErrors(model, train, sd)
+    errors = (float(np.sqrt(inside(best.x))), float(np.sqrt(outside(best.x))))
+    return Trained(model.with_values(best.x), stage, names, errors)
+
+
+def trained_from(
+    model: HybridModel,
+    recordings: Sequence[Recording],
+    train: Sequence[Stretch],
+    sd: Array,
+    outside: Outside,
+    seed: int,
+    say: Say,
+    known: Pretraining | None = None,
+    steps: int = STEPS,
+) -> Descent:
+    """One training, from random weights or from a known vehicle's; x are the model's parameters.
+
+    Parameters
+    ----------
+    outside : what is held out and says when to stop, over the last horizon.
+    """
+    p = drawn(model, seed)
+    if known is not None and "m" not in model:
+        p = pretrained(model, p, recordings, known, seed, say)
+    random = known is None or "m" in model
+    horizons = [*(rows for rows in HORIZONS if rows < model.window), model.window]
+    found: Descent | None = None
+    for rows in horizons:
+        last = rows == model.window
+        short = replace(model, window=rows, warm_up=min(model.warm_up, rows - 1) if last else 0)
+        problem = HybridProblem(short, train, sd)
+
+        def told(step: int, loss: float, held_out: float, rows: int = rows) -> None:
+            line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"
+            say(f"{line}, held out {np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
+
+        here = descend(
+            problem, partial(_of_unknowns, outside, problem), problem.unknowns(p), problem.bounds,
+            warm_up=ADAM if random and rows == horizons[0] else 0, steps=steps if last else SHORT_STEPS,
+            patience=PATIENCE if last else SHORT_STEPS, say=told,
+        )  # fmt: skip
+        best = problem.parameters(here.x)
+        if found is not None and found.held_out[found.best] < here.held_out[here.best]:
+            best, here = found.x, replace(here, held_out=found.held_out, best=found.best, loss=found.loss)
+        found = replace(here, x=best)
+        p = best
+        if here.status == "interrupted":
+            break
+    assert found is not None
+    return found
+
+
+def _of_unknowns(outside: Outside, problem: HybridProblem, q: Array) -> float:
+    return outside(problem.parameters(q))
+
+
+def counted(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
+    """What an error of each output counts as: as stated, else a share of its spread."""
+    spread = []
+    for k, name in enumerate(model.outputs):
+        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in found])
+        own = COUNTS * float(np.std(read)) if len(read) else np.nan
+        spread.append(how.noise.get(name, max(own, 1e-12) if np.isfinite(own) else np.nan))
+    if not np.any(np.isfinite(spread)):
+        raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
+    return np.array(spread)
+
+
+def _noise(model: HybridModel, found: Sequence[Stretch], p: Array) -> Array:
+    """Root mean square error of each output over windows of stretches that were not trained on, in its unit."""
+    errors = []
+    for k in range(len(model.outputs)):
+        one = np.full(len(model.outputs), 1e12)  # all other outputs count for nothing
+        one[k] = 1.0
+        measured = WindowErrors(model, found, one)
+        read = sum(int(np.sum(np.isfinite(own.outputs[k]))) for own in found)
+        errors.append(np.sqrt(measured(p) * len(model.outputs)) if read else 0.0)
+    return np.array(errors)

@@ -1,0 +1,231 @@
+"""What a network learns of a known vehicle before it sees a recording: the rates of its states, at many points.
+
+Points are rows of the recordings ("data", as published), or spread over a box 1.3 times as wide ("box"), cut where the
+lateral acceleration yaw_rate v_x is more than 1.3 times that of the recordings: this teaches the edges. At every point
+several draws of the vehicle's parameters say the rates; their mean is what is learnt, and where they part the network
+is not held to it.
+
+Source: "Physics-guided approach with transfer learning in vehicle lateral dynamics", Sec. III.D.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from ..engine.hybrid.problem import HybridProblem, RateErrors
+from ..engine.motion.simulator import Simulator
+from ..errors import BadInput, near_or_all
+from ..hybrid_model import HybridModel
+from ..motion_model import MotionModel
+from ..parameter import Array, Prior
+from ..recording import Recording
+from ..solvers.quasi_newton import descend
+from .how import Say
+
+Span = Literal["data", "box"]
+WIDER = 1.3
+AT_A_POINT = 8
+"""Draws simulated at every point."""
+SUBSTEPS = 4
+DERIVATIVE = 1e-5
+"""s over which a rate is a difference, where the network says derivatives and no increments."""
+SETTLED = 0.05
+"""Errors of the rates that count as one, as a share of the rates' spread: smaller ones are for the recordings to put
+right."""
+HELD_OUT = 0.1
+ADAM, STEPS, PATIENCE = 100, 300, 60
+
+
+@dataclass(frozen=True)
+class Pretraining:
+    """A known vehicle.
+
+    Attributes
+    ----------
+    model : its equations of motion.
+    draws : (n, parameters) vectors of its parameters.
+    points : at which the network learns its rates.
+    span : where these are.
+    source : the file it comes from, for people.
+    """
+
+    model: MotionModel
+    draws: Array
+    points: int = 20_000
+    span: Span = "data"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if self.span not in get_args(Span):
+            told = near_or_all(str(self.span), get_args(Span))
+            raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{told}")
+        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 100 <= self.points <= 1_000_000:
+            raise BadInput(f"‹pretrain_points›: a whole number from 100 to 1000000 is needed, not {self.points!r:.40}.")
+
+
+def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
+    """The model with the parameters of its physics at the mean of the draws, their spread as prior where they are free.
+
+    Raises
+    ------
+    BadInput : the known vehicle has none of them.
+    """
+    mean, sd = np.mean(known.draws, axis=0), np.std(known.draws, axis=0)
+    changed, start = [], 0
+    for own in known.model.parameters:
+        if own.shape == () and own.name in model and own.name not in model.network.shapes:
+            mine = model[own.name]
+            low, high = min(mine.bounds[0], own.bounds[0]), max(mine.bounds[1], own.bounds[1])
+            value = np.array(float(mean[start]))
+            prior = Prior(float(sd[start]), mean=value) if sd[start] > 0 and not mine.fixed else mine.prior
+            changed.append(replace(mine, value=value, bounds=(low, high), prior=prior))
+        start += own.size
+    if not changed:
+        raise BadInput(
+            f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "
+            "pretrain it from a fit of lateral or single_track with Pacejka's tyres."
+        )
+    return model.with_parameters(*changed)
+
+
+def pretrained(
+    model: HybridModel, start: Array, recordings: Sequence[Recording], known: Pretraining, seed: int, say: Say
+) -> Array:
+    """A parameter vector whose network says the rates of a known vehicle.
+
+    Parameters
+    ----------
+    model : the network's.
+    start : (parameters,) where it begins.
+    recordings : training data, whose range tells where to learn.
+    known : the vehicle.
+    seed : of the points.
+    say : progress.
+
+    Raises
+    ------
+    BadInput : the recordings lack what the known vehicle reads, or it is not finite anywhere.
+    """
+    x, u, rates, scale = taught(model, recordings, known, seed)
+    count = x.shape[1]
+    held = int(HELD_OUT * count)
+    errors, outside = (
+        RateErrors(model, x[:, rows], u[:, rows], rates[:, rows], scale[:, rows])
+        for rows in (slice(held, None), slice(held))
+    )
+    problem = HybridProblem(model, (), np.ones(len(rates)), errors)
+
+    def told(step: int, loss: float, held_out: float) -> None:
+        del loss
+        say(f"{model.name}: pretraining, step {step}, rates off by {np.sqrt(held_out):.3f}", passing=True)
+
+    found = descend(
+        problem, lambda q: outside(problem.parameters(q)), problem.unknowns(start), problem.bounds,
+        warm_up=ADAM, steps=STEPS, patience=PATIENCE, say=told,
+    )  # fmt: skip
+    if found.status == "interrupted":
+        raise KeyboardInterrupt
+    off = SETTLED * np.sqrt(found.held_out[found.best])
+    say(f"{model.name}: pretrained, rates off by {100 * off:.1f} % of their spread")
+    return problem.parameters(found.x)
+
+
+def taught(
+    model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int
+) -> tuple[Array, Array, Array, Array]:
+    """States, inputs and rates at points, (states or inputs, n), and errors of the rates that count as one."""
+    vehicle = known.model
+    states = [own.name for own in model.states]
+    names = list(dict.fromkeys((*states, *model.inputs, *vehicle.inputs, *(s.name for s in vehicle.states))))
+    names = [name for name in names if name in (*states, *model.inputs, *vehicle.inputs) or _recorded(name, recordings)]
+    rows = []
+    for recording in recordings:
+        for name in names:
+            if name not in recording and model.read(name, recording) is None:
+                raise BadInput(
+                    f"{recording.name} lacks {name}, which pretraining from {known.source or vehicle.name} reads. "
+                    "Pretrain from a fit whose inputs are recorded."
+                )
+        table = np.array([recording[n] if n in recording else model.read(n, recording) for n in names])
+        rows.append(table[:, np.all(np.isfinite(table), axis=0)])
+    data = np.concatenate(rows, axis=1)
+    for name, least in model.least.items():
+        data = data[:, data[names.index(name)] >= least]
+    if data.shape[1] == 0:
+        raise BadInput(f"No row of {recordings[0].name} has all of {', '.join(names)}.")
+    random = np.random.default_rng((seed, 4801))
+    points = _chosen(data, names, known, random)
+    measured = tuple(own.name for own in vehicle.states if own.name in names and own.name in vehicle.outputs)
+    if not set(states) <= set(measured):
+        raise BadInput(f"{vehicle.name} does not predict {' and '.join(states)}, which {model.name} is to learn.")
+    h = DERIVATIVE if model.integrator != "euler" else model.sample_time
+    simulator = Simulator(vehicle)
+    simulator.kernel.prepare()
+    each = []
+    draws = known.draws[random.permutation(len(known.draws))]
+    for k in range(min(AT_A_POINT, len(draws))):
+        p = draws[(k + np.arange(points.shape[1]) * AT_A_POINT) % len(draws)]
+        each.append(_rates(simulator, names, points, measured, states, p, h))
+    found = np.array(each)
+    good = np.all(np.isfinite(found), axis=(0, 1))
+    if not np.any(good):
+        raise BadInput(
+            f"{vehicle.name} is not finite at any point of the recordings at these parameters. Fit it again."
+        )
+    mean, spread = np.mean(found[:, :, good], axis=0), np.std(found[:, :, good], axis=0)
+    unit = SETTLED * np.std(mean, axis=1, keepdims=True)
+    scale = np.sqrt(np.where(unit > 0, unit, 1.0) ** 2 + spread**2)
+    index = [names.index(name) for name in states], [names.index(name) for name in model.inputs]
+    return points[index[0]][:, good], points[index[1]][:, good], mean, scale
+
+
+def _recorded(name: str, recordings: Sequence[Recording]) -> bool:
+    return all(name in recording for recording in recordings)
+
+
+def _chosen(data: Array, names: Sequence[str], known: Pretraining, random: np.random.Generator) -> Array:
+    """(names, points) of the data with replacement, or spread over a wider box."""
+    if known.span == "data":
+        return data[:, random.integers(data.shape[1], size=known.points)]
+    low, high = np.min(data, axis=1, keepdims=True), np.max(data, axis=1, keepdims=True)
+    middle, half = (low + high) / 2, WIDER * (high - low) / 2
+    found = np.empty((len(names), 0))
+    speed, turn = names.index("v_x"), names.index("yaw_rate")
+    most = WIDER * np.max(np.abs(data[speed] * data[turn]))
+    while found.shape[1] < known.points:
+        own = middle + half * random.uniform(-1.0, 1.0, (len(names), known.points))
+        own[speed] = np.maximum(own[speed], low[speed])
+        found = np.concatenate([found, own[:, np.abs(own[speed] * own[turn]) <= most]], axis=1)
+    return found[:, : known.points]
+
+
+def _rates(
+    simulator: Simulator,
+    names: Sequence[str],
+    points: Array,
+    measured: tuple[str, ...],
+    states: Sequence[str],
+    p: Array,
+    h: float,
+) -> Array:
+    """(states, n) by how much readings of the states change over h seconds of held inputs, over h."""
+    trace = simulator.trace
+    model, count = trace.model, points.shape[1]
+    readings = points[[names.index(name) for name in measured]].T
+    inputs = points[[names.index(name) for name in model.inputs]].T
+    z0, _ = simulator.start(measured, np.ascontiguousarray(readings), np.ascontiguousarray(inputs), p)
+    segments = np.zeros((count, SUBSTEPS + 1, trace.segment_size))
+    segments[:, :SUBSTEPS, 0] = h / SUBSTEPS
+    segments[:, :, 1 : 1 + inputs.shape[1]] = inputs[:, None]
+    if trace.shift_count:
+        segments[:, :, -trace.shift_count :] = simulator.shifts(p[0])
+    reads = np.zeros(SUBSTEPS + 1, dtype=bool)
+    reads[[0, -1]] = True
+    with np.errstate(all="ignore"):
+        _, y = simulator.kernel.simulate(z0, segments, p, reads)
+    index = [model.outputs.index(name) for name in states]
+    return np.asarray(((y[:, 1] - y[:, 0]) / h)[:, index].T)

@@ -1,0 +1,417 @@
+"""What the results of a fleet say together, as tables: population, vehicles, drift, and a prior for the next fit."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import chdtri, ndtr
+
+from ..combined import Z
+from ..files import write_atomically
+from ..parameter import Array
+from ..reports.numbers import number, pretty_unit
+from .drift import CONSTANT, STEP, Drifted, VehicleChange, drifted
+from .hierarchy import Informed, informed, population
+from .states import OK
+from .store import Store
+from .unit import unpacked
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOST = 12
+"""Parameters that are estimated together: those that most recordings inform."""
+TAILS = 4.0
+"""Degrees of freedom of Student's t for recordings with a gap, as usual in robust regression (Lange, Little & Taylor,
+Robust statistical modeling using the t distribution, JASA 84 (1989))."""
+LEVEL = 0.95
+FAR = 0.05
+"""Rate of false outliers among vehicles."""
+ORDERS = ("odometer", "time", "order")
+"""What recordings of a vehicle are put in order by: the first that all of them have, else how they are listed."""
+PRIOR = "prior.toml"
+
+
+@dataclass(frozen=True)
+class FleetEstimate:
+    """What a fleet's recordings say together.
+
+    Attributes
+    ----------
+    population : parameter -> mean and spread, as a table with the columns of the dataset.
+    vehicles : vehicle and parameter -> value today, interval, where the next estimate is going to lie.
+    drift : vehicle and parameter -> whether it changed, how, by how much and since when.
+    used, left_out : recordings; sentence -> how many were left out for it.
+    over : vehicle -> what its recordings are in order by.
+    folder : of the results.
+    """
+
+    population: pd.DataFrame
+    vehicles: pd.DataFrame
+    drift: pd.DataFrame
+    used: int
+    left_out: Mapping[str, int]
+    over: Mapping[str, str]
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain data."""
+        return {
+            "recordings": self.used,
+            "left_out": dict(self.left_out),
+            "population": _records(self.population),
+            "vehicles": _records(self.vehicles),
+            "drift": _records(self.drift[self.drift["drifts"]]),
+            "tested": len(self.drift),
+            "prior": str(self.folder / PRIOR),
+            "folder": str(self.folder),
+        }
+
+    def sentences(self) -> list[str]:
+        """What changed and which vehicles lie apart, likeliest first."""
+        changed = self.drift[self.drift["drifts"]].sort_values(["probability", "p"], ascending=[False, True])
+        apart = self.vehicles[self.vehicles["sentence"].notna()]
+        apart = apart.reindex(apart["outlier"].abs().sort_values(ascending=False).index)
+        return [*changed["sentence"], *apart["sentence"]]
+
+    def summary(self) -> str:
+        """The same in lines."""
+        names = self.vehicles["vehicle"].nunique()
+        lines = [f"fleet    {self.used} recordings of {names} vehicles"]
+        lines += [f"omitted  {count}: {words}" for words, count in self.left_out.items()]
+        for row in _records(self.population):
+            unit = pretty_unit(row["unit"])
+            spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
+            interval = f"[{number(row['low'], 4)}, {number(row['high'], 4)}]"
+            lines.append(f"mean     {row['name']} {number(row['mean'], 4)} {interval} {unit}{spread}")
+        said = self.sentences()
+        lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
+        if not said:
+            tested = self.drift["vehicle"].nunique()
+            lines.append(f"changed  nothing found in {tested} vehicles with enough recordings")
+        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, {PRIOR}"])
+
+
+@dataclass(frozen=True)
+class _Joined:
+    """Recordings as the hierarchy takes them, with what rows are called by."""
+
+    names: list[str]
+    units: list[str]
+    logs: list[bool]
+    seen: Informed
+    keys: list[str]
+    vehicles: list[str]
+    order: list[np.ndarray[tuple[int], np.dtype[np.int64]]]
+    x: list[Array]
+    over: list[str]
+    rows: pd.DataFrame
+
+
+def estimate(folder: str | Path) -> FleetEstimate:
+    """Estimate population, vehicles and drift from the results of a fleet; no recording is read.
+
+    Parameters
+    ----------
+    folder : of the results; the datasets `population`, `vehicles` and `drift` and prior.toml are written to it.
+
+    Returns
+    -------
+    FleetEstimate
+        Tables; empty where no recording has a fit that can be joined with others.
+
+    Raises
+    ------
+    BadInput : the folder holds no results, or they are damaged.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.fleet.estimate("nothing_here")
+    Traceback (most recent call last):
+    ...
+    greybox_id.errors.BadInput: nothing_here holds no results of a fleet; ...
+    """
+    store = Store.existing(folder)
+    recordings = store.current()
+    joined, left_out = _joined(store, recordings)
+    if joined is None:
+        tables: dict[str, list[dict[str, Any]]] = {"population": [], "vehicles": [], "drift": []}
+        over: dict[str, str] = {}
+    else:
+        found = drifted(_weighted(store, joined), joined.order, joined.x)
+        tables = {
+            "population": _population_rows(joined, found),
+            "vehicles": _vehicle_rows(joined, found),
+            "drift": _drift_rows(joined, found),
+        }
+        over = dict(zip(joined.vehicles, joined.over, strict=True))
+    for name, rows in tables.items():
+        store.replace(name, rows)
+    _write_prior(store.folder, tables["population"], joined)
+    return FleetEstimate(
+        population=store.read("population"),
+        vehicles=store.read("vehicles"),
+        drift=store.read("drift"),
+        used=0 if joined is None else len(joined.keys),
+        left_out=left_out,
+        over=over,
+        folder=store.folder,
+    )
+
+
+def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dict[str, int]]:
+    """Recordings whose fits can be joined, and why others cannot."""
+    left_out = Counter[str]()
+    for status, count in recordings["status"].value_counts().sort_index().items():
+        if status != OK:
+            left_out[str(status)] = int(count)
+    kept = recordings[recordings["status"] != "not trusted"].merge(store.read("covariances"), on="key")
+    missing = int((recordings["status"] == OK).sum()) - int((kept["status"] == OK).sum())
+    if missing:
+        left_out["no fit, or its optimum is not confirmed"] = missing
+    kept = kept[kept["verdict"] != "not usable"].sort_values(["vehicle", "path"]).reset_index(drop=True)
+    names, units, logs = _names(kept)
+    said = [_of_row(row, names, logs) for row in _rows(kept)]
+    fine = [own is not None for own in said]
+    if not all(fine):
+        left_out["its fit informs nothing"] = len(fine) - sum(fine)
+    kept = kept[fine].reset_index(drop=True)
+    both = [own for own in said if own is not None]
+    if not both:
+        return None, dict(left_out)
+    information, vector = np.array([own for own, _ in both]), np.array([own for _, own in both])
+    here = np.flatnonzero(np.diagonal(information, axis1=1, axis2=2).sum(axis=0) > 0)
+    information, vector = information[:, here][:, :, here], vector[:, here]
+    names, units, logs = [names[k] for k in here], [units[k] for k in here], [logs[k] for k in here]
+    vehicles = sorted(set(kept["vehicle"]))
+    numbers = {name: k for k, name in enumerate(vehicles)}
+    of = np.array([numbers[own] for own in kept["vehicle"]], dtype=np.int64)
+    order, x, over = [], [], []
+    for k in range(len(vehicles)):
+        rows = np.flatnonzero(of == k)
+        values, by = _along(kept.iloc[rows])
+        first = np.argsort(values, kind="stable")
+        order.append(rows[first])
+        along = values[first] - values.min()
+        x.append(along / along[-1] if along[-1] > 0 else along)
+        over.append(by)
+    seen = Informed(information, vector, of, len(vehicles))
+    keys = [str(own) for own in kept["key"]]
+    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept), dict(left_out)
+
+
+def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
+    """Names, units and coordinates of the parameters that most recordings have."""
+    counts: Counter[tuple[str, str, bool]] = Counter()
+    for row in _rows(kept[["names", "units", "logarithm"]]):
+        counts.update(zip(map(str, row["names"]), map(str, row["units"]), map(bool, row["logarithm"]), strict=True))
+    chosen: dict[str, tuple[str, bool]] = {}
+    for (name, unit, log), _ in counts.most_common():
+        if len(chosen) < MOST:
+            chosen.setdefault(name, (unit, log))
+    return list(chosen), [unit for unit, _ in chosen.values()], [log for _, log in chosen.values()]
+
+
+def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array] | None:
+    """Information and vector of a recording over all parameters; None where it says nothing."""
+    own = [str(name) for name in row["names"]]
+    covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
+    size = np.diag(covariance)
+    taken = [
+        k for k, name in enumerate(own)
+        if name in names and logs[names.index(name)] == bool(row["logarithm"][k])
+        and not bool(row["at_bound"][k]) and np.isfinite(size[k]) and size[k] > 0
+    ]  # fmt: skip
+    if not taken:
+        return None
+    parts = (np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof"))
+    try:
+        data, vector = informed(covariance[np.ix_(taken, taken)], *parts)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    if not (np.all(np.isfinite(data)) and np.all(np.isfinite(vector)) and np.any(np.diag(data) > 0)):
+        return None
+    places = [names.index(own[k]) for k in taken]
+    whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
+    whole[np.ix_(places, places)], of[places] = data, vector
+    return whole, of
+
+
+def _along(rows: pd.DataFrame) -> tuple[Array, str]:
+    """What recordings of a vehicle are in order by, and what that is called."""
+    for name in ORDERS[:2]:
+        values = rows[name].to_numpy(dtype=float)
+        if np.all(np.isfinite(values)) and np.ptp(values) > 0:
+            return values, name
+    return np.arange(len(rows), dtype=float), ORDERS[2]
+
+
+def _weighted(store: Store, joined: _Joined) -> Informed:
+    """Recordings with a gap count less the further they lie from their vehicle, by Student's t."""
+    gaps = store.read("gaps", ["key", "detected"])
+    with_gap = set(gaps[gaps["detected"].fillna(False).astype(bool)]["key"])
+    rows = np.array([key in with_gap for key in joined.keys])
+    if not rows.any():
+        return joined.seen
+    seen = joined.seen
+    first = population(seen)
+    size = len(first.mean)
+    residual = seen.vector - (seen.information @ first.vehicle[seen.vehicle][:, :, None])[:, :, 0]
+    mixed = np.linalg.inv(seen.information @ np.diag(first.scatter) + np.eye(size))
+    far = np.array([own @ np.linalg.pinv(info) @ mix @ own for own, info, mix in
+                    zip(residual, seen.information, mixed, strict=True)])  # fmt: skip
+    weight = np.where(rows, (TAILS + size) / (TAILS + np.maximum(far, 0.0)), 1.0)
+    weight = np.minimum(weight, 1.0)
+    return replace(seen, information=seen.information * weight[:, None, None], vector=seen.vector * weight[:, None])
+
+
+def _natural(value: float, log: bool) -> float:
+    return math.exp(min(value, 700.0)) if log else value
+
+
+def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+    own, rows = found.population, []
+    several = len(joined.vehicles) > 1
+    for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
+        mu, sd, tau = float(own.mean[k]), float(np.sqrt(own.mean_covariance[k, k])), float(np.sqrt(own.spread[k]))
+        size = _natural(mu, log) if log else 1.0
+        dof = float(own.spread_dof[k])
+        ends = [tau * math.sqrt(dof / chdtri(dof, tail)) for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
+        rows.append(
+            {
+                "name": name, "unit": unit, "logarithm": log, "mean": _natural(mu, log),
+                "low": _natural(mu - Z * sd, log), "high": _natural(mu + Z * sd, log),
+                "spread": tau * size if several else math.nan,
+                "spread_low": ends[0] * size if several else math.nan,
+                "spread_high": ends[1] * size if several else math.nan,
+                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[:, k, k] > 0)),
+                "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+    own = found.population
+    rows: list[dict[str, Any]] = []
+    several = len(joined.vehicles) > 2
+    for v, vehicle in enumerate(joined.vehicles):
+        mean, covariance = found.today[v], found.covariance[v]
+        mine = joined.order[v]
+        times = joined.rows.iloc[mine]["time"].to_numpy(dtype=float)
+        for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
+            sd = math.sqrt(float(covariance[k, k]))
+            further = math.sqrt(float(covariance[k, k] + own.scatter[k]))
+            shrunken = float(own.spread[k]) - min(float(own.spread[k]), float(own.covariance[v, k, k]))
+            apart = float(own.vehicle[v, k] - own.mean[k])
+            outlier = apart / math.sqrt(shrunken) if several and shrunken > 0 else math.nan
+            value = float(mean[k])
+            rows.append(
+                {
+                    "vehicle": vehicle, "name": name, "unit": unit,
+                    "recordings": int(np.sum(joined.seen.information[mine, k, k] > 0)),
+                    "time": float(np.max(times)) if np.all(np.isfinite(times)) else math.nan,
+                    "value": _natural(value, log), "low": _natural(value - Z * sd, log),
+                    "high": _natural(value + Z * sd, log), "next_low": _natural(value - Z * further, log),
+                    "next_high": _natural(value + Z * further, log), "outlier": outlier,
+                    "sentence": None,
+                }
+            )  # fmt: skip
+    _tell_outliers(rows, joined, found)
+    return rows
+
+
+def _tell_outliers(rows: list[dict[str, Any]], joined: _Joined, found: Drifted) -> None:
+    """A sentence for each vehicle that lies apart from the others, at a rate of false ones (Bonferroni)."""
+    tested = [row for row in rows if math.isfinite(row["outlier"])]
+    means = dict(zip(joined.names, zip(found.population.mean, joined.logs, strict=True), strict=True))
+    for row in tested:
+        if 2 * ndtr(-abs(row["outlier"])) * len(tested) > FAR:
+            continue
+        mean, log = means[row["name"]]
+        typical = _natural(float(mean), log)
+        row["sentence"] = (
+            f"{row['vehicle']}: {row['name']} {number(row['value'], 3)} {pretty_unit(row['unit'])} "
+            f"[{number(row['low'], 3)}, {number(row['high'], 3)}], where the fleet has {number(typical, 3)}"
+        )
+
+
+def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+    rows = []
+    for own in found.changes:
+        vehicle, name = joined.vehicles[own.vehicle], joined.names[own.parameter]
+        unit, log = joined.units[own.parameter], joined.logs[own.parameter]
+        begin = float(found.today[own.vehicle, own.parameter]) - (own.change if own.drifts else 0.0)
+        sd = math.sqrt(own.variance)
+        ends = [own.change + reach * sd for reach in (0.0, -Z, Z)]
+        # of a positive parameter, as a difference from where it began
+        sizes = [_natural(begin + end, log) - _natural(begin, log) for end in ends] if log else ends
+        last = joined.order[own.vehicle]
+        at = joined.rows.iloc[int(last[own.at if own.kind == STEP else 0])]
+        by = joined.over[own.vehicle]
+        place = float(at[by]) if by in ("odometer", "time") else float(max(own.at, 0))
+        rows.append(
+            {
+                "vehicle": vehicle, "name": name, "unit": unit, "model": own.kind if own.drifts else CONSTANT,
+                "over": by, "probability": own.probability, "p": own.p, "drifts": own.drifts, "change": sizes[0],
+                "low": sizes[1], "high": sizes[2], "at": place, "at_time": float(at["time"]), "at_key": str(at["key"]),
+                "recordings": len(last),
+                "sentence": _told(own, vehicle, name, unit, log, begin, sizes, at) if own.drifts else None,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _told(
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, begin: float, sizes: Sequence[float], at: Any
+) -> str:  # fmt: skip
+    interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
+    share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
+    size = f"{'+' if sizes[0] > 0 else ''}{number(sizes[0], 2)} {interval}{share}"
+    likely = f"probability {own.probability:.2f}"
+    if own.kind != STEP:
+        return f"{vehicle}: {name} drifted by {size} over its recordings, {likely}"
+    time = float(at["time"])
+    since = f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
+    return f"{vehicle}: {name} {size} since {since}, {likely}"
+
+
+def _write_prior(folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None) -> None:
+    """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
+    lines = [
+        "# Prior for a vehicle of this fleet that has no recordings yet, as defaults of a fit.",
+        "[fit]",
+        "prior = [",
+    ]
+    for row in rows:
+        if math.isfinite(row["spread"]):
+            width = math.hypot(row["tau"], row["mu_sd"]) * (row["mean"] if row["logarithm"] else 1.0)
+            lines.append(
+                f'    "{row["name"]}={row["mean"]:.6g}±{width:.3g} {_written(row["unit"])}",'.replace(' ",', '",')
+            )
+    assert joined is not None or not rows
+    write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)
+
+
+def _written(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows as plain data; what is not there is None."""
+    return [
+        {name: None if isinstance(own, float) and math.isnan(own) else own for name, own in row.items()}
+        for row in _rows(table)
+    ]

@@ -1,0 +1,385 @@
+"""Running a fleet: every recording that is not done yet, on an engine, its results kept as they come."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from ..errors import BadInput, near_or_all
+from ..files import write_atomically
+from ..guard import protect
+from ..processes import duration
+from .contained import Broken
+from .engines import engine as engine_of
+from .manifest import FleetEntry, entries
+from .plan import FleetPlan, plan_of
+from .states import FAILED, MEMORY, OK, TIMEOUT
+from .store import OF_RESULTS, Journal, Store
+from .unit import MADE_BY
+
+ENGINES = ("local", "dask")
+ONLY = ("all", "changed")
+SETTLE = 30.0
+"""s between parts, while results come."""
+BROKEN = (FAILED, TIMEOUT, MEMORY)
+"""What another try may mend."""
+
+
+@dataclass
+class FleetProgress:
+    """How far a run is.
+
+    Attributes
+    ----------
+    todo : recordings that are to be done.
+    skipped : that were done before.
+    counts : status -> how many of this run ended so.
+    vehicles : vehicle -> status -> how many.
+    cpu_seconds : of the processor, in units.
+    last : sentence of the last recording that was not done; "" where there was none.
+    dashboard : address of the engine's dashboard; "" where it has none.
+    began : of the clock.
+    """
+
+    todo: int = 0
+    skipped: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    vehicles: dict[str, Counter[str]] = field(default_factory=dict)
+    cpu_seconds: float = 0.0
+    last: str = ""
+    dashboard: str = ""
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def done(self) -> int:
+        """How many recordings of this run have ended."""
+        return sum(self.counts.values())
+
+    @property
+    def seconds(self) -> float:
+        """s since it began."""
+        return time.monotonic() - self.began
+
+    def line(self) -> str:
+        """The same in a line."""
+        states = ", ".join(f"{count} {status}" for status, count in sorted(self.counts.items()))
+        left = ""
+        if 0 < self.done < self.todo:
+            left = f", about {duration(self.seconds / self.done * (self.todo - self.done))} left"
+        return f"{self.done} of {self.todo} recordings{f' ({states})' if states else ''}{left}"
+
+    def took(self, vehicle: str, result: Mapping[str, Any]) -> None:
+        """Count a recording that has ended."""
+        self.counts[result["status"]] += 1
+        self.vehicles.setdefault(vehicle, Counter())[result["status"]] += 1
+        self.cpu_seconds += result.get("cpu_s") or 0.0
+        if result["status"] != OK:
+            self.last = str(result.get("sentence", ""))
+
+
+Watch = Callable[[FleetProgress], None]
+"""Is handed the progress when it begins and after every recording."""
+
+
+@dataclass(frozen=True)
+class FleetRun:
+    """What came of a run.
+
+    Attributes
+    ----------
+    recordings : that the fleet has.
+    done : ended by this run, whatever came of them.
+    failed : of the fleet's recordings, how many have no result: failed, over a limit of time or of memory.
+    not_trusted : how many the check forbids trusting.
+    skipped : done by earlier runs.
+    cpu_seconds, seconds : of the processor in units of work, and by the clock.
+    folder : where the results are.
+    """
+
+    recordings: int
+    done: int
+    failed: int
+    not_trusted: int
+    skipped: int
+    cpu_seconds: float
+    seconds: float
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain data."""
+        return {**vars(self), "folder": str(self.folder)}
+
+    def summary(self) -> str:
+        """The same in lines."""
+        return (
+            f"fleet    {self.recordings} recordings: {self.done} done, {self.skipped} were before; {self.failed} "
+            f"without a result, {self.not_trusted} not to be trusted\n"
+            f"took     {duration(self.seconds)}, {self.cpu_seconds:.1f} CPU s\n"
+            f"written  {self.folder}   next: greybox fleet estimate {self.folder}"
+        )
+
+
+def run(
+    plan: str | Path | FleetPlan,
+    out: str | Path,
+    *,
+    engine: Literal["local", "dask"] = "local",
+    scheduler: str | None = None,
+    jobs: int = 1,
+    only: Literal["all", "changed"] = "all",
+    retry_failed: bool = False,
+    compact: bool = False,
+    progress: Watch | None = None,
+) -> FleetRun:
+    """Check, fit and diagnose the recordings of a fleet; what is done already is not done again.
+
+    Killed at any moment, it carries on where it was when it is called again.
+
+    Parameters
+    ----------
+    plan : fleet.toml.
+    out : folder of the results: Parquet datasets `recordings`, `parameters`, `covariances`, `gaps` and `manifest`.
+    engine : "local", processes of this machine; "dask", workers of Dask.
+    scheduler : with "dask", address of the scheduler whose workers do the work; None starts workers here.
+    jobs : recordings at a time on this machine.
+    only : "changed" takes files whose size and time of change are as they were for unchanged, and does not read them.
+    retry_failed : do again what failed or met a limit.
+    compact : write the results as one part each, without those of recordings that changed or are gone.
+    progress : is handed the progress as it goes.
+
+    Returns
+    -------
+    FleetRun
+        How many recordings were done, skipped, failed.
+
+    Raises
+    ------
+    BadInput : the plan or its manifest cannot be read, the folder holds something else, another run is at work, or the
+        engine cannot be had.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.fleet.run("no_fleet.toml", "results")
+    Traceback (most recent call last):
+    ...
+    greybox_id.errors.BadInput: no_fleet.toml cannot be read: No such file or directory. ...
+    """
+    if engine not in ENGINES:
+        raise BadInput(f"engine: there is no engine {engine!r}.{near_or_all(str(engine), ENGINES)}")
+    if only not in ONLY:
+        raise BadInput(f"only: there is no {only!r}.{near_or_all(str(only), ONLY)}")
+    if scheduler is not None and engine != "dask":
+        raise BadInput("‹scheduler› is of the engine dask; add ‹engine› dask.")
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise BadInput(f"jobs: a whole number from 1 on is needed, not {jobs!r:.40}.")
+    asked = plan if isinstance(plan, FleetPlan) else plan_of(plan)
+    protect(asked.file)
+    began = time.monotonic()
+    watch = progress or _unseen
+    with Store(out).opened() as store:
+        fleet = entries(asked, _known(store) if only == "changed" else None)
+        store.replace("manifest", [_listed(entry) for entry in fleet])
+        write_atomically(store.folder / "fleet.json", _origin(asked), continued=True)
+        done = store.done()
+        wanted = {entry.key for entry in fleet}
+        again = {key for key, status in done.items() if retry_failed and status in BROKEN and key in wanted}
+        if again or compact:
+            store.keep({key for key in done if key not in again and (key in wanted or not compact)})
+            done = {key: status for key, status in done.items() if key not in again}
+        todo = [entry for entry in fleet if entry.key not in done]
+        shown = FleetProgress(todo=len(todo), skipped=len(fleet) - len(todo))
+        if todo:
+            _work(asked, store, todo, (engine, jobs, scheduler), shown, watch)
+        statuses = Counter(store.done()[entry.key] for entry in fleet)
+    return FleetRun(
+        recordings=len(fleet),
+        done=shown.done,
+        failed=sum(statuses[status] for status in BROKEN),
+        not_trusted=statuses["not trusted"],
+        skipped=shown.skipped,
+        cpu_seconds=round(shown.cpu_seconds, 3),
+        seconds=round(time.monotonic() - began, 3),
+        folder=store.folder,
+    )
+
+
+def _work(
+    plan: FleetPlan,
+    store: Store,
+    todo: list[FleetEntry],
+    on: tuple[str, int, str | None],
+    shown: FleetProgress,
+    watch: Watch,
+) -> None:
+    """Have it all done, and keep what comes of it."""
+    by_key = {entry.key: entry for entry in todo}
+    journal = store.journal()
+
+    def take(result: dict[str, Any]) -> None:
+        entry = by_key[result["key"]]
+        journal.add(rows_of(entry, result))
+        shown.took(entry.vehicle, result)
+        watch(shown)
+
+    for entry in todo:
+        if entry.problem:
+            take({"key": entry.key, "status": FAILED, "sentence": entry.problem, "version": MADE_BY})
+    sound = [entry for entry in todo if not entry.problem]
+    try:
+        if sound:
+            with engine_of(*on[:2], on[2]) as hands:
+                shown.dashboard = hands.address
+                watch(shown)
+                _drained(hands.results(_jobs(plan, sound)), take, journal)
+    except Broken as error:
+        raise BadInput(str(error)) from error
+    finally:
+        journal.settle()
+
+
+def _drained(results: Iterator[dict[str, Any]], take: Callable[[dict[str, Any]], None], journal: Journal) -> None:
+    settled = time.monotonic()
+    for result in results:
+        take(result)
+        if time.monotonic() - settled > SETTLE:
+            journal.settle()
+            settled = time.monotonic()
+
+
+def _jobs(plan: FleetPlan, todo: list[FleetEntry]) -> Iterator[str]:
+    """Jobs as `engines.done` takes them."""
+    common = {"columns": plan.columns, "steps": list(plan.steps), "seconds": plan.seconds, "memory": plan.memory}
+    for entry in todo:
+        own = {
+            "key": entry.key, "path": str(entry.file.resolve()), "shown": entry.path, "sha256": entry.sha256,
+            "vehicle": entry.vehicle_file or None,
+        }  # fmt: skip
+        yield json.dumps({**common, **own, **plan.options})
+
+
+def rows_of(entry: FleetEntry, result: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """The rows of all datasets that a result is."""
+    own = {"key": entry.key, "vehicle": entry.vehicle, "time": entry.time}
+    named = {"path": entry.path, "odometer": entry.odometer, "tags": entry.tags}
+    told = {name: value for name, value in result.items() if name not in OF_RESULTS}
+    rows: dict[str, list[dict[str, Any]]] = {"recordings": [{**told, **own, **named}]}
+    for name in OF_RESULTS[1:]:
+        rows[name] = [{**row, **own} for row in result.get(name, ())]
+    return rows
+
+
+def _listed(entry: FleetEntry) -> dict[str, Any]:
+    return {name: getattr(entry, name) for name in ("key", "path", "vehicle", "time", "odometer", "tags", "sha256",
+                                                    "size", "changed")}  # fmt: skip
+
+
+def _known(store: Store) -> dict[str, tuple[int, int, str]]:
+    """What earlier runs know of files: path -> size, time of change, hash."""
+    table = store.read("manifest")
+    table = table[table["sha256"] != ""]
+    return {
+        str(path): (int(size), int(changed), str(digest))
+        for path, size, changed, digest in zip(
+            table["path"], table["size"], table["changed"], table["sha256"], strict=True
+        )
+    }
+
+
+def _origin(plan: FleetPlan) -> str:
+    body = {
+        "version": MADE_BY, "plan": str(plan.file.resolve()), "recordings": plan.recordings, "vehicle": plan.vehicle,
+        "columns": plan.columns, "steps": plan.steps, "options": plan.options, "seconds": plan.seconds,
+        "memory": plan.memory,
+    }  # fmt: skip
+    return json.dumps(body, indent=1, default=str) + "\n"
+
+
+def _unseen(progress: FleetProgress) -> None:
+    del progress
+
+
+def status(folder: str | Path) -> FleetStatus:
+    """How far a fleet is: what came of its recordings, in all and by vehicle.
+
+    Parameters
+    ----------
+    folder : of the results.
+
+    Raises
+    ------
+    BadInput : it holds none, or they are damaged.
+    """
+    store = Store.existing(folder)
+    manifest, recordings = store.read("manifest"), store.current()
+    waiting = _in_journal(store)
+    ended = dict(zip(recordings["key"], recordings["status"], strict=True)) | waiting
+    rows: dict[str, Counter[str]] = {}
+    for key, vehicle in zip(manifest["key"], manifest["vehicle"], strict=True):
+        rows.setdefault(str(vehicle), Counter())[ended.get(key, "waiting")] += 1
+    broken = recordings[recordings["status"].isin(BROKEN)]
+    shown = zip(broken["path"], broken["status"], broken["sentence"], strict=True)
+    return FleetStatus(
+        recordings=len(manifest),
+        statuses=dict(sum(rows.values(), Counter())),
+        vehicles={name: dict(counts) for name, counts in sorted(rows.items())},
+        broken=[{"path": str(path), "status": str(how), "sentence": str(words)} for path, how, words in shown],
+        cpu_seconds=float(recordings["cpu_s"].sum()),
+        folder=store.folder,
+    )
+
+
+@dataclass(frozen=True)
+class FleetStatus:
+    """How far a fleet is.
+
+    Attributes
+    ----------
+    recordings : that it has.
+    statuses : status -> how many; "waiting" are not done.
+    vehicles : vehicle -> status -> how many.
+    broken : path, status and sentence of those without a result.
+    cpu_seconds : that they took.
+    folder : of the results.
+    """
+
+    recordings: int
+    statuses: Mapping[str, int]
+    vehicles: Mapping[str, Mapping[str, int]]
+    broken: list[dict[str, str]]
+    cpu_seconds: float
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as plain data."""
+        return {**vars(self), "folder": str(self.folder)}
+
+    def summary(self) -> str:
+        """The same in lines."""
+        states = ", ".join(f"{count} {name}" for name, count in sorted(self.statuses.items()))
+        lines = [f"fleet    {self.recordings} recordings of {len(self.vehicles)} vehicles: {states}"]
+        for own in self.broken[:MOST_SHOWN]:
+            named = own["path"] in own["sentence"]
+            lines.append(f"         {'' if named else own['path'] + ': '}{own['sentence']}")
+        if len(self.broken) > MOST_SHOWN:
+            lines.append(f"         and {len(self.broken) - MOST_SHOWN} more without a result")
+        return "\n".join(lines)
+
+
+MOST_SHOWN = 10
+"""Recordings without a result that a summary lists."""
+
+
+def _in_journal(store: Store) -> dict[str, str]:
+    """Key -> status of results that are not parts yet."""
+    found = {}
+    for file in (store.folder / "journal").glob("*.jsonl"):
+        for line in file.read_bytes().split(b"\n")[:-1]:
+            row = json.loads(line)["recordings"][0]
+            found[row["key"]] = row["status"]
+    return found

@@ -1,0 +1,314 @@
+"""What recordings of one vehicle have in common, and by how much its numbers differ from run to run.
+
+Numbers of a run are those of the vehicle, c, and for the few that may differ between runs a deviation d_k, normal about
+zero with a standard deviation S that is learned: its square has an inverse gamma prior about what is usual and is found
+by expectation-maximisation, in which every run counts for as much as it tells (Dempster, Laird & Rubin, J. R. Statist.
+Soc. B 39, 1977; Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are explained at once, by
+Gauss-Newton on their innovations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BadInput
+from ..parameter import Array
+from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
+
+STEPS, SETTLED = 8, 0.3
+"""Gauss-Newton steps at most; a step that gains less, in log-likelihood, is the last."""
+FIRMER = (0.0, 0.5, 5.0, 50.0)
+"""Damping of steps, tried one after the other, over the Hessian's diagonal (Marquardt)."""
+FIRST = 2
+"""Steps before scatter is learned: numbers are nowhere yet."""
+
+
+@dataclass(frozen=True)
+class VaryingNumber:
+    """A number of a vehicle, in a coordinate in which it is searched.
+
+    Attributes
+    ----------
+    name : of the model's parameter.
+    logarithmic : whether the coordinate is its logarithm.
+    mean, sd : what is believed of the coordinate.
+    step : of differences, in the coordinate.
+    low, high : of the coordinate.
+    """
+
+    name: str
+    logarithmic: bool
+    mean: float
+    sd: float
+    step: float
+    low: float
+    high: float
+
+    def value(self, at: float) -> float:
+        """The number at a coordinate."""
+        return float(np.exp(at)) if self.logarithmic else float(at)
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a value."""
+        return float(np.log(value)) if self.logarithmic else float(value)
+
+
+def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
+    """Numbers by name, within their bounds."""
+    return {own.name: own.value(min(max(float(at), own.low), own.high)) for own, at in zip(numbers, x, strict=True)}
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a ride tells at some numbers.
+
+    Attributes
+    ----------
+    cost : negative log-likelihood.
+    g, H : (n,), (n, n) its gradient and its Gauss-Newton Hessian.
+    scores : (blocks, n) of which the gradient is the sum.
+    """
+
+    cost: float
+    g: Array
+    H: Array
+    scores: Array
+
+
+@dataclass(frozen=True)
+class Weigher:
+    """Negative log-likelihoods of rides.
+
+    Attributes
+    ----------
+    follower : with sizes of noise.
+    numbers : that are searched.
+    noise : how innovations are distributed.
+    """
+
+    follower: Follower
+    numbers: tuple[VaryingNumber, ...]
+    noise: InnovationNoise
+
+    def innovations(self, ride: FollowedRun, x: Array) -> FilterInnovations | None:
+        """At coordinates x."""
+        return self.follower.innovations(ride, values_of(self.numbers, x))
+
+    def cost(self, ride: FollowedRun, x: Array) -> float:
+        """At coordinates x; infinite where the filter diverges."""
+        found = self.innovations(ride, x)
+        return np.inf if found is None else self.noise.cost(found)
+
+    def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Told:
+        """With derivatives, by the numbers at these places; None: by all."""
+        here = self.innovations(ride, x)
+        if here is None:
+            name = ride.recording.name
+            raise BadInput(f"The filter diverges on {name}: is this the right vehicle, in the right units?")
+        scales, n = self.noise.scales(here), len(x)
+        white = self.noise.white(here, scales)
+        J, wider = np.zeros((*white.shape, n)), np.zeros((len(white), n))
+        for k in range(n) if moved is None else moved:
+            own, beside = self.numbers[k], x.copy()
+            step = own.step if x[k] + own.step <= own.high else -own.step
+            beside[k] += step
+            there = self.innovations(ride, beside)
+            if there is not None:
+                J[..., k] = (self.noise.white(there, scales) - white) / step
+                wider[:, k] = np.sum(there.spread - here.spread, axis=1) / step
+        weights = self.noise.weights(here, white)
+        scores = np.einsum("b,bi,bin->bn", weights, white, J) + self.noise.temper * wider
+        H = np.einsum("b,bin,bim->nm", weights, J, J, optimize=True)
+        return Told(self.noise.cost(here), np.sum(scores, axis=0), H, scores)
+
+
+@dataclass(frozen=True)
+class Common:
+    """What runs have in common.
+
+    Attributes
+    ----------
+    numbers : of the vehicle.
+    varying : places of those that differ between runs.
+    x, covariance : (n,), (n, n) of the vehicle's coordinates.
+    scatter : (n,) standard deviation between runs; zero of those that do not vary.
+    deviations, deviation_sds : (runs, n) of each run, and how well they are known.
+    weigher : what weighed them.
+    """
+
+    numbers: tuple[VaryingNumber, ...]
+    varying: tuple[int, ...]
+    x: Array
+    covariance: Array
+    scatter: Array
+    deviations: Array
+    deviation_sds: Array
+    weigher: Weigher
+
+    @property
+    def of_a_run(self) -> Array:
+        """(n, n) covariance of the coordinates of a further run to which nothing was done."""
+        return np.asarray(self.covariance + np.diag(self.scatter**2))
+
+
+def common(
+    weigher: Weigher,
+    rides: Sequence[FollowedRun],
+    usual: Mapping[str, float],
+    belief: Mapping[str, float],
+    start: Common | None = None,
+) -> Common:
+    """Explain all rides at once.
+
+    Parameters
+    ----------
+    weigher : of rides.
+    rides : of one vehicle, to which nothing was done between them.
+    usual : name -> usual standard deviation between runs, of those that may differ.
+    belief : name -> runs that this counts as; infinite where it is no matter of runs.
+    start : where they were found before.
+    """
+    numbers = weigher.numbers
+    n, runs = len(numbers), len(rides)
+    varying = np.array([k for k, own in enumerate(numbers) if own.name in usual], dtype=int)
+    m = len(varying)
+    prior = np.array([usual[numbers[k].name] for k in varying])
+    scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
+    learned = np.isfinite(runs_of)
+    mean, sd = np.array([own.mean for own in numbers]), np.array([own.sd for own in numbers])
+    u = np.concatenate([mean, np.zeros(runs * m)])
+    if start is not None:
+        u, scatter = np.concatenate([start.x, start.deviations[:, varying].ravel()]), start.scatter[varying]
+
+    def run_of(u: Array, k: int) -> Array:
+        x = u[:n].copy()
+        x[varying] += u[n + k * m : n + (k + 1) * m]
+        return x
+
+    def charge(u: Array) -> float:
+        own = 0.5 * float(np.sum(((u[:n] - mean) / sd) ** 2))
+        return own + 0.5 * float(np.sum((u[n:] / np.tile(scatter, runs)) ** 2))
+
+    H = np.eye(len(u))
+    for step in range(STEPS):
+        told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
+        precision = np.concatenate([sd**-2.0, np.tile(scatter**-2.0, runs)])
+        H, g = np.diag(precision), precision * (u - np.concatenate([mean, np.zeros(runs * m)]))
+        for k, own in enumerate(told):
+            at = np.arange(n + k * m, n + (k + 1) * m)
+            H[:n, :n] += own.H
+            H[np.ix_(at, at)] += own.H[np.ix_(varying, varying)]
+            H[np.ix_(np.arange(n), at)] += own.H[:, varying]
+            H[np.ix_(at, np.arange(n))] += own.H[varying, :]
+            g[:n] += own.g
+            g[at] += own.g[varying]
+        before = sum(own.cost for own in told) + charge(u)
+        at_run = u[:n] + np.zeros((runs, n))
+        at_run[:, varying] += u[n:].reshape(runs, m)
+        bounds = np.array([[own.low, own.high] for own in numbers])
+        low, high = (
+            np.append(bounds[:, 0], np.full(runs * m, -np.inf)),
+            np.append(bounds[:, 1], np.full(runs * m, np.inf)),
+        )
+        outside = np.concatenate([u[:n] <= bounds[:, 0], (at_run <= bounds[:, 0])[:, varying].ravel()])
+        held = outside & (g > 0)
+        gained = 0.0
+        for firm in FIRMER:
+            there = np.clip(u - _step(H, g, firm, held), low, high)
+            cost = sum(weigher.cost(ride, run_of(there, k)) for k, ride in enumerate(rides)) + charge(there)
+            if cost < before:
+                u, gained = there, before - cost
+                break
+        if step >= FIRST - 1:
+            spread = np.diag(np.linalg.inv(H))[n:].reshape(runs, m)
+            squares = np.sum(u[n:].reshape(runs, m) ** 2 + spread, axis=0)
+            counted = np.where(learned, runs_of, 1.0)
+            scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
+        if gained < SETTLED and step >= FIRST:
+            break
+    full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
+    full[varying] = scatter
+    deviations[:, varying] = u[n:].reshape(runs, m)
+    everything = np.asarray(np.linalg.inv(H), dtype=float)
+    sds[:, varying] = np.sqrt(np.diag(everything))[n:].reshape(runs, m)
+    return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
+
+
+@dataclass(frozen=True)
+class RunExplained:
+    """A run under what is believed of it.
+
+    Attributes
+    ----------
+    x : (n,) its coordinates.
+    cost : negative log-likelihood with the belief.
+    told : at x.
+    H : (n, n) Hessian with the belief.
+    """
+
+    x: Array
+    cost: float
+    H: Array
+    told: Told
+
+
+def explained(
+    weigher: Weigher,
+    rides: Sequence[FollowedRun],
+    start: Array,
+    mean: Array,
+    covariance: Array,
+    moved: Sequence[int] | None = None,
+) -> RunExplained:
+    """The most probable numbers that rides share, where these are believed to be about `mean`.
+
+    Parameters
+    ----------
+    start : (n,) where the search begins.
+    mean, covariance : what is believed.
+    moved : places of the numbers that matter to these rides; the others follow as they are believed to.
+    """
+    precision = np.linalg.inv(covariance)
+    low, high = np.array([[own.low, own.high] for own in weigher.numbers]).T
+    x = np.clip(start, low, high)
+
+    def cost_at(x: Array) -> float:
+        off = x - mean
+        return sum(weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
+
+    def told_at(x: Array) -> Told:
+        each = [weigher.told(ride, x, moved) for ride in rides]
+        scores = np.concatenate([own.scores for own in each])
+        g, H = (np.sum([getattr(own, part) for own in each], axis=0) for part in ("g", "H"))
+        return Told(sum(own.cost for own in each), g, H, scores)
+
+    told = told_at(x)
+    for _ in range(STEPS):
+        cost = told.cost + 0.5 * float((x - mean) @ precision @ (x - mean))
+        H, g = told.H + precision, told.g + precision @ (x - mean)
+        gained = 0.0
+        for firm in FIRMER:
+            there = np.clip(x - _step(H, g, firm, (x <= low) & (g > 0) | (x >= high) & (g < 0)), low, high)
+            then = cost_at(there)
+            if then < cost:
+                x, gained = there, cost - then
+                break
+        if gained == 0.0:
+            break
+        told = told_at(x)
+        if gained < SETTLED:
+            break
+    off = x - mean
+    return RunExplained(x, told.cost + 0.5 * float(off @ precision @ off), told.H + precision, told)
+
+
+def _step(H: Array, g: Array, firm: float, held: NDArray[np.bool_]) -> Array:
+    """A damped Gauss-Newton step; what would leave its bounds is held."""
+    found, free = np.zeros(len(g)), ~held
+    own = H[np.ix_(free, free)]
+    found[free] = np.linalg.solve(own + firm * np.diag(np.diag(own)), g[free])
+    return found

@@ -1,0 +1,79 @@
+"""The budget of a gap: which share of the excess error each effect closes, and what is left unnamed.
+
+The value of a set of effects is how far it lowers the mean square of free-run errors; an effect's share is its Shapley
+value, the mean of what it adds to every set of the others, over the excess above noise. Shares and the unnamed rest add
+up to one. Source: Shapley, A value for n-person games, 1953.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..parameter import Array
+from ..statistics import resampled
+from .closing import DRAWS, LEAST_GAP, Misfit
+from .gap import Budget, Share
+from .kinds import AnyBench, blocks
+
+Set = frozenset[str]
+
+
+def subsets(names: tuple[str, ...]) -> list[Set]:
+    """All sets of some names, the empty one first, all of them last."""
+    return [frozenset(own) for size in range(len(names) + 1) for own in combinations(names, size)]
+
+
+def budget(
+    misfits: Mapping[Set, Misfit],
+    names: tuple[str, ...],
+    sd: Array,
+    good: NDArray[np.bool_],
+    bench: AnyBench,
+    recordings: tuple[str, ...],
+    held_out: bool,
+) -> Budget:
+    """Share out the excess error.
+
+    Parameters
+    ----------
+    misfits : of the model with every set of effects, tolerances refitted.
+    names : of the effects, in order.
+    sd : (channels,) of noise.
+    good : (N, channels) readings that count.
+    bench : whose blocks are drawn.
+    recordings : names of what the misfits are on.
+    held_out : whether these chose nothing.
+    """
+    sets = subsets(names)
+    squares = {own: np.sum(np.where(good, misfits[own].e / sd, 0.0) ** 2, axis=1) for own in sets}
+    rows = np.sum(good, axis=1)
+    edges = blocks(bench)
+    sums = np.array([[np.sum(squares[own][a:b]) for own in sets] + [np.sum(rows[a:b])] for a, b in edges])
+    charges = np.array([misfits[own].charge for own in sets])
+    weights = np.array([[_weight(name, own, len(names)) for own in sets] for name in names]).reshape(len(names), -1)
+
+    def shares(total: Array) -> Array:
+        E = (total[:-1] + charges) / max(total[-1], 1.0)
+        floor = min(1.0, E[-1])
+        excess = max(E[0] - floor, LEAST_GAP)
+        closed = weights @ E / excess
+        return np.append(closed, (E[-1] - floor) / excess)
+
+    low, high = resampled(sums, shares, DRAWS)
+    found = [
+        Share(name, float(s), float(a), float(b))
+        for name, s, a, b in zip((*names, "unnamed"), shares(np.sum(sums, axis=0)), low, high, strict=True)
+    ]
+    return Budget(tuple(found[:-1]), found[-1], recordings, held_out)
+
+
+def _weight(name: str, own: Set, n: int) -> float:
+    """How the error with a set of effects counts in the Shapley value of one of them."""
+    if name in own:
+        return -factorial(len(own) - 1) * factorial(n - len(own)) / factorial(n)
+    return factorial(len(own)) * factorial(n - len(own) - 1) / factorial(n)

@@ -1,0 +1,600 @@
+"""What changed between recordings of one vehicle: its own recordings from before say what is usual.
+
+Recordings from before are explained together: numbers of the vehicle, and a few that may differ between runs (grip,
+stiffnesses, steering ratio, offset, delay and lag) with a scatter that is learned (`between_runs`). Error of form that
+is common to all of them is in the vehicle's numbers and in how innovations are distributed (`innovations`). The
+recording from after is explained by the same; an effect is one of these numbers beyond its scatter: its prior widened.
+Its gain is the difference of two evidences, by Laplace's approximation. A second recording from after, or the second
+half of the only one, decides: the magnitude held, everything else as it was believed before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp, log
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..checks import Severity, check
+from ..effect import Effect
+from ..errors import BadInput
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..statistics import resampled
+from ..vehicle import Stated, Vehicle
+from .between_runs import Common, RunExplained, VaryingNumber, Weigher, common, explained, values_of
+from .calibration import CALIBRATION
+from .closing import DRAWS, LEAST_GAP
+from .gap import Budget, Closure, Gap, Ranked, Share, Where
+from .innovations import FollowedRun, Follower, noise_of, plain_noise
+from .kinds import Diagnosed
+
+SCATTER = "scatter_"
+USUAL = {name.removeprefix(SCATTER): size for name, size in CALIBRATION.items() if name.startswith(SCATTER)}
+"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
+may be named as changed."""
+SPECIFIED = ("yaw_rate_scale",)
+"""Of these, gains of sensors: they do not differ from run to run, and what is specified of them is not learned."""
+MEASURED_AT = "velocity_lever_arm"
+"""A number of the vehicle that no file states: where speed is measured."""
+REFITTED, LEAST = 3, 1.0
+"""Effects that are refitted: those that promise most, the first in any case, others at least so much."""
+REACH = (-1.2, -0.6, 0.6, 1.2)
+"""Magnitudes tried first, in widths of a widened prior."""
+MATTERS = 0.3
+"""Information over what is believed already: numbers of which an after tells less are not searched on it."""
+
+
+@dataclass(frozen=True)
+class Changed:
+    """What changed.
+
+    Attributes
+    ----------
+    gap : the diagnosis against the vehicle as it was before.
+    vehicle : as it was before, with scatter as tolerances.
+    scatter : effect -> (mean, standard deviation) between runs; the latter relative where the effect is a factor.
+    since : names of the recordings from before.
+    drift : sentences on what drifts over the recordings from before, in their order.
+    """
+
+    gap: Gap
+    vehicle: Vehicle
+    scatter: Mapping[str, tuple[float, float]]
+    since: tuple[str, ...]
+    drift: tuple[str, ...] = ()
+
+    @property
+    def changed(self) -> list[dict[str, Any]]:
+        """One object per effect that changed."""
+        budget = self.gap.budget
+        found = []
+        for own in self.gap.ranking:
+            if own.effect in self.gap.applied:
+                share = budget.of(own.effect) if budget is not None else None
+                found.append({
+                    "effect": own.effect, "magnitude": own.magnitude, "unit": own.unit, "interval": list(own.interval),
+                    "before": self.scatter[own.effect][0], "probability": own.probability, "gain": own.gain,
+                    "share": None if share is None else share.share,
+                })  # fmt: skip
+        return found
+
+    @property
+    def not_changed(self) -> list[dict[str, Any]]:
+        """Effects that did not, with twice the scatter within which they were."""
+        names = [name for name in self.scatter if name not in self.gap.applied]
+        return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
+
+    def to_json(self) -> dict[str, Any]:
+        """That of the gap, and what changed."""
+        scatter = {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.scatter.items()}
+        more = {
+            "since": list(self.since), "scatter": scatter, "drift": list(self.drift), "changed": self.changed,
+            "not_changed": self.not_changed,
+        }  # fmt: skip
+        return self.gap.to_json() | more
+
+
+@dataclass(frozen=True)
+class Promised:
+    """An effect on recordings from after, as a change beyond scatter.
+
+    Attributes
+    ----------
+    place : of its number.
+    covariance : of what is believed, with its prior widened.
+    starts : where refits begin.
+    gain : promised, in log-likelihood.
+    """
+
+    place: int
+    covariance: Array
+    starts: tuple[Array, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """An effect that was refitted.
+
+    Attributes
+    ----------
+    place : of its number.
+    shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
+    gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
+    """
+
+    place: int
+    shift: tuple[float, float]
+    gain: float
+    held_out: float
+
+    @property
+    def least(self) -> float:
+        """The smaller of both gains, each over what is asked of it."""
+        return min(self.gain - CALIBRATION["cost"], self.held_out - CALIBRATION["cost_held_out"])
+
+
+def diagnose_change(
+    model: Diagnosed,
+    after: Sequence[Recording],
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    *,
+    vehicle: Vehicle | None,
+    held_out: Sequence[Recording] = (),
+    say: Callable[..., None] | None = None,
+) -> Changed:
+    """Say what changed in a vehicle between recordings.
+
+    Parameters
+    ----------
+    model : equations of motion at nominal values.
+    after, since : recordings after and before something may have changed.
+    effects : what may have changed, by name; of these, those of `USUAL`.
+    vehicle : what is stated of it.
+    held_out : further recordings from after, which choose nothing; none: halves of those from after choose for each
+        other.
+    say : told of progress.
+
+    Raises
+    ------
+    BadInput : there is no recording from before, or it is one from after; nothing is stated of the vehicle, or the
+        model is none of motion.
+    """
+    tell = say or (lambda line, **_: None)
+    if not since:
+        raise BadInput("Since when? Name recordings from before the change.")
+    if vehicle is None:
+        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
+    if not isinstance(model, MotionModel):
+        raise BadInput(f"{model.name} is a map with memory: what changed is found for equations of motion alone.")
+    _must_differ([*after, *held_out], since)
+    read = _readings(model, [*after, *held_out, *since])
+    own = {name: effect for name, effect in effects.items() if name in USUAL and _acts(effect, model, read)}
+    if not own:
+        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    with threadpool_limits(1):  # matrices are tiny
+        full, numbers = _numbers(model, own, effects, vehicle, read)
+        alike = filtered_alike([*after, *held_out, *since])
+        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CALIBRATION["filters"])
+        known = usual(Follower(full, read), numbers, [FollowedRun.of(one, read) for one in since], tell, scatter)
+        tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
+        rides = [FollowedRun.of(one, read) for one in after]
+        others = [FollowedRun.of(one, read) for one in held_out]
+        halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
+        base, found = changes(known, rides, others, halves, () if alike else SPECIFIED)
+    return _answer(
+        model, own, vehicle, known, base, found, rides, others or rides, list(after), list(held_out), list(since)
+    )
+
+
+def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:
+    """Raise `BadInput` where the same data are from before and from after."""
+    there = {recording.source.sha256: recording for recording in own if recording.source.sha256}
+    for recording in since:
+        same = there.get(recording.source.sha256)
+        if any(recording is one for one in own) or (
+            same is not None and same.runs == recording.runs and np.array_equal(same.time, recording.time)
+        ):
+            other = same if same is not None else recording
+            raise BadInput(
+                f"{recording.source.path or recording.name} is from before, but it is the same data as "
+                f"{other.source.path or other.name}, in which something may have changed; name recordings from before "
+                "the change."
+            )
+
+
+def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """What all recordings hold. Where v_y is read, accelerations say nothing that its changes do not, and are often
+    made of them.
+    """
+    read = [name for name in model.outputs if all(name in one and np.any(np.isfinite(one[name])) for one in recordings)]
+    if "v_y" in read:
+        read = [name for name in read if name not in ("a_x", "a_y")]
+    return tuple(read)
+
+
+def filtered_alike(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings have passed like filters, as far as their rates tell: slower ones have lost peaks, which is as
+    good as a sensor's gain.
+    """
+    steps = [one.sample_time for one in recordings if one.sample_time > 0]
+    return not steps or max(steps) < CALIBRATION["rates"] * min(steps)
+
+
+def _acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
+    """Whether an effect acts on what is read: that of a sensor needs the sensor."""
+    name = effect.parameter.name
+    return effect.concerns(model) and (not name.startswith("yaw_rate") or "yaw_rate" in read)
+
+
+def _numbers(
+    model: MotionModel, own: Mapping[str, Effect], effects: Mapping[str, Effect], vehicle: Vehicle, read: Sequence[str]
+) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
+    """The model with all that may change, and the numbers that are searched."""
+    found = list[VaryingNumber]()
+    for name, stated in vehicle.values.items():
+        if stated.sd is not None and name in model and model[name].shape == ():
+            found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
+    tyres = any(own.name.endswith(("_f", "_r")) for own in found)
+    full = model
+    for name, effect in own.items():
+        parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
+        null = float(parameter.array)
+        mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
+        if name in model.effects:
+            mean = float(model[parameter.name].array)
+        else:
+            full = full + effect.at(mean)
+        wide = USUAL[name] if name in SPECIFIED else CALIBRATION["nominal"] * USUAL[name]
+        if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
+            wide = CALIBRATION["indifference"] * USUAL[name]
+        sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
+        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
+        found.append(replace(one, step=max(one.step, _row(name))))
+    arm = effects.get(MEASURED_AT)
+    if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
+        length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
+        full = full + arm.at(0.0)
+        found.append(_number(arm.parameter.name, 0.0, CALIBRATION["of_wheelbase"] * length, arm.parameter.bounds))
+    return full, tuple(found)
+
+
+def _row(name: str) -> float:
+    """Least step of a difference, s: what delays move is cut at rows."""
+    return 5e-3 if name == "steering_delay" else 0.0
+
+
+def _number(
+    name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
+) -> VaryingNumber:
+    """A number, searched as its logarithm where it is a factor, or above zero and stated."""
+    low, high = (float(np.asarray(end)) for end in bounds)
+    if (mean > 0 and factor is None) or factor:
+        relative = sd / mean
+        ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
+        return VaryingNumber(name, True, log(mean), relative, 1e-2 * min(relative, 0.1), *ends)
+    return VaryingNumber(name, False, mean, sd, 1e-2 * (scale or sd), low, high)
+
+
+def usual(
+    follower: Follower,
+    numbers: Sequence[VaryingNumber],
+    rides: Sequence[FollowedRun],
+    tell: Callable[..., None],
+    scatter: Mapping[str, float] = USUAL,
+) -> Common:
+    """Learn from recordings what is usual for a vehicle.
+
+    Parameters
+    ----------
+    follower : of the model.
+    numbers : that are searched.
+    rides : from before.
+    tell : told of progress.
+    scatter : what is usual between runs.
+    """
+    known = tuple(numbers)
+    tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
+    nominal = values_of(known, np.array([own.mean for own in known]))
+    belief = {name: np.inf if name in SPECIFIED else CALIBRATION["usual_runs"] for name in USUAL}
+    follower.tune(rides, nominal)
+    weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
+    found = common(weigher, rides, scatter, belief)
+    follower.tune(rides, values_of(known, found.x))
+    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
+    noise = noise_of([own for own in innovations if own is not None], len(follower.read))
+    found = common(replace(weigher, noise=noise), rides, scatter, belief, found)
+    tempered = replace(weigher, noise=replace(noise, temper=_temper(found, rides)))
+    tell("learning what scatters from run to run")
+    return common(tempered, rides, scatter, belief, found)
+
+
+def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
+    """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
+    together = round(CALIBRATION["together"])
+    single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
+    for ride, deviation in zip(rides, known.deviations, strict=True):
+        scores = known.weigher.told(ride, known.x + deviation).scores
+        parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
+        single += np.sum(parts**2, axis=(0, 1))
+        sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
+    own = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
+    return float(np.clip(np.median(own), 1 / together, 1.0)) if own else 1.0
+
+
+def changes(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    others: Sequence[FollowedRun],
+    halves: Sequence[Sequence[FollowedRun]] = (),
+    nameless: Sequence[str] = (),
+) -> tuple[RunExplained, list[Change]]:
+    """What recordings from after are without a change, and with each of those that promise most; best first.
+
+    Parameters
+    ----------
+    known : of the recordings from before.
+    rides : choose the magnitude.
+    others : decide; where there are none,
+    halves : of `rides`, of which each decides on what the other one chose.
+    nameless : numbers that may differ between runs and are no change.
+    """
+    weigher, V = known.weigher, known.of_a_run
+    told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
+    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > MATTERS]
+
+    def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
+        return explained(weigher, rides, start, mean, V, moved)
+
+    base = without(rides, known.x, known.x)
+    judges = [[ride] for ride in others] or halves
+    plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
+    found = list[Change]()
+    named = [j for j in known.varying if known.numbers[j].name not in nameless]
+    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
+    for own in [each for k, each in enumerate(promised[:REFITTED]) if k == 0 or each.gain > LEAST]:
+        best, shift = _refitted(known, rides, own, moved)
+        occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
+        L = best.told.H
+        sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
+        sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
+        shifts = [shift] * len(judges)
+        if not others:
+            near = replace(own, starts=(best.x,))
+            shifts = [_refitted(known, half, near, moved)[1] for half in reversed(halves)]
+        held = 0.0
+        for judge, alone, by in zip(judges, plain, shifts, strict=True):
+            mean = known.x.copy()
+            mean[own.place] += by
+            held += alone.cost - without(judge, mean, alone.x + mean - known.x).cost
+        found.append(Change(own.place, (shift, sd), base.cost - best.cost - occam, held))
+    return base, sorted(found, key=lambda own: -own.least)
+
+
+def _refitted(
+    known: Common, rides: Sequence[FollowedRun], own: Promised, moved: Sequence[int]
+) -> tuple[RunExplained, float]:
+    """The best explanation with a prior widened, and how far its number is off beyond scatter."""
+    weigher, V = known.weigher, known.of_a_run
+    tried = (explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts)
+    best = min(tried, key=lambda one: one.cost)
+    widened = own.covariance[own.place, own.place] - V[own.place, own.place]
+    return best, float(widened * np.linalg.solve(own.covariance, best.x - known.x)[own.place])
+
+
+def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
+    """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
+    number, V = known.numbers[place], known.of_a_run
+    width = CALIBRATION["widened"] * USUAL[number.name]
+    wide = V.copy()
+    wide[place, place] += width**2
+    precision = np.linalg.inv(wide)
+
+    def cost(x: Array) -> float:
+        off = x - known.x
+        return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
+
+    g = base.told.g + precision @ (base.x - known.x)
+    tried = [base.x, base.x - np.linalg.solve(base.told.H + precision, g)]
+    for others in (base.x, known.x):  # the base has bent others in its place
+        for reach in REACH:
+            x = others.copy()
+            x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
+            tried.append(x)
+    costs = [cost(x) for x in tried]
+    best = int(np.argmin(costs))
+    starts = (tried[best],) if best < 2 else (tried[best], base.x)
+    return Promised(place, wide, starts, base.cost - costs[best])
+
+
+def _log_det(A: Array) -> float:
+    return float(np.linalg.slogdet(A)[1])
+
+
+def _answer(
+    model: MotionModel,
+    own: Mapping[str, Effect],
+    vehicle: Vehicle,
+    known: Common,
+    base: RunExplained,
+    found: Sequence[Change],
+    rides: Sequence[FollowedRun],
+    others: Sequence[FollowedRun],
+    after: Sequence[Recording],
+    held_out: Sequence[Recording],
+    since: Sequence[Recording],
+) -> Changed:
+    """What is said of all that was found."""
+    effects = {effect.parameter.name: name for name, effect in own.items()}
+    weights = np.array([exp(min(one.least, 300.0)) for one in found])
+    sure = weights / (1.0 + np.sum(weights))
+    first = found[0] if found and found[0].least > 0 else None
+    mean, spans = known.x.copy(), list[tuple[float, float]]()
+    for one in found:
+        number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
+        sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
+        ends = [number.value(float(np.clip(at + side * 1.96 * sd, number.low, number.high))) for side in (-1, 1)]
+        spans.append((min(ends), max(ends)))
+    if first is not None:
+        mean[first.place] += first.shift[0]
+    chosen = _closure(known, rides, mean, tuple(one.name for one in after))
+    judged = _closure(known, others, mean, tuple(one.name for one in (held_out or after)))
+    reasons = dict[int, str]()
+    if first is not None:
+        number = known.numbers[first.place]
+        if judged.closed_interval[0] <= 0:
+            reasons[first.place] = "it does not make predictions better on what chose nothing"
+        elif not number.low < mean[first.place] < number.high:
+            reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
+    if reasons:
+        first, mean = None, known.x
+        chosen, judged = (_closure(known, ones, mean, each.recordings)
+                          for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
+    ranking = []
+    for one, p, span in zip(found, sure, spans, strict=True):
+        number = known.numbers[one.place]
+        name, size = effects[number.name], number.value(known.x[one.place] + one.shift[0])
+        reason = reasons.get(one.place, "")
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.gain, reason))
+    applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
+    budget = None
+    if applied:
+        low, high = judged.closed_interval
+        rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
+        budget = Budget((Share(applied[0], judged.closed, low, high),), rest, judged.recordings, bool(held_out))
+    loud = _loudness(known, rides, base)
+    odds = CALIBRATION["unnamed_slope"] * log(loud / CALIBRATION["unnamed_share"])
+    unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
+    channels = _channels(known, rides)
+    gap = Gap(
+        model=model.name,
+        recordings=tuple(one.name for one in after),
+        doubts=tuple(
+            f"{one.name}: {finding.sentence}"
+            for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
+        ),
+        gap_detected=first is not None or unknown > 0.5,
+        p_value=_by_chance(found, len(known.varying)),
+        unknown_probability=unknown,
+        unknown=f"readings are {loud:.2g} times as far from what was foreseen as before" if unknown > 0.5 else "",
+        where=Where(channel=max(channels, key=lambda name: channels[name]) if first or unknown > 0.5 else "",
+                    channels=channels),
+        ranking=tuple(ranking),
+        applied=applied,
+        gap=chosen,
+        held_out=judged if held_out else None,
+        not_excited={},
+        absorbed=(),
+        advice=(),
+        closed=_model_at(model, own, known, mean),
+        budget=budget,
+    )  # fmt: skip
+    values = values_of(known.numbers, known.x)
+    sds = np.sqrt(np.diag(known.covariance))
+    numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
+               for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
+    scatter = {
+        name: (numbers[effect.parameter.name][0], numbers[effect.parameter.name][2]) for name, effect in own.items()
+    }
+    before = replace(
+        vehicle,
+        values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
+                for name, one in vehicle.values.items()},
+        effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if own[name].parameter.array == 1.0 else 1.0))
+                                       for name, (m, s) in scatter.items()}},
+    )  # fmt: skip
+    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since))
+
+
+def _by_chance(found: Sequence[Change], tried: int) -> float:
+    """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
+    mean of a ratio of evidences is one.
+    """
+    return float(min(1.0, tried * exp(-max((one.gain for one in found), default=0.0))))
+
+
+def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
+    """The model with the vehicle's numbers there."""
+    values = values_of(known.numbers, x)
+    found = model
+    for name, effect in own.items():
+        value, null = values.pop(effect.parameter.name), float(effect.parameter.array)
+        if name in found.effects:
+            found = found.with_parameters(found[effect.parameter.name].with_value(value))
+        elif abs(value - null) > 1e-9:
+            found = found + effect.at(value)
+    return found.with_parameters(*(found[name].with_value(v) for name, v in values.items() if name in found))
+
+
+def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
+    """How far errors close with the vehicle's numbers as they stood before, and with those of `mean`."""
+    weigher, sums = known.weigher, list[tuple[float, float, float]]()
+    for ride in rides:
+        first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
+        if first is None or then is None:
+            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+        ones = np.ones(weigher.noise.channels)
+        squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
+        sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
+    each = np.array(sums)
+
+    def share(total: Array) -> float:
+        before, after = total[:2] / total[2]
+        floor = min(1.0, before, after)
+        return float((before - after) / max(before - floor, LEAST_GAP))
+
+    total = np.sum(each, axis=0)
+    before, after = (float(own) for own in total[:2] / total[2])
+    if np.array_equal(mean, known.x):
+        return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
+    low, high = (float(end) for end in resampled(each, share, DRAWS))
+    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
+
+
+def _loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
+    """How far off recordings from after are beside those from before, mean over channels."""
+    found = [known.weigher.innovations(ride, base.x) for ride in rides]
+    scales = [known.weigher.noise.scales(own) for own in found if own is not None]
+    return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
+
+
+def _channels(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
+    """Channel -> root mean square of innovations over what was expected, with the numbers from before."""
+    read = known.weigher.follower.read
+    squares, count = np.zeros(len(read)), np.zeros(len(read))
+    for ride in rides:
+        own = known.weigher.innovations(ride, known.x)
+        if own is not None:
+            squares += np.sum((own.white**2).reshape(-1, len(read)), axis=0)
+            count += np.sum(own.there.reshape(-1, len(read)), axis=0)
+    return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}
+
+
+def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:
+    """What goes one way over recordings from before, in the order in which they were named: a battery that empties."""
+    runs = len(known.deviations)
+    if runs < 3:
+        return ()
+    at = np.linspace(-0.5, 0.5, runs)
+    said = []
+    for place in known.varying:
+        told = known.deviation_sds[:, place]
+        own, weights = known.deviations[:, place], 1 / np.maximum(told, 1e-12) ** 2
+        about = at - np.sum(weights * at) / np.sum(weights)
+        information = float(np.sum(weights * about**2))
+        trend = float(np.sum(weights * about * own)) / information
+        if (
+            abs(trend) * np.sqrt(information) > CALIBRATION["drifts"]
+            and abs(trend) > 2 * USUAL[effects[known.numbers[place].name]]
+        ):
+            said.append(
+                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
+                "since then may be no more than that."
+            )
+    return tuple(said)

@@ -1,0 +1,136 @@
+"""The closed model: the nominal one with the effects that are causes, and its tolerances where recordings have them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import BadInput
+from ..fitting.how import How, quiet
+from ..fitting.motion import fit_motion
+from ..memory_model import MemoryModel
+from ..recording import Recording
+from ..solvers.gauss_newton import Status
+from .closing import FAR, closure, left_open
+from .examining import Examined
+from .gap import Closure, Errors, Moved
+from .horizons import by_horizon
+from .hypothesis import Hypothesis
+from .kinds import Diagnosed
+from .preparing import excerpt, with_beliefs
+
+WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
+
+
+def closed_model(
+    found: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording]
+) -> tuple[Diagnosed, Closure | None, bool]:
+    """The closed model, how far it closes the gap on what was held out, and whether its effects do harm there.
+
+    Tolerances stay where they are stated, or go where the effects were found, or where fits take free
+    runs: what errs least on what was held out counts; without that, on what was diagnosed. That choice is all that
+    recordings held out decide: the share that closes is of tolerances refitted there, and does not depend on it.
+
+    Parameters
+    ----------
+    best : the causes.
+    detected : whether there is a gap: without one, the model is the nominal one.
+    held_out : recordings that chose no effect.
+    """
+    added = with_effects(found, best)
+    ways = [added]
+    if detected:
+        ways += [_moved_along(found, best, added), *_fitted(found, best, added)]
+    judges = list(held_out) or excerpt(found.recordings)
+    nominal = with_effects(found, best, set())
+    errors = [by_horizon(nominal, own, judges, found.sd) for own in ways] if held_out or len(ways) > 1 else []
+    least = min(range(len(errors)), key=lambda k: _size(errors[k], "after")) if errors else 0
+    closed = ways[least]
+    if not held_out:
+        return closed, None, False
+    verified = closure(nominal, added, held_out, found.vehicle, found.effects, False, found.sd, as_it_stands=closed)
+    verified = replace(verified, errors=errors[least])
+    if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
+        return found.model, left_open(verified), True
+    return closed, verified, False
+
+
+def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | None = None) -> Diagnosed:
+    """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated.
+
+    Parameters
+    ----------
+    present : those of them that act, the others stand at their null or tolerance; None: all of them. The equations are
+        the same whichever act, so that they share a compiled kernel.
+    """
+    model, at = found.model, 0
+    for candidate in best.candidates:
+        effect, first = found.effects[candidate.effect], at
+        at += len(candidate.axes)
+        acts = present is None or candidate.effect in present
+        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[first:], strict=False)]
+        if candidate.effect not in model.effects:
+            model = model + effect.at(values[0] if acts else float(effect.parameter.array))
+        if acts:
+            names = [axis.name for axis in candidate.axes]
+            model = model.with_parameters(
+                *(replace(model[n].with_value(v), fixed=True) for n, v in zip(names, values, strict=True))
+            )
+    return model
+
+
+def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
+    """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
+    search = found.selection.search
+    p, own = search.vector(best), {axis.index for axis in best.axes}
+    moved = [axis for axis in search.moving if axis.name in found.model and axis.index not in own]
+    at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves reach beyond
+    return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
+
+
+def _fitted(found: Examined, best: Hypothesis, closed: Diagnosed) -> list[Diagnosed]:
+    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; where that leads.
+
+    Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
+    of it must move together.
+    """
+    if isinstance(closed, MemoryModel):
+        return []
+    believed = with_beliefs(closed, found.effects, found.vehicle)
+    freed = (replace(believed[axis.name], fixed=False) for axis in best.axes)
+    ways = [own for own in (believed, *([believed.with_parameters(*freed)] if best.axes else []))
+            if not all(parameter.fixed for parameter in own.parameters)]  # fmt: skip
+    ended = list[Diagnosed]()
+    for own in ways:
+        try:
+            how = How(solver="gauss-newton", robust=FAR)
+            problem, solution, _ = fit_motion(own, excerpt(found.recordings), how, quiet)
+        except BadInput:
+            continue
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if np.isfinite(solution.objective):
+            ended.append(own.with_values(problem.shared(solution.x)))
+    return ended
+
+
+def moved(found: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:
+    """Tolerances that a closed model has elsewhere than stated, by more than a standard deviation; furthest first."""
+    told, causes = [], {axis.name for axis in best.axes}
+    for own in with_beliefs(found.model, found.effects, found.vehicle).parameters:
+        if own.fixed or own.prior is None or own.shape != () or own.name not in closed or own.name in causes:
+            continue
+        mean = own.array if own.prior.mean is None else own.prior.mean
+        stated, sd, value = (float(np.asarray(each)) for each in (mean, own.prior.sd, closed[own.name].array))
+        one = Moved(own.name, own.unit, stated, sd, value)
+        if one.far > 1.0:
+            told.append(one)
+    return tuple(sorted(told, key=lambda each: -each.far))
+
+
+def _size(errors: Sequence[Errors], when: str) -> float:
+    """Mean square of errors over all horizons and channels, in units of their floors."""
+    own = [(getattr(each, when) / each.floor) ** 2 for each in errors if each.floor > 0]
+    return float(np.mean(own)) if own else 0.0

@@ -1,0 +1,312 @@
+"""Recordings as innovations: what a filter that follows the vehicle did not foresee, and how that goes with numbers.
+
+A simulation of minutes spins where a car with half its grip is driven; a filter stays with the car. Beside the model's
+states it follows unknown forces on the axles and along the car (first-order Gauss-Markov processes, `unknown_forces`)
+and a slow error of every reading. Readings are taken a tenth of a second apart, so that what is foreseen is motion.
+
+FilterInnovations of one second are a block, distributed as a multivariate Student's t: a recording that is noisier than
+others costs the logarithm of that and no more, and neither does a moment in which something happened.
+Source: prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2; t-blocks, Lange, Little & Taylor, J. Am.
+Stat. Assoc. 84, 1989.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from ..engine.motion.runs import Index
+from ..errors import BadInput
+from ..filters.filtering import Filtering, filtering
+from ..filters.laid import LaidRun, laid
+from ..filters.noise import resolution_of, scatter_of, start_levels
+from ..filters.points import SigmaPoints
+from ..filters.state_space import SLOWEST, StateSpace, Tracked
+from ..filters.tuning import noise_coordinates, tuned
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from .calibration import CALIBRATION
+from .preparing import excerpt
+from .unknown_forces import FORCES, with_unknown_forces
+
+APART, BLOCK = CALIBRATION["apart"], CALIBRATION["block"]
+"""Readings are so far apart, and blocks so long, s."""
+SECONDS, TUNED_ON = 60.0, 20.0
+"""Of a recording that are followed at most, and that sizes of noise are tuned on, for time goes with them."""
+NO_GATE = 1e9
+ROUNDS = 8
+"""In which scales are found."""
+TINY = 1e-3
+G = 9.81
+
+
+@dataclass(frozen=True)
+class FollowedRun:
+    """A recording as it is followed.
+
+    Attributes
+    ----------
+    recording : in motion, readings a while apart.
+    scatter, floors : reading -> standard deviation of what is faster than motion, and the least there can be.
+    """
+
+    recording: Recording
+    scatter: Mapping[str, float]
+    floors: Mapping[str, float]
+
+    @classmethod
+    def of(cls, recording: Recording, read: Sequence[str]) -> FollowedRun:
+        """Keep what is in motion; of its readings, those that are far enough apart.
+
+        Raises
+        ------
+        BadInput : the vehicle never moves.
+        """
+        moving = recording
+        if "v_x" in recording:
+            high = float(np.nanpercentile(recording["v_x"], 95.0))
+            moving = recording.where(f"v_x > {max(SLOWEST, CALIBRATION['slow'] * high)}")
+        if not moving.sample_time > 0:
+            raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
+        step = max(1, round(APART / moving.sample_time))
+        moving = _joined(excerpt([moving], round(SECONDS / moving.sample_time)))
+        kept = np.zeros(len(moving), dtype=bool)
+        for start, stop in moving.runs:
+            kept[start:stop:step] = True
+        signals = {name: np.where(kept, values, np.nan) if name in read else values
+                   for name, values in moving.signals.items()}  # fmt: skip
+        return cls(replace(moving, signals=signals), scatter_of(moving, read), resolution_of(moving, read))
+
+    def halves(self) -> tuple[FollowedRun, FollowedRun]:
+        """Its first and its second half."""
+        own, middle = self.recording, len(self.recording) // 2
+        return replace(self, recording=own.rows(0, middle)), replace(self, recording=own.rows(middle, len(own)))
+
+
+def _joined(parts: Sequence[Recording]) -> Recording:
+    """Parts of one recording as one, with a join between each two."""
+    if len(parts) == 1:
+        return parts[0]
+    starts = np.cumsum([0, *(len(own) for own in parts)])
+    runs = [(int(a + at), int(b + at)) for own, at in zip(parts, starts, strict=False) for a, b in own.runs]
+    signals = {name: np.concatenate([own[name] for own in parts]) for name in parts[0].signals}
+    time = np.concatenate([own.time for own in parts])
+    return replace(parts[0], time=time, signals=signals, runs=tuple(runs))
+
+
+@dataclass(frozen=True)
+class FilterInnovations:
+    """What was not foreseen, over what was expected of it, in B blocks of R rows of m readings.
+
+    Attributes
+    ----------
+    white : (B, R m) innovations over their standard deviations; zero where nothing was read.
+    there : (B, R m) whether something was.
+    spread : (B, R m) logarithms of the standard deviations; zero likewise.
+    runs : (B,) which unbroken run each block is of.
+    """
+
+    white: Array
+    there: NDArray[np.bool_]
+    spread: Array
+    runs: Index
+
+
+@dataclass(frozen=True)
+class InnovationNoise:
+    """How innovations are distributed.
+
+    Attributes
+    ----------
+    root : (R m, R m) lower triangular root of a block's covariance.
+    channels : m.
+    degrees : of freedom of Student's t.
+    temper : as how many blocks one counts, for they are alike from one to the next.
+    """
+
+    root: Array
+    channels: int
+    degrees: float
+    temper: float
+
+    def white(self, own: FilterInnovations, scales: Array) -> Array:
+        """(B, R m) whitened innovations; a shorter block is the beginning of a whole one.
+
+        Parameters
+        ----------
+        scales : (channels,) standard deviations over what is expected.
+        """
+        scaled = own.white / np.tile(scales, own.white.shape[1] // self.channels)
+        return np.where(own.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
+
+    def scales(self, own: FilterInnovations) -> Array:
+        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own."""
+        found = np.ones(self.channels)
+        for _ in range(ROUNDS):  # over the mean weight, which is one in the end: converges where weights are small
+            white = self.white(own, found)
+            weights = self._weights(own, white)[:, None]
+            mean = self._by_channel(weights * white**2) / np.maximum(self._by_channel(weights * own.there), 1e-300)
+            found = np.maximum(found * np.sqrt(mean), CALIBRATION["least_scale"])
+        return found
+
+    def cost(self, own: FilterInnovations) -> float:
+        """Negative log-likelihood, up to a constant."""
+        scales = self.scales(own)
+        energy, count = np.sum(self.white(own, scales) ** 2, axis=1), np.sum(own.there, axis=1)
+        blocks = 0.5 * float(np.sum((self.degrees + count) * np.log1p(energy / self.degrees)))
+        louder = float(np.sum(self._by_channel(own.there) * np.log(scales)))
+        return self.temper * (blocks + louder + float(np.sum(own.spread)))
+
+    def weights(self, own: FilterInnovations, white: Array) -> Array:
+        """(B,) what squares of whitened innovations count."""
+        return self.temper * self._weights(own, white)
+
+    def _weights(self, own: FilterInnovations, white: Array) -> Array:
+        count = np.sum(own.there, axis=1)
+        return np.asarray((self.degrees + count) / (self.degrees + np.sum(white**2, axis=1)))
+
+    def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
+        return np.asarray(np.sum(values.reshape(-1, self.channels), axis=0), dtype=float)
+
+
+def plain_noise(size: int, channels: int) -> InnovationNoise:
+    """As filters expect it."""
+    return InnovationNoise(np.eye(size), channels, CALIBRATION["block_degrees"], 1.0)
+
+
+def noise_of(found: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
+    """How the innovations of rides are distributed.
+
+    Their covariance is that of a stationary series, into which each ride counts over its scales.
+    """
+    size = found[0].white.shape[1]
+    rows = size // channels
+    start, gamma, total = plain_noise(size, channels), np.zeros((rows, channels, channels)), 0.0
+    for own in found:
+        scales = start.scales(own)
+        white = start.white(own, scales)
+        white *= np.sqrt(start.weights(own, white))[:, None]
+        for run in np.unique(own.runs):
+            series = white[own.runs == run].reshape(-1, channels)
+            for lag in range(min(rows, len(series))):
+                gamma[lag] += series[: len(series) - lag].T @ series[lag:]
+        total += float(np.sum(own.there)) / channels
+    gamma /= total
+    covariance = np.zeros((size, size))
+    for a in range(rows):
+        for b in range(rows):
+            part = gamma[b - a] if b >= a else gamma[a - b].T
+            covariance[a * channels : (a + 1) * channels, b * channels : (b + 1) * channels] = part
+    covariance += TINY * np.eye(size)
+    return replace(start, root=np.asarray(np.linalg.cholesky(covariance), dtype=float))
+
+
+class Follower:
+    """A filter of a model, for any of its numbers.
+
+    Parameters
+    ----------
+    model : equations of motion with all effects that are asked for.
+    read : outputs that are read.
+
+    Attributes
+    ----------
+    p : (parameters,) the model's numbers and sizes of noise.
+    size : readings of a block.
+    """
+
+    def __init__(self, model: MotionModel, read: Sequence[str]) -> None:
+        self.model = with_unknown_forces(model)
+        self.read = tuple(read)
+        self.size = round(BLOCK / APART) * len(self.read)
+        weight = float(self.model["m"].array) * G if "m" in self.model else 1.0
+        forces = [name for name, _ in FORCES.values() if name in self.model]
+        tracked = [Tracked(name, "N", 0.0, CALIBRATION["floor_of_weight"] * weight, False, True) for name in forces]
+        self.space = StateSpace(self.model, tracked, self.read)
+        self._one = filtering(self.space, "ekf", SigmaPoints(), NO_GATE)
+        self._many: Filtering | None = None
+        self.p = np.empty(0)
+        self._places = {}
+        at = 0
+        for own in self.model.parameters:
+            self._places[own.name] = at
+            at += own.size
+        self._laid: dict[tuple[int, tuple[float, ...]], list[LaidRun]] = {}
+
+    def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
+        """Sizes of noise that make all rides together most probable with these numbers."""
+        self._many = self._many or filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
+        scatter, floors = (
+            {name: float(np.median([getattr(ride, kind)[name] for ride in rides])) for name in self.read}
+            for kind in ("scatter", "floors")
+        )
+        levels = start_levels(self.space, scatter, self.read, {})
+        p = np.concatenate([self._numbers(values), levels.values])
+        runs = [own for ride in rides for own in _first(self._runs(ride, p), TUNED_ON)]
+        memories = {f"memory_{one.name}": CALIBRATION["memory"] for one in self.space.tracked}
+        memories |= {f"memory_{name}": CALIBRATION["sensor_memory"] for name in self.space.coloured}
+        for name, seconds in memories.items():
+            p[self.model.size + self.space.noises.index(name)] = seconds
+        open_ones = [name for name in levels.open if name not in memories]
+        coordinates = noise_coordinates(self._one, p, open_ones, floors)
+        if len(self.p):  # from where they were found before
+            p[self.model.size :] = self.p[self.model.size :]
+        found = tuned(self._many, runs, p, coordinates, [])
+        self.p = np.concatenate([self.model.values, found.p[self.model.size :]])
+
+    def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
+        """What the filter did not foresee with these numbers of the model; None where it diverges."""
+        p = np.concatenate([self._numbers(values), self.p[self.model.size :]])
+        runs = self._runs(ride, p)
+        histories = self._one.histories(runs, p)
+        columns, size = [self.model.outputs.index(name) for name in self.read], round(BLOCK / APART)
+        blocks = list[tuple[Array, Array, int]]()
+        for number, (own, history) in enumerate(zip(runs, histories, strict=True)):
+            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
+            off, variance = (each[own.row_segment[rows]][:, columns] for each in (history.off, history.spread))
+            off = np.where(np.isfinite(own.run.measured[rows][:, columns]), off, np.nan)
+            for at in range(0, len(rows), size):
+                blocks.append((off[at : at + size], variance[at : at + size], number))
+        shape = (len(blocks), size * len(columns))
+        white, spread, there = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
+        for k, (off, variance, _) in enumerate(blocks):
+            own_there = ~np.isnan(off).ravel()
+            there[k, : off.size] = own_there
+            white[k, : off.size][own_there] = (off / np.sqrt(variance)).ravel()[own_there]
+            spread[k, : off.size][own_there] = 0.5 * np.log(variance).ravel()[own_there]
+        if not (np.all(np.isfinite(white)) and np.all(np.isfinite(spread))):
+            return None
+        return FilterInnovations(white, there, spread, np.array([own for *_, own in blocks], dtype=np.intp))
+
+    def _numbers(self, values: Mapping[str, float]) -> Array:
+        p = np.array(self.model.values)
+        for name, value in values.items():
+            p[self._places[name]] = value
+        return p
+
+    def _runs(self, ride: FollowedRun, p: Array) -> list[LaidRun]:
+        """A ride laid out for delays of these numbers."""
+        trace, own = self.space.trace, p[: self.model.size]
+        shifts = tuple(np.asarray(trace.timing(own).full()).ravel().tolist()) if trace.shift_count else ()
+        key = id(ride), shifts
+        if key not in self._laid:
+            while len(self._laid) > 64:
+                del self._laid[next(iter(self._laid))]
+            self._laid[key] = laid(self.space, ride.recording, own, self.read)
+        return self._laid[key]
+
+
+def _first(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
+    """Runs of no more than so many seconds in all: the longest, and the beginning of the last one of them."""
+    found, left = list[LaidRun](), seconds
+    for own in sorted(runs, key=lambda own: own.run.time[0] - own.run.time[-1]):
+        if left <= 0:
+            break
+        found.append(own.first(left))
+        left -= float(own.run.time[-1] - own.run.time[0])
+    return found

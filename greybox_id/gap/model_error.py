@@ -1,0 +1,589 @@
+"""Model error inside the likelihood: unknown forces and coloured sensors, and the filter that whitens residuals.
+
+No equations are a vehicle's. What they leave out acts as forces on the axles and along the car: first-order
+Gauss-Markov processes xi of unit variance, as large as a share of the forces themselves, and a floor,
+
+    F_yf + s_f xi_f    F_yr + s_r xi_r    F_drag + s_x xi_x        d xi = -xi dt / tau + sqrt(2 / tau) dW
+    s_f^2 = (floor_y m / 2)^2 + (share_y F_yf)^2
+    s_x^2 = (floor_x m)^2 + (share_x (|F_drive| + |F_drag|))^2
+
+so that accelerometers see them too. About a simulation its error obeys the linearised equations, and a Kalman filter
+turns residuals into innovations that are independent and of unit variance. The same filter whitens the derivative of
+the residuals by any number. Source: Kristensen, Madsen & Jorgensen, Automatica 40, 2004; Kennedy & O'Hagan, J. R.
+Statist. Soc. B 63, 2001.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from ..engine.sampled import SampledFunction
+from ..parameter import Array
+from .bench import Bench
+from .calibration import CALIBRATION
+from .unknown_forces import FORCES, SCALES
+
+UNKNOWN_START = 0.3
+"""Standard deviation of a state's start that no sensor reads, over the state's scale."""
+LEAST = 1e-12
+MOST_SEGMENTS = 2400
+"""That amplitudes are estimated on."""
+STEP = 1e-3
+"""Of a logarithm, for derivatives of the likelihood by amplitudes."""
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """How large model error and noise are.
+
+    Attributes
+    ----------
+    share_y, share_x : of the lateral force of an axle, of the longitudinal force.
+    floor_y, floor_x : m/s^2, beside that.
+    memory_y, memory_x : s, correlation times.
+    noise : (channels,) standard deviations of white noise.
+    colour : (channels,) standard deviations of the slow part of readings' errors.
+    memory : s, its correlation time.
+    """
+
+    share_y: float
+    share_x: float
+    floor_y: float
+    floor_x: float
+    memory_y: float
+    memory_x: float
+    noise: Array
+    colour: Array
+    memory: float
+
+    @property
+    def logarithms(self) -> Array:
+        """All of them, as they are estimated."""
+        six = (self.share_y, self.share_x, self.floor_y, self.floor_x, self.memory_y, self.memory_x)
+        return np.asarray(np.log(np.concatenate([six, self.noise, self.colour, [self.memory]])))
+
+    @staticmethod
+    def of(logarithms: Array) -> Amplitudes:
+        """Back from their logarithms."""
+        own = np.exp(logarithms)
+        n = (len(own) - 7) // 2
+        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in own[:6])
+        noise, colour = own[6 : 6 + n], own[6 + n : -1]
+        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(own[-1]))
+
+
+@dataclass(frozen=True)
+class Believed:
+    """Prior of the amplitudes: medians, and standard deviations of the logarithms, in the order of `logarithms`."""
+
+    median: Amplitudes
+    sd: Array
+
+    def cost(self, logarithms: Array) -> Array:
+        """(...,) negative logarithm of the prior's density, for (..., amplitudes)."""
+        return np.asarray(0.5 * np.sum(((logarithms - self.median.logarithms) / self.sd) ** 2, axis=-1))
+
+
+def believed(noise: Array, told: bool, exact: bool, expected: Amplitudes | None = None) -> Believed:
+    """What is believed of model error before a recording was looked at.
+
+    Parameters
+    ----------
+    noise : (channels,) standard deviations, stated or estimated.
+    told : whether they were stated.
+    exact : whether the equations' numbers are stated without tolerances.
+    expected : as other recordings of the vehicle left it; None: as of any vehicle.
+    """
+    own = CALIBRATION
+    form = own["form_exact" if exact else "form"]
+    floor = own["floor"] * form / own["form"]
+    n = len(noise)
+    colour = own["colour_exact" if exact else "colour"] * noise
+    median = Amplitudes(form, form, floor, floor, own["memory"], own["memory"], noise, colour, own["sensor_memory"])
+    sd = np.concatenate([
+        [own["form_sd"]] * 2, [own["form_sd"]] * 2, [own["memory_sd"]] * 2,
+        [own["noise_sd"] if told else own["noise_sd_estimated"]] * n, [own["colour_sd"]] * n, [own["memory_sd"]],
+    ])  # fmt: skip
+    if expected is None:
+        return Believed(median, sd)
+    return Believed(expected, np.full(len(sd), own["form_sd"] / 2))
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Equations of errors about a simulation, S segments of all runs one behind the other.
+
+    Attributes
+    ----------
+    A, B : (S, n, n), (S, n, forces) what a segment makes of errors of the n states that matter, and of unknown forces.
+    C, D : (S, channels, n), (S, channels, forces) how readings see them.
+    length : (S,) s.
+    force : (S, forces) size of the force that each unknown one is a share of, N.
+    axis : (forces,) 0 for lateral ones, 1 for longitudinal ones.
+    mass : kg.
+    start : (n,) variance of the states where runs begin.
+    first : (S,) whether a run begins.
+    pointer : (S + 1,) where the readings of each segment begin.
+    row, channel : (R,) of each reading.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    length: Array
+    force: Array
+    axis: NDArray[np.intp]
+    mass: float
+    start: Array
+    first: NDArray[np.bool_]
+    pointer: NDArray[np.intp]
+    row: NDArray[np.intp]
+    channel: NDArray[np.intp]
+
+
+class ForceSizes:
+    """Sizes of the forces that unknown ones are shares of, along a simulation."""
+
+    def __init__(self, bench: Bench) -> None:
+        trace = bench.simulator.trace
+        self.forces = [force for force, (name, _) in FORCES.items() if name in bench.model]
+        asked = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
+        self._told = SampledFunction(trace.told(tuple(asked)))
+        self._asked = asked
+
+    def __call__(self, z: Array, segments: Array, p: Array) -> Array:
+        """(S, forces) N."""
+        told = np.abs(self._told(z, segments, p))
+        columns = [sum(told[:, self._asked.index(n)] for n in SCALES[f] if n in self._asked) for f in self.forces]
+        return np.column_stack(columns)
+
+
+def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linearised:
+    """Linearise errors about the simulation with these parameters.
+
+    Parameters
+    ----------
+    bench : of a model with unknown forces.
+    p : (parameters,).
+    noise : (channels,) with which the starts of runs are read.
+    sizes : of the same bench.
+    """
+    model, simulator = bench.model, bench.simulator
+    names = [parameter.name for parameter in model.parameters]
+    columns = [names.index(FORCES[force][0]) for force in sizes.forces]
+    trajectory = bench.trajectory(p)
+    segments = np.concatenate([own.segments for own, _ in trajectory])
+    z = np.concatenate([own for _, own in trajectory])
+    with np.errstate(all="ignore"):
+        _, Z, _, Y = simulator.kernel.linearise(z, segments[:, None, :], p, np.array([True]), np.array(columns))
+    nz = simulator.trace.size
+    Y = Y[:, 0]
+    A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
+    own = _that_matter(A, B, C)
+    counted, first, row, channel, place = bench.counted, [], [], [], []
+    offset = 0
+    for (plan, _), rows in zip(trajectory, bench.rows, strict=True):
+        read = np.where(counted[rows], plan.read_segment, -1)
+        r, c = np.nonzero(read >= 0)
+        row.append(r + rows.start)
+        channel.append(c)
+        place.append(read[r, c] + offset)
+        first.append(offset)
+        offset += len(plan.segments)
+    places = np.concatenate(place)
+    order = np.argsort(places, kind="stable")
+    begins = np.zeros(offset, dtype=bool)
+    begins[first] = True
+    start = np.zeros(nz)
+    for k, state in enumerate(model.states):
+        read_by = state.name in model.outputs and np.any(counted[:, model.outputs.index(state.name)])
+        sd = noise[model.outputs.index(state.name)] if read_by else UNKNOWN_START * state.scale
+        start[k] = 0.0 if k in bench.loose else sd**2
+    force = sizes(z, segments, p)
+    parts = (A[:, own][:, :, own], B[:, own], C[:, :, own], D, segments[:, 0], force)
+    A, B, C, D, length, force = (np.ascontiguousarray(np.nan_to_num(each)) for each in parts)
+    return Linearised(
+        A=A, B=B, C=C, D=D, length=length, force=force,
+        axis=np.array([0 if FORCES[f][1] == "y" else 1 for f in sizes.forces]),
+        mass=float(p[names.index("m")]), start=start[own], first=begins,
+        pointer=np.searchsorted(places[order], np.arange(offset + 1)),
+        row=np.concatenate(row)[order], channel=np.concatenate(channel)[order],
+    )  # fmt: skip
+
+
+def _that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
+    """States that errors reach, and from which they reach readings: others need not be followed."""
+    moves, seen = np.any(A != 0, axis=0), np.any(C != 0, axis=(0, 1))
+    reached = np.any(B != 0, axis=(0, 2))
+    reached |= np.arange(len(reached)) < min(3, len(reached))  # starts are uncertain
+    for _ in range(len(reached)):
+        reached = reached | np.any(moves & reached[None, :], axis=1)
+        seen = seen | np.any(moves & seen[:, None], axis=0)
+    return np.asarray(reached & seen)
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Model error and noise of these amplitudes, about one simulation: how residuals are whitened.
+
+    Attributes
+    ----------
+    about : errors about that simulation.
+    amplitudes : of model error and noise.
+    usable : (N, channels) readings that count.
+    gain, size : (R, n), (R,) of the filter: its gains, and standard deviations of its innovations.
+    """
+
+    about: Linearised
+    amplitudes: Amplitudes
+    usable: NDArray[np.bool_]
+    gain: Array
+    size: Array
+
+    @property
+    def readings(self) -> int:
+        """How many innovations count."""
+        return len(self.size)
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of a reading's error."""
+        return np.asarray(np.hypot(self.amplitudes.noise, self.amplitudes.colour))
+
+    @cached_property
+    def _laid(self) -> tuple[Array, Array, Array]:
+        """Scale, fade and slow of the one lane there is."""
+        scale, fade, slow, *_ = _laid(self.about, [self.amplitudes])
+        return scale[..., 0].copy(), fade[..., 0].copy(), slow[..., 0].copy()
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        own = self.about
+        columns = values.reshape(*values.shape[:2], -1)
+        taken = np.ascontiguousarray(columns[own.row, own.channel])
+        found = _innovations(
+            own.A, own.B, own.C, own.D, *self._laid, own.first, own.pointer, own.channel,
+            _coloured(own, self.amplitudes), taken, self.gain, self.size,
+        )  # fmt: skip
+        result = np.zeros(columns.shape)
+        result[own.row, own.channel] = found
+        return result.reshape(values.shape)
+
+
+def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
+    """The filter for these amplitudes; of the readings only those that are usable count."""
+    kept = _only(about, usable)
+    gain, size = np.empty((len(kept.row), _size(kept, amplitudes))), np.empty(len(kept.row))
+    laid = _laid(kept, [amplitudes])
+    _likelihood(
+        kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
+        np.zeros(len(kept.row)), gain, size,
+    )  # fmt: skip
+    return ModelError(kept, amplitudes, usable, gain, size)
+
+
+def estimated(
+    about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = 8
+) -> Amplitudes:
+    """The amplitudes that make residuals most probable, with their prior.
+
+    Parameters
+    ----------
+    about : errors about the simulation that left the residuals.
+    residuals : (N, channels).
+    usable : (N, channels).
+    prior : of the amplitudes.
+    steps : of the search at most.
+    """
+    kept = _first(_only(about, usable), MOST_SEGMENTS)
+    r = np.ascontiguousarray(residuals[kept.row, kept.channel])
+    none = np.empty((0, 0)), np.empty(0)
+    start = prior.median.logarithms
+    free = np.ones(len(start), dtype=bool)
+    seen = np.zeros(len(prior.median.noise), dtype=bool)
+    seen[np.unique(kept.channel)] = True
+    free[6:-1] = np.tile(seen, 2)
+
+    def cost(x: Array) -> tuple[float, Array]:
+        at = start + 0.0
+        at[free] = x
+        beside = at + STEP * np.eye(len(at))[free]
+        lanes = np.vstack([at, beside])
+        laid = _laid(kept, [Amplitudes.of(own) for own in lanes])
+        nll = _likelihood(
+            kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
+            r, *none,
+        ) + prior.cost(lanes)  # fmt: skip
+        return float(nll[0]), (nll[1:] - nll[0]) / STEP
+
+    width = 4.0 * prior.sd[free]
+    bounds = list(zip(start[free] - width, start[free] + width, strict=True))
+    found = minimize(
+        cost, start[free], jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-7}
+    )
+    best = start + 0.0
+    best[free] = found.x
+    return Amplitudes.of(best)
+
+
+def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
+    """The same with the usable readings alone."""
+    kept = usable[about.row, about.channel]
+    places = np.repeat(np.arange(len(about.first)), np.diff(about.pointer))[kept]
+    pointer = np.searchsorted(places, np.arange(len(about.pointer)))
+    return replace(about, row=about.row[kept], channel=about.channel[kept], pointer=pointer)
+
+
+def _first(about: Linearised, most: int) -> Linearised:
+    """The beginnings of runs, so many segments in all."""
+    count = len(about.first)
+    if count <= most:
+        return about
+    begins = np.flatnonzero(about.first)
+    ends = np.append(begins[1:], count)
+    kept = np.zeros(count, dtype=bool)
+    for a, b in zip(begins, ends, strict=True):
+        kept[a : a + max(1, round((b - a) * most / count))] = True
+    readings = np.repeat(kept, np.diff(about.pointer))
+    sizes = np.diff(about.pointer)[kept]
+    return replace(
+        about, A=about.A[kept], B=about.B[kept], C=about.C[kept], D=about.D[kept], length=about.length[kept],
+        force=about.force[kept], first=about.first[kept], pointer=np.concatenate(([0], np.cumsum(sizes))),
+        row=about.row[readings], channel=about.channel[readings],
+    )  # fmt: skip
+
+
+def _size(about: Linearised, amplitudes: Amplitudes) -> int:
+    return int(about.A.shape[1]) + int(about.B.shape[2]) + int(np.count_nonzero(_coloured(about, amplitudes) >= 0))
+
+
+def _coloured(about: Linearised, amplitudes: Amplitudes) -> NDArray[np.intp]:
+    """Channels with a slow part: those that are read."""
+    read = np.zeros(len(amplitudes.noise), dtype=bool)
+    read[np.unique(about.channel)] = True
+    return np.flatnonzero(read)
+
+
+def _laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
+    """Amplitudes as the filter takes them, for each of L lanes.
+
+    Returns
+    -------
+    scale : (S, forces, L) standard deviation of the unknown forces, N.
+    fade : (S, forces, L) what is left of them after a segment.
+    slow : (S, colours, L) the same of readings' slow errors.
+    white : (channels, L) variances.
+    colour : (colours, L) variances.
+    channels : (colours,) whose slow errors these are.
+    """
+    y = about.axis == 0
+    floor = np.array([[own.floor_y / 2, own.floor_x] for own in lanes]).T * about.mass
+    share = np.array([[own.share_y, own.share_x] for own in lanes]).T
+    memory = np.array([[own.memory_y, own.memory_x] for own in lanes]).T
+    place = np.where(y, 0, 1)
+    scale = np.sqrt(floor[place] ** 2 + (share[place] * about.force[:, :, None]) ** 2)
+    fade = np.exp(-about.length[:, None, None] / memory[place])
+    channels = _coloured(about, lanes[0])
+    sensor = np.array([own.memory for own in lanes])
+    slow = np.repeat(np.exp(-about.length[:, None, None] / sensor), len(channels), axis=1)
+    white = np.array([own.noise for own in lanes]).T ** 2
+    colour = np.array([own.colour[channels] for own in lanes]).T ** 2
+    return scale, fade, slow, np.ascontiguousarray(white), np.ascontiguousarray(colour), channels
+
+
+@njit(cache=True, error_model="numpy")
+def _likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
+    A, B, C, D, scale, fade, slow, white, colour, start, first, pointer, channel, coloured, r, gain, size
+):
+    """(L,) negative log-likelihood of residuals under each lane's amplitudes; gains of the first lane where wanted."""
+    S, nz, _ = A.shape
+    nd, nc, L = B.shape[2], colour.shape[0], white.shape[1]
+    n = nz + nd + nc
+    P, d, M = np.zeros((n, n, L)), np.zeros((n, L)), np.zeros((nz, n, L))
+    h, g, s, nu = np.zeros((n, L)), np.zeros((n, L)), np.zeros(L), np.zeros(L)
+    nll = np.zeros(L)
+    keep = size.shape[0] > 0
+    for k in range(S):
+        if first[k]:
+            P[:] = 0.0
+            d[:] = 0.0
+            for i in range(nz):
+                P[i, i] = start[i]
+            for j in range(nd):
+                P[nz + j, nz + j] = 1.0
+            for m in range(nc):
+                P[nz + nd + m, nz + nd + m] = colour[m]
+        for i in range(pointer[k], pointer[k + 1]):
+            c = channel[i]
+            for a in range(nz):
+                h[a] = C[k, c, a]
+            for j in range(nd):
+                h[nz + j] = D[k, c, j] * scale[k, j]
+            for m in range(nc):
+                h[nz + nd + m] = 1.0 if coloured[m] == c else 0.0
+            for a in range(n):
+                for x in range(L):
+                    g[a, x] = 0.0
+                for b in range(nz + nd):
+                    for x in range(L):
+                        g[a, x] += P[a, b, x] * h[b, x]
+                for m in range(nc):
+                    if coloured[m] == c:
+                        for x in range(L):
+                            g[a, x] += P[a, nz + nd + m, x]
+            for x in range(L):
+                s[x] = white[c, x]
+                nu[x] = r[i]
+            for a in range(n):
+                for x in range(L):
+                    s[x] += h[a, x] * g[a, x]
+                    nu[x] -= h[a, x] * d[a, x]
+            for x in range(L):
+                nll[x] += 0.5 * (nu[x] * nu[x] / s[x] + np.log(s[x]))
+            if keep:
+                size[i] = np.sqrt(s[0])
+                for a in range(n):
+                    gain[i, a] = g[a, 0] / s[0]
+            for a in range(n):
+                for x in range(L):
+                    d[a, x] += g[a, x] * nu[x] / s[x]
+                for b in range(n):
+                    for x in range(L):
+                        P[a, b, x] -= g[a, x] * g[b, x] / s[x]
+        if k + 1 == S or first[k + 1]:
+            continue
+        for a in range(nz):
+            for b in range(n):
+                for x in range(L):
+                    M[a, b, x] = 0.0
+                for i in range(nz):
+                    if A[k, a, i] != 0.0:
+                        for x in range(L):
+                            M[a, b, x] += A[k, a, i] * P[i, b, x]
+                for j in range(nd):
+                    if B[k, a, j] != 0.0:
+                        for x in range(L):
+                            M[a, b, x] += B[k, a, j] * scale[k, j, x] * P[nz + j, b, x]
+        for a in range(nd + nc):
+            for b in range(nd + nc):
+                for x in range(L):
+                    fa = fade[k, a, x] if a < nd else slow[k, a - nd, x]
+                    fb = fade[k, b, x] if b < nd else slow[k, b - nd, x]
+                    P[nz + a, nz + b, x] *= fa * fb
+        for j in range(nd):
+            for x in range(L):
+                P[nz + j, nz + j, x] += 1.0 - fade[k, j, x] ** 2
+        for m in range(nc):
+            for x in range(L):
+                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - slow[k, m, x] ** 2)
+        for a in range(nz):
+            for b in range(nd + nc):
+                for x in range(L):
+                    f = fade[k, b, x] if b < nd else slow[k, b - nd, x]
+                    P[a, nz + b, x] = M[a, nz + b, x] * f
+                    P[nz + b, a, x] = P[a, nz + b, x]
+        for a in range(nz):
+            for b in range(a + 1):
+                for x in range(L):
+                    s[x] = 0.0
+                for i in range(nz):
+                    if A[k, b, i] != 0.0:
+                        for x in range(L):
+                            s[x] += A[k, b, i] * M[a, i, x]
+                for j in range(nd):
+                    if B[k, b, j] != 0.0:
+                        for x in range(L):
+                            s[x] += B[k, b, j] * scale[k, j, x] * M[a, nz + j, x]
+                for x in range(L):
+                    P[a, b, x] = s[x]
+                    P[b, a, x] = s[x]
+        for a in range(nz):
+            for x in range(L):
+                h[a, x] = 0.0
+                for i in range(nz):
+                    h[a, x] += A[k, a, i] * d[i, x]
+                for j in range(nd):
+                    h[a, x] += B[k, a, j] * scale[k, j, x] * d[nz + j, x]
+        for a in range(nz):
+            for x in range(L):
+                d[a, x] = h[a, x]
+        for j in range(nd):
+            for x in range(L):
+                d[nz + j, x] *= fade[k, j, x]
+        for m in range(nc):
+            for x in range(L):
+                d[nz + nd + m, x] *= slow[k, m, x]
+    return nll
+
+
+@njit(cache=True, error_model="numpy")
+def _innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
+    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size
+):
+    """(R, K) whitened values, by gains that are known."""
+    S, nz, _ = A.shape
+    nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
+    n = nz + nd + nc
+    d, moved = np.zeros((n, K)), np.zeros((nz, K))
+    found = np.empty(values.shape)
+    for k in range(S):
+        if first[k]:
+            d[:] = 0.0
+        for i in range(pointer[k], pointer[k + 1]):
+            c = channel[i]
+            for x in range(K):
+                found[i, x] = values[i, x]
+            for a in range(nz):
+                own = C[k, c, a]
+                if own != 0.0:
+                    for x in range(K):
+                        found[i, x] -= own * d[a, x]
+            for j in range(nd):
+                own = D[k, c, j] * scale[k, j]
+                if own != 0.0:
+                    for x in range(K):
+                        found[i, x] -= own * d[nz + j, x]
+            for m in range(nc):
+                if coloured[m] == c:
+                    for x in range(K):
+                        found[i, x] -= d[nz + nd + m, x]
+            for a in range(n):
+                own = gain[i, a]
+                for x in range(K):
+                    d[a, x] += own * found[i, x]
+            own = 1.0 / size[i]
+            for x in range(K):
+                found[i, x] *= own
+        if k + 1 == S or first[k + 1]:
+            continue
+        for a in range(nz):
+            for x in range(K):
+                moved[a, x] = 0.0
+            for b in range(nz):
+                own = A[k, a, b]
+                if own != 0.0:
+                    for x in range(K):
+                        moved[a, x] += own * d[b, x]
+            for j in range(nd):
+                own = B[k, a, j] * scale[k, j]
+                if own != 0.0:
+                    for x in range(K):
+                        moved[a, x] += own * d[nz + j, x]
+        for a in range(nz):
+            for x in range(K):
+                d[a, x] = moved[a, x]
+        for j in range(nd):
+            for x in range(K):
+                d[nz + j, x] *= fade[k, j]
+        for m in range(nc):
+            for x in range(K):
+                d[nz + nd + m, x] *= slow[k, m]
+    return found

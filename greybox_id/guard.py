@@ -1,0 +1,276 @@
+"""Outputs destroy nothing: neither what the same command reads nor a result of another kind.
+
+Within `guarding`, whatever reads a file says so (`protect`), whatever is to be written is `claim`ed as early as it is
+known, and `files.replacing` asks before it replaces anything (`permit`). Files are told apart by what they are, not by
+how they are spelled: through links, hard links, other cases and folders that are not there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from filecmp import cmp
+from pathlib import Path
+
+from .errors import BadInput
+
+HEAD = 1 << 16
+"""Bytes at the beginning of a file that tell what it is."""
+MARK = "greybox-id"
+"""What every picture, report and vehicle file that is written here bears."""
+VEHICLE_MARK = f"# Vehicle file written by {MARK}"
+RECORDING = "data that may exist nowhere else"
+_MODEL = re.compile(rb'"model":\s*\{\s*"name":\s*"([^"\\]*)"')
+_HOLDS = re.compile(rb"greybox-id: (a table of [a-z]{1,20})")
+_FORMAT = re.compile(rb'\A\s*\{\s*"format":\s*"greybox-(\w+)"')
+
+
+@dataclass(frozen=True)
+class FileContent:
+    """What a file is.
+
+    Attributes
+    ----------
+    words : "a fit of lateral".
+    derived : whether a command made it from other files and can make it again.
+    """
+
+    words: str
+    derived: bool = False
+
+
+NOTHING = FileContent("nothing", derived=True)
+
+
+@dataclass
+class _Guard:
+    overwrite: bool = False
+    read: dict[tuple[int, int], Path] = field(default_factory=dict)
+    folders: dict[Path, Path] = field(default_factory=dict)
+    claimed: dict[Path, str] = field(default_factory=dict)
+    written: set[Path] = field(default_factory=set)
+
+
+_current: ContextVar[_Guard | None] = ContextVar("guard", default=None)
+
+
+@contextmanager
+def guarding(*, overwrite: bool = False) -> Iterator[None]:
+    """Watch over what is read and written meanwhile, as one command does."""
+    token = _current.set(_Guard(overwrite))
+    try:
+        yield
+    finally:
+        _current.reset(token)
+
+
+def allow_overwriting() -> None:
+    """Let results of another kind be replaced; what is read never is."""
+    guard = _current.get()
+    if guard is not None:
+        guard.overwrite = True
+
+
+def protect(path: str | Path) -> None:
+    """A file, or a folder with all that is in it, is read: it is not written over.
+
+    Raises
+    ------
+    BadInput : it was claimed as an output.
+    """
+    guard = _current.get()
+    if guard is None:
+        return
+    file = Path(path)
+    for spelled in _spellings(file):
+        with suppress(OSError, ValueError):
+            told = spelled.stat()
+            guard.read.setdefault((told.st_dev, told.st_ino), file)
+            if spelled.is_dir():
+                guard.folders.setdefault(spelled.resolve(), file)
+    for output, option in guard.claimed.items():
+        _refuse_read(guard, output, option)
+
+
+def claim(path: str | Path, option: str = "‹out›", becomes: str = "") -> Path:
+    """A file or folder is going to be written.
+
+    Parameters
+    ----------
+    path : where.
+    option : the argument that names it, as sentences write it.
+    becomes : the words of the content it is going to have, where that is known: another one there is refused now
+        and not after long work.
+
+    Raises
+    ------
+    BadInput : it is read as well, another output has that place, or something of another kind is there.
+    """
+    target = Path(path)
+    guard = _current.get()
+    if guard is None:
+        return target
+    _refuse_read(guard, target, option)
+    place = _place(target)
+    if guard.claimed.setdefault(place, option) != option:
+        raise BadInput(f"{path} is named by {guard.claimed[place]} and by {option}; name two places.")
+    if becomes and not guard.overwrite and target.is_file():
+        there = content_of(target)
+        if there not in (NOTHING, FileContent(becomes, derived=True)):
+            raise _of_another_kind(target, there, option)
+    return target
+
+
+def permit(new: Path, target: Path) -> None:
+    """Ask whether a file may take the place of what is there. Raises `BadInput` where it may not."""
+    guard = _current.get()
+    if guard is None:
+        return
+    option = option_of(target)
+    _refuse_read(guard, target, option)
+    place = _place(target)
+    if not guard.overwrite and place not in guard.written and target.is_file():
+        there = content_of(target)
+        same = there.derived and there in (NOTHING, content_of(new))
+        if not same and not cmp(new, target, shallow=False):
+            raise _of_another_kind(target, there, option)
+    guard.written.add(place)
+
+
+def permit_folder(folder: Path, there: str = "", becomes: str = "") -> None:
+    """Ask whether a whole folder may be replaced.
+
+    Parameters
+    ----------
+    folder : which.
+    there, becomes : what it holds and what it is going to hold, in words.
+
+    Raises
+    ------
+    BadInput : something in it is read, or it holds something else.
+    """
+    guard = _current.get()
+    if guard is None:
+        return
+    option = option_of(folder)
+    for file in folder.rglob("*") if folder.is_dir() else ():
+        _refuse_read(guard, file, option)
+    if there != becomes and not guard.overwrite:
+        raise _of_another_kind(folder, FileContent(there), option)
+
+
+def option_of(target: Path) -> str:
+    """The option that names a file, or the folder it lies in; "‹out›" where none was claimed."""
+    guard = _current.get()
+    if guard is None:
+        return "‹out›"
+    place = _place(target)
+    return next((guard.claimed[own] for own in (place, *place.parents) if own in guard.claimed), "‹out›")
+
+
+def content_of(file: Path) -> FileContent:
+    """What a file is, by how it begins. A file that cannot be read is nothing that may be replaced."""
+    try:
+        with file.open("rb") as opened:
+            head = opened.read(HEAD)
+    except OSError:
+        return FileContent("a file that cannot be read")
+    if not head:
+        return NOTHING
+    if head.startswith(b"PAR1"):
+        return _table(_parquet_names(file))
+    if head.startswith((b"%PDF", b"<!DOCTYPE html", b"<svg", b"\x89PNG")):
+        return _picture(file, head)
+    if head.startswith((b"MDF ", b"\x89MCAP")):
+        return _measurements(file, head)
+    if head.startswith(VEHICLE_MARK.encode()):
+        return FileContent("a vehicle file that greybox wrote", derived=True)
+    saved = _FORMAT.match(head)
+    if saved:
+        kind = saved[1].decode()
+        model = _MODEL.search(head) if kind == "fit" else None
+        return FileContent(f"a {kind}{f' of {model[1].decode()}' if model else ''}", derived=True)
+    line = head.split(b"\n", 1)[0].decode("utf-8", "replace").strip()
+    return _table(tuple(line.split(",")))
+
+
+def _picture(file: Path, head: bytes) -> FileContent:
+    """A report or figure; derived where it bears the mark, in a PDF at its end."""
+    with file.open("rb") as opened:
+        opened.seek(-min(HEAD, file.stat().st_size), os.SEEK_END)
+        tail = opened.read()
+    words = "a figure" if head.startswith((b"<svg", b"\x89PNG")) else "a report"
+    derived = MARK.encode() in head or (head.startswith(b"%PDF") and MARK.encode() in tail)
+    return FileContent(words if derived else f"{words} that greybox did not write", derived)
+
+
+def _measurements(file: Path, head: bytes) -> FileContent:
+    """A file of measurements; derived where it says at its beginning or end what we wrote to it."""
+    with file.open("rb") as opened:
+        opened.seek(-min(HEAD, file.stat().st_size), os.SEEK_END)
+        told = _HOLDS.search(head + opened.read())
+    return FileContent(told[1].decode(), derived=True) if told else FileContent(RECORDING)
+
+
+def _table(names: tuple[str, ...]) -> FileContent:
+    """A table; derived where its columns are those that a command writes."""
+    if set(names) == {"parameter", "value", "rise", "allowed"}:
+        return FileContent("a table of profiles", derived=True)
+    if {"time", "phase", "steer", "v_x_low", "v_x_high", "yaw_rate_low"} <= set(names):
+        return FileContent("a table of a manoeuvre", derived=True)
+    if names[:3] == ("chain", "draw", "weight"):
+        return FileContent("a posterior", derived=True)
+    if {"parameters", "cv_error", "aic_effective"} <= set(names):
+        return FileContent("a table of a grid", derived=True)
+    if names[:2] == ("time", "run") and len(names) > 2:
+        for end, words in (("_predicted", "predictions"), ("_simulated", "simulations")):
+            if any(name.endswith(end) for name in names):
+                return FileContent(f"a table of {words}", derived=True)
+        values = [name for name in names[2:] if f"{name}_sd" in names]
+        if 2 * len(values) == len(names) - 2:
+            return FileContent("a table of estimates", derived=True)
+    return FileContent(RECORDING)
+
+
+def _parquet_names(file: Path) -> tuple[str, ...]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return tuple(pq.read_schema(file).names)
+    except (pa.ArrowException, OSError, ValueError):
+        return ()
+
+
+def _refuse_read(guard: _Guard, target: Path, option: str) -> None:
+    advice = f"is read by this command and would be written over; name another place with {option}."
+    for spelled in _spellings(target):
+        with suppress(OSError, ValueError):
+            told = spelled.stat()
+            if not spelled.is_dir() and (told.st_dev, told.st_ino) in guard.read:
+                raise BadInput(f"{target} {advice}")
+        for folder, named in guard.folders.items():
+            if folder in spelled.resolve().parents:
+                raise BadInput(f"{target} lies in {named}, which {advice}")
+
+
+def _of_another_kind(target: Path, there: FileContent, option: str) -> BadInput:
+    return BadInput(
+        f"{target} is there already and holds {there.words}; name another place with {option}, or replace it with "
+        "‹overwrite›."
+    )
+
+
+def _spellings(path: Path) -> tuple[Path, ...]:
+    """A path as it is spelled and as it reads once folders that are not there have been made."""
+    return tuple(dict.fromkeys((path, Path(os.path.normpath(path)))))
+
+
+def _place(path: Path) -> Path:
+    """A path without links to folders; a link that is itself the last part is replaced, not followed."""
+    whole = Path(os.path.abspath(path))
+    return whole.parent.resolve() / whole.name

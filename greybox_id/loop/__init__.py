@@ -1,0 +1,1 @@
+"""Drive, identify, name, learn anew, swap: a vehicle and a server that teach each other."""

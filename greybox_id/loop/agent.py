@@ -1,0 +1,322 @@
+"""The vehicle's side of the loop: drive, send rows, ask for a policy when it is time, try it, let it drive.
+
+DIR/agent.json         what is asked for, what was driven and learned; what it is carried on from
+DIR/vehicle.toml       as stated
+DIR/base.json          the driver before any data
+DIR/policy.json        in force
+DIR/rows_1.csv         what was driven, as it was sent
+DIR/log.jsonl          every event
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .. import __version__
+from ..errors import BadInput
+from ..exam.make import write_recording
+from ..files import ensure_writable, write_atomically
+from ..json_data import plain, read_json, without_nan
+from ..racing.draws import by_hand
+from ..racing.policy import Policy
+from ..racing.world import World
+from .adapting import Say, foretold, stated_model, used_to, world_of
+from .client import Client, Unanswered
+from .demo import CAP, Watched, joined
+from .safety import Cap, Log
+from .scene import Scene, driven
+from .store import DONE, FAILED
+from .swap import WORSE, NotSwapped, Seat, read_learned
+from .triggers import LEAST, RowCounts, path_error_beyond
+
+FORMAT = "greybox-loop-agent"
+ROWS = LEAST
+"""Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
+BASE = 150_000
+"""Steps in which the shipped driver is got used to the vehicle as its file states it."""
+POLL, PATIENCE = 0.5, 60.0
+"""s between two questions whether a job is done, and for which a server that does not answer is asked again."""
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class AgentOptions:
+    """What an agent does.
+
+    Attributes
+    ----------
+    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
+    session : name at the server.
+    arm : "named": learned on what `greybox gap` names; "nominal": on the vehicle file alone.
+    trainings : policies that are asked for before it ends.
+    steps, seconds : of a training: periods driven, and the budget of the server's processor.
+
+    Raises
+    ------
+    BadInput : a number makes no sense.
+    """
+
+    case: int = 0
+    seed: int = 0
+    session: str = "car"
+    arm: str = "named"
+    trainings: int = 2
+    steps: int = BASE
+    seconds: float = 120.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.trainings <= 20:
+            raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
+
+
+@dataclass(frozen=True)
+class AgentOutcome:
+    """What an agent did.
+
+    Attributes
+    ----------
+    asked : options.
+    withheld : effect -> magnitude, that the vehicle has and nobody was told of.
+    drives, trainings : one after the other, see docs/json.md.
+    folder : where everything is.
+    """
+
+    asked: Mapping[str, Any]
+    withheld: Mapping[str, float]
+    drives: tuple[Mapping[str, Any], ...]
+    trainings: tuple[Mapping[str, Any], ...]
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "scene": dict(self.asked),
+            "withheld": dict(self.withheld),
+            "drives": [dict(own) for own in self.drives],
+            "trainings": [dict(own) for own in self.trainings],
+            "folder": str(self.folder),
+        }
+
+    def summary(self) -> str:
+        """For people."""
+        lines = ["drive  rows  cap   path error  crashes  policy"]
+        for k, own in enumerate(self.drives, 1):
+            error = f"{1e3 * own['path_error_rms']:7.1f} mm"
+            lines.append(
+                f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {error}  {own['crashes']:7d}  {own['policy'][:8]}"
+            )
+        for own in self.trainings:
+            applied = ", ".join(f"{name} {value:.3g}" for name, value in own["applied"].items()) or "nothing"
+            lines.append(f"learned ({own['reason']}): applied {applied}; {own['refused'] or 'swapped'}")
+        return "\n".join([*lines, f"written  {self.folder}"])
+
+
+def agent(
+    address: str, token: bytes, out: str | Path, options: AgentOptions | None = None, *,
+    say: Say = lambda sentence: None,
+) -> AgentOutcome:  # fmt: skip
+    """Drive a car in simulation that has what its file does not state, with the help of a server.
+
+    Parameters
+    ----------
+    address, token : of the server, see `client.Client`.
+    out : folder; one in which the same was begun is carried on with.
+    options : what is done.
+    say : told what is going on.
+
+    Raises
+    ------
+    BadInput : the server does not answer or declines, or the folder holds something else.
+    """
+    return _Agent(Client(address, token), Path(out), options or AgentOptions(), say).run()
+
+
+class _Agent:
+    def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
+        self.client, self.folder, self.options, self.say = client, folder, options, say
+        self.scene = Scene(options.case)
+        self.vehicle = self.scene.vehicle
+        self.nominal = stated_model(self.vehicle)
+        self.state = self._begun()
+        self.log = Log(folder / "log.jsonl")
+
+    def run(self) -> AgentOutcome:
+        """All that is not done yet."""
+        self.client.get("/healthz")
+        write_atomically(self.folder / "vehicle.toml", self.scene.text, continued=True)
+        base = self._base()
+        file = self.folder / "policy.json"
+        seat = Seat(file.read_bytes() if file.is_file() else base, self.folder)
+        good = read_learned(base, self.folder).policy
+        self._hello(seat.now.sha, file.read_bytes() if file.is_file() else base)
+        try:
+            while len(self.state["trainings"]) < self.options.trainings:
+                reason = self.state["due"] or self._drive(seat, good)
+                if reason:
+                    self._train(seat, reason)
+            self._drive(seat, good)
+        finally:
+            seat.close()
+        done = self.state["drives"], self.state["trainings"]
+        return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
+
+    def _begun(self) -> dict[str, Any]:
+        """The state of the folder, new or carried on."""
+        asked = plain(vars(self.options)) | {"version": __version__}
+        file = self.folder / "agent.json"
+        held = read_json(file) if file.is_file() else None
+        if isinstance(held, dict) and held.get("format") == FORMAT and held.get("asked") == asked:
+            ensure_writable(self.folder)
+            return held
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
+        ensure_writable(self.folder)
+        state = {"format": FORMAT, "format_version": 1, "asked": asked, "drives": [], "trainings": [], "cap": CAP,
+                 "clean": 0, "due": "", "foretold": None, "learned_at": 0}  # fmt: skip
+        write_atomically(file, json.dumps(state) + "\n")
+        return state
+
+    def _keep(self) -> None:
+        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
+        write_atomically(self.folder / "agent.json", text, continued=True)
+
+    def _units(self, cap: float) -> World:
+        """The world that the vehicle's own driver sees."""
+        return world_of(self.nominal, self.vehicle, 1, cap)
+
+    def _base(self) -> bytes:
+        """The shipped driver, used to this vehicle as its file states it."""
+        file = self.folder / "base.json"
+        if not file.is_file():
+            self.say("learning to drive the vehicle as its file states it")
+            made = used_to(self.nominal, self.vehicle, BASE, CAP, self.options.seed)
+            write_atomically(file, made.text(), continued=True)
+        return file.read_bytes()
+
+    def _hello(self, sha: str, body: bytes) -> None:
+        """Tell the server who drives, and by which policy."""
+        self._asked(lambda: self.client.post("/v1/policies", body))
+        wanted = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        self._asked(lambda: self.client.post("/v1/hello", wanted))
+
+    def _asked(self, ask: Callable[[], Answer]) -> Answer:
+        """An answer, asked for again where nobody answers: requests are the same whether they come once or twice."""
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return ask()
+            except Unanswered:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(POLL)
+
+    @property
+    def _path(self) -> str:
+        return f"/v1/sessions/{self.options.session}"
+
+    def _event(self, kind: str, **more: Any) -> None:
+        """An event: written down, and shown at the server."""
+        self.log.write(kind, **more)
+        self._asked(lambda: self.client.post(f"{self._path}/events", {"events": [plain({"kind": kind, **more})]}))
+
+    def _drive(self, seat: Seat, good: Policy) -> str:
+        """Drive and send the rows; why it is time to learn, "" where it is not."""
+        k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
+        driven_at, units = cap.share, self._units(cap.share)
+        if self.state["foretold"] is None:
+            self.state["foretold"] = self._foretold(seat.now.policy, driven_at)
+        expected = self.state["foretold"]
+        self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
+        hands = Watched(units, seat, good, cap, self._units, expected["worst"], self.log)
+        drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
+        for own in drive.episodes:
+            cap.clean += len(own.laps)
+            if own.crashed:
+                self.log.write("crash", drive=k, s=float(own.s[-1]))
+                cap.event()
+        recordings = drive.recordings
+        if recordings:
+            file = self.folder / f"rows_{k}.csv"
+            write_recording(joined(recordings), file)
+            self._asked(lambda: self.client.post(f"{self._path}/rows", file.read_bytes()))
+        told = {
+            "rows": drive.rows,
+            "cap": driven_at,
+            "path_error_rms": drive.path_error,
+            "path_error_foretold": expected["path_error_rms"],
+            "lap_time": drive.lap_time,
+            "crashes": drive.crashes,
+            "events": hands.events,
+            "policy": seat.now.sha,
+        }
+        self._event("drive", number=k, **told)
+        self.state["drives"].append(told)
+        self.state["cap"], self.state["clean"] = cap.share, cap.clean
+        rows = sum(own["rows"] for own in self.state["drives"])
+        counts = RowCounts(last=self.state["learned_at"])
+        reason = counts.due(rows)
+        if not reason and recordings and counts.allowed(rows):
+            reason = path_error_beyond(drive.path_error, expected["path_error_rms"])
+        self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
+        self._keep()
+        return reason
+
+    def _train(self, seat: Seat, reason: str) -> None:
+        """Ask for a policy, try it, and let it drive."""
+        own, k = self.options, len(self.state["trainings"]) + 1
+        self.say(f"training {k}: {reason}")
+        wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
+                  "cap": self.state["cap"]}  # fmt: skip
+        job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
+        place = f"/v1/jobs/{job['id']}"
+        while job["status"] not in (DONE, FAILED):
+            time.sleep(POLL)
+            job = self._asked(lambda: self.client.get(place))
+        refused, result = str(job["sentence"]), dict(job["result"])
+        if job["status"] == DONE:
+            sha = str(result["policy"])
+            body = self._asked(lambda: self.client.policy(sha))
+            refused = self._swapped(seat, body, sha, result)
+            if not refused:
+                self._hello(sha, body)
+                self.state["foretold"] = {"path_error_rms": result["path_error"], "worst": result["path_error_worst"]}
+                cap = Cap(self.state["cap"], clean=self.state["clean"])
+                cap.next_cycle()
+                self.state["cap"], self.state["clean"] = cap.share, cap.clean
+        self._event("no swap" if refused else "swap", training=k, reason=refused)
+        named, applied = result.get("named", []), result.get("applied", {})
+        errors = {name: result.get(name) for name in ("path_error_before", "path_error")}
+        self.state["trainings"].append(
+            {"reason": reason, "job": job["id"], "named": named, "applied": applied, **errors, "refused": refused}
+        )
+        self.state["learned_at"] = sum(one["rows"] for one in self.state["drives"])
+        self.state["due"] = ""
+        self._keep()
+
+    def _swapped(self, seat: Seat, body: bytes, sha: str, result: Mapping[str, Any]) -> str:
+        """Try a policy, and swap; why it is not swapped, or ""."""
+
+        def in_the_twin(new: Policy, present: Policy) -> None:
+            del new, present  # the server has driven both
+            if result["crashes"]:
+                raise NotSwapped(f"In the twin {result['crashes']} vehicles crash.")
+            before, after = result["path_error_before"], result["path_error"]
+            if before is not None and after is not None and after > WORSE * before:
+                raise NotSwapped(f"In the twin the path error is {after:.3f} m; with the present one {before:.3f} m.")
+
+        try:
+            seat.swap(body, sha, in_the_twin)
+        except NotSwapped as error:
+            return str(error)
+        return ""
+
+    def _foretold(self, policy: Policy, cap: float) -> dict[str, Any]:
+        """How the vehicle is driven before anything of it is known: it may be anything in the ranges of `by_hand`."""
+        found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
+        return {"path_error_rms": found.path_error, "worst": found.worst}

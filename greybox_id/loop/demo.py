@@ -1,0 +1,417 @@
+"""The loop on one machine: a vehicle in simulation that has what its file does not state, named and driven better.
+
+DIR/demo.json          what is asked for, cycles that are done, arms; what it is carried on from
+DIR/vehicle.toml       as stated
+DIR/policy.json        in force
+DIR/cycle_1/rows.csv   what was driven, as every command reads it
+DIR/cycle_1/closed.toml, policy.json
+DIR/log.jsonl          every event
+DIR/index.html
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..datasets.vehicle_text import write_vehicle
+from ..errors import BadInput
+from ..exam.make import write_recording
+from ..files import ensure_writable, write_atomically
+from ..json_data import plain, read_json, without_nan
+from ..models.effects import EFFECTS
+from ..models.registry import with_effects
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..racing.draws import Draws, by_hand
+from ..racing.learner import FINE_TUNING, Learned, learn
+from ..racing.policy import Policy
+from ..racing.world import World
+from ..recording import Recording
+from ..vehicle import Vehicle
+from .adapting import LANES, TWIN_LANES, Adapted, Say, adapted, foretold, last_rows, stated_model, used_to, world_of
+from .page import page
+from .protocol import digest_of
+from .safety import Cap, Envelope, Log, limits_of
+from .scene import DrivenRows, Hands, Scene, driven
+from .swap import WORSE, NotSwapped, Seat, read_learned
+
+FORMAT = "greybox-loop-demo"
+CAP = 0.6
+"""Share of the grip at which data are driven first: the moderate speed that was published."""
+
+
+@dataclass(frozen=True)
+class DemoSize:
+    """How much is driven and learned.
+
+    Attributes
+    ----------
+    base : steps in which a driver is got used to the vehicle as its file states it.
+    rows, diagnosed : driven in a cycle, and the last of them, which are diagnosed.
+    steps : in which it is learned anew in a cycle.
+    judged : rows that an arm is judged by.
+    """
+
+    base: int
+    rows: int
+    diagnosed: int
+    steps: int
+    judged: int
+
+
+QUICK, FULL = DemoSize(150_000, 4_500, 1_500, 150_000, 3_000), DemoSize(1_000_000, 5_000, 5_000, 300_000, 14_000)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What came of the loop.
+
+    Attributes
+    ----------
+    scene : what is asked for: case, seed, quick.
+    withheld : effect -> magnitude, that the vehicle has and nobody was told of.
+    cycles : see docs/loop.md.
+    arms : name -> how the vehicle is driven at the end, at the first and at the last cap.
+    folder : where everything is.
+    """
+
+    scene: Mapping[str, Any]
+    withheld: Mapping[str, float]
+    cycles: tuple[Mapping[str, Any], ...]
+    arms: Mapping[str, Mapping[str, Any]]
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "scene": dict(self.scene),
+            "withheld": dict(self.withheld),
+            "cycles": [{name: own for name, own in one.items() if name != "trace"} for one in self.cycles],
+            "arms": {name: dict(own) for name, own in self.arms.items()},
+            "folder": str(self.folder),
+        }
+
+    def summary(self) -> str:
+        """For people."""
+        said = ", ".join(f"{name} {value:.4g}" for name, value in self.withheld.items())
+        lines = [
+            f"withheld   {said}",
+            "",
+            "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
+        ]
+        for k, own in enumerate(self.cycles, 1):
+            applied = ", ".join(f"{name} {value:.3g}" for name, value in own["applied"].items()) or "nothing"
+            swapped = "yes" if own["swapped"] else "no"
+            lines.append(
+                f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {1e3 * own['path_error_rms']:7.1f} mm"
+                f"  {_s(own['lap_time']):>8}  {own['crashes']:7d}  {applied:24s} {swapped}"
+            )
+        lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
+        for name, own in self.arms.items():
+            first, last = own["first"], own["last"]
+            lines.append(
+                f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
+                f"  {_s(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
+            )
+        return "\n".join([*lines, "", f"written  {self.folder / 'index.html'}"])
+
+
+def demo(
+    out: str | Path, *, quick: bool = False, case: int = 0, seed: int = 0, cycles: int = 3,
+    say: Say = lambda sentence: None,
+) -> Demo:  # fmt: skip
+    """Drive, name, learn anew and swap, some cycles long, and say what came of it.
+
+    Parameters
+    ----------
+    out : folder; one in which the same was begun is carried on with.
+    quick : fewer rows and steps.
+    case : what the vehicle has that its file does not state: a number from 0 to 7, see `scene.CASES`.
+    seed : of everything that is drawn.
+    cycles : how many.
+    say : told what is going on.
+
+    Raises
+    ------
+    BadInput : the folder holds something else, or there is no such case.
+    """
+    if not 1 <= cycles <= 20:
+        raise BadInput(f"‹cycles›: a number from 1 to 20 is needed, not {cycles!r}.")
+    return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, seed, cycles, say).run()
+
+
+class _Running:
+    """A demo under way; parameters as of `demo`."""
+
+    def __init__(
+        self, folder: Path, scene: Scene, size: DemoSize, quick: bool, seed: int, cycles: int, say: Say
+    ) -> None:
+        self.folder, self.scene, self.size, self.seed, self.count, self.say = folder, scene, size, seed, cycles, say
+        asked = {"case": scene.case, "seed": seed, "quick": quick, "cycles": cycles, "version": __version__}
+        self.state = self._begun(asked)
+        self.log = Log(folder / "log.jsonl")
+        self.vehicle = scene.vehicle
+        self.nominal = stated_model(self.vehicle)
+
+    def run(self) -> Demo:
+        """All that is not done yet."""
+        write_atomically(self.folder / "vehicle.toml", self.scene.text, continued=True)
+        base = self._base()
+        while len(self.state["cycles"]) < self.count:
+            self._cycle(base)
+        for name, made in self._arms(base).items():
+            if name not in self.state["arms"]:
+                self.state["arms"][name] = self._judged(name, made)
+                self._keep()
+        arms = {name: own for name, own in self.state["arms"].items() if own is not None}
+        found = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
+        write_atomically(self.folder / "index.html", page(found), continued=True)
+        return found
+
+    def _begun(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """The state of the folder, new or carried on."""
+        file = self.folder / "demo.json"
+        held = read_json(file) if file.is_file() else None
+        if isinstance(held, dict) and held.get("format") == FORMAT:
+            if held.get("asked") == dict(asked):
+                ensure_writable(self.folder)
+                return held
+            told = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
+            raise BadInput(f"{self.folder} holds another demo ({told}); name a new folder with ‹out›.")
+        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
+        ensure_writable(self.folder)
+        state = {"format": FORMAT, "format_version": 1, "asked": dict(asked), "cycles": [], "arms": {}, "cap": CAP}
+        write_atomically(file, json.dumps(state) + "\n")
+        return state
+
+    def _keep(self) -> None:
+        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
+        write_atomically(self.folder / "demo.json", text, continued=True)
+
+    def _units(self, cap: float) -> World:
+        """The world that the vehicle's own driver sees."""
+        return world_of(self.nominal, self.vehicle, 1, cap)
+
+    def _learned(self, file: Path, made: Callable[[], Learned]) -> Learned:
+        """What a file holds, else what is made and written to it."""
+        if not file.is_file():
+            write_atomically(file, made().text(), continued=True)
+        return read_learned(file.read_bytes(), self.folder)
+
+    def _base(self) -> Learned:
+        """The shipped driver, used to this vehicle as its file states it."""
+
+        def made() -> Learned:
+            self.say("learning to drive the vehicle as its file states it")
+            return used_to(self.nominal, self.vehicle, self.size.base, CAP, self.seed)
+
+        return self._learned(self.folder / "base.json", made)
+
+    def _cycle(self, base: Learned) -> None:
+        """DrivenRows rows, name, learn, probe and swap."""
+        began, k = time.monotonic(), len(self.state["cycles"]) + 1
+        folder, cap = self.folder / f"cycle_{k}", Cap(self.state["cap"])
+        folder.mkdir(exist_ok=True)
+        present = base if k == 1 else read_learned((self.folder / "policy.json").read_bytes(), self.folder)
+        driven_at = cap.share
+        units = self._units(driven_at)
+        before = self.state["foretold"] if k > 1 else self._foretold(self.nominal, present, driven_at, by_hand())
+        self.say(f"cycle {k}: driving {self.size.rows} rows at {driven_at:.0%} of the grip")
+        seat = Seat(present.text().encode(), self.folder)
+        hands = Watched(units, seat, base.policy, cap, self._units, before["worst"], self.log)
+        drive = driven(self.scene, hands, self.size.rows, self._seed(k))
+        for own in drive.episodes:
+            cap.clean += len(own.laps)
+            if own.crashed:
+                self.log.write("crash", cycle=k, s=float(own.s[-1]))
+                cap.event()
+        recordings = last_rows(drive.recordings, self.size.diagnosed)
+        if not recordings:
+            raise BadInput(
+                "The vehicle crashed so soon, time and again, that nothing can be diagnosed; try another ‹seed›."
+            )
+        write_recording(joined(recordings), folder / "rows.csv")
+        self.say(f"cycle {k}: diagnosing, and learning anew")
+        found = adapted(
+            self.vehicle, recordings, present, units, "named", steps=self.size.steps, cap=driven_at, seed=self.seed + k,
+            say=lambda sentence: None,
+        )  # fmt: skip
+        write_vehicle(found.vehicle, folder / "closed.toml")
+        body = found.learned.text().encode()
+        write_atomically(folder / "policy.json", body.decode(), continued=True)
+        reason = self._swapped(seat, body, found, units, driven_at)
+        self.log.write("swap" if not reason else "no swap", cycle=k, sha256=digest_of(body), reason=reason)
+        now = present if reason else found.learned
+        if reason and k == 1:
+            write_atomically(self.folder / "policy.json", present.text(), continued=True)
+        if not reason:
+            cap.next_cycle()
+        self.state["cap"] = cap.share
+        twin = self._foretold(found.model, now, cap.share)
+        self.state["foretold"] = twin
+        self.state["cycles"].append(
+            {
+                "rows": drive.rows,
+                "cap": driven_at,
+                "detected": found.detected,
+                "named": [dict(own) for own in found.named],
+                "applied": dict(found.applied),
+                "path_error_rms": drive.path_error,
+                "path_error_foretold": before["path_error_rms"],
+                "lap_time": drive.lap_time,
+                "crashes": drive.crashes,
+                "events": hands.events,
+                "swapped": not reason,
+                "reason": reason,
+                "seconds": time.monotonic() - began,
+                "cpu_seconds": dict(found.seconds),
+                "next": {"cap": cap.share, **twin},
+                "trace": trace(drive),
+            }
+        )
+        self._keep()
+        seat.close()
+
+    def _swapped(self, seat: Seat, body: bytes, found: Adapted, units: World, cap: float) -> str:
+        """Try a policy in the twin, and swap; why it is not swapped, or ""."""
+        try:
+            seat.swap(body, digest_of(body), twin_of(found, self.vehicle, units, cap))
+        except NotSwapped as error:
+            return str(error)
+        return ""
+
+    def _foretold(self, model: MotionModel, learned: Learned, cap: float, draws: Draws | None = None) -> dict[str, Any]:
+        """How the twin is driven, as plain data; before a vehicle is known, `draws` are what it may be."""
+        found = foretold(model, self.vehicle, learned.policy.act, self._units(cap), cap, draws)
+        return {"path_error_rms": found.path_error, "worst": found.worst, "lap_time": found.lap_time,
+                "crashes": found.crashes}  # fmt: skip
+
+    def _seed(self, k: int) -> int:
+        return 1000 * self.seed + 100 * k
+
+    def _arms(self, base: Learned) -> Mapping[str, Callable[[], Learned]]:
+        """Who is compared; all but the base learn as many steps as the loop took."""
+        steps, cap = self.count * self.size.steps, self.state["cap"]
+
+        def on(model: MotionModel) -> Learned:
+            world = world_of(model, self.vehicle, LANES, cap, like=self._units(cap))
+            return learn(world, steps, start=base, seed=self.seed + 1, settings=FINE_TUNING)
+
+        def oracle() -> Learned:
+            known = {name: value for name, value in self.scene.effects.items() if name in EFFECTS}
+            if len(known) < len(self.scene.effects):
+                raise BadInput("no model has it")
+            true = with_effects(self.nominal, known)
+            assert isinstance(true, MotionModel)
+            return on(true)
+
+        return {
+            "base": lambda: base,
+            "nominal": lambda: on(self.nominal),
+            "named": lambda: read_learned((self.folder / "policy.json").read_bytes(), self.folder),
+            "oracle": oracle,
+        }
+
+    def _judged(self, name: str, made: Callable[[], Learned]) -> dict[str, Any] | None:
+        """How an arm drives the vehicle, at the first cap and at the last one; None for one that there is not."""
+        self.say(f"judging the arm {name}")
+        try:
+            policy = made().policy
+        except BadInput:
+            return None
+        found = {}
+        for when, cap in (("first", CAP), ("last", self.state["cap"])):
+            drive = driven(self.scene, Hands(self._units(cap), policy.act), self.size.judged, self._seed(90))
+            found[when] = {"cap": cap, "path_error_rms": drive.path_error, "lap_time": drive.lap_time,
+                           "crashes": drive.crashes, "laps": sum(len(own.laps) for own in drive.episodes)}  # fmt: skip
+        return found
+
+
+class Watched(Hands):
+    """A seat, with limits and an envelope: once it is left, the last good policy drives under a lower cap.
+
+    Parameters
+    ----------
+    world, seat : what drives first.
+    good : the last good policy.
+    cap : that falls.
+    units : cap -> the world that a driver sees under it.
+    worst : m, of the path error that is foretold, see `adapting.Foretold`.
+    log : of events.
+    """
+
+    def __init__(
+        self, world: World, seat: Seat, good: Policy, cap: Cap, units: Callable[[float], World], worst: float, log: Log
+    ) -> None:
+        super().__init__(world, seat.act)
+        period = world.rules.period
+        self._seat, self._good, self._cap, self._units, self._log = seat, good, cap, units, log
+        self._limits = limits_of(world.steer_max, *world.drives, period)
+        self._envelope = Envelope(world.track.half_width, worst, period)
+        self.events = 0
+
+    def limited(self, wanted: Array) -> Array:
+        """Limited in size and rate."""
+        return self._limits(wanted)
+
+    def watch(self, row: Mapping[str, float]) -> None:
+        """Look whether the envelope is left."""
+        if row["time"] == 0.0:
+            self._envelope.begin()
+        reason = self._envelope.left(row["e_y"])
+        if not reason:
+            return
+        self.events += 1
+        self._cap.event()
+        self._log.write("envelope", reason=reason, s=row["s"], cap=self._cap.share)
+        self.world = self._units(self._cap.share)
+        self.act = self._good.act
+        self._envelope.begin(float("inf"))  # what the other policy does was not foretold
+
+
+def twin_of(found: Adapted, vehicle: Vehicle, units: World, cap: float) -> Callable[[Policy, Policy], None]:
+    """What refuses a policy that crashes in the twin, or follows the path worse than `WORSE` times the present one."""
+
+    def tried(new: Policy, present: Policy) -> None:
+        own = foretold(found.model, vehicle, new.act, units, cap)
+        if own.crashes:
+            raise NotSwapped(f"In the twin {own.crashes} of {TWIN_LANES} vehicles crash.")
+        other = foretold(found.model, vehicle, present.act, units, cap)
+        if not other.crashes and own.path_error > WORSE * other.path_error:
+            raise NotSwapped(
+                f"In the twin the path error is {own.path_error:.3f} m; with the present one {other.path_error:.3f} m."
+            )
+
+    return tried
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Recordings one after the other, a run each."""
+    first, times, ends, at = recordings[0], [], [0], 0.0
+    for own in recordings:
+        times.append(own.time - own.time[0] + at)
+        at = float(times[-1][-1]) + 1.0
+        ends.append(ends[-1] + len(own))
+    signals = {name: np.concatenate([own[name] for own in recordings]) for name in first.signals}
+    runs = tuple(zip(ends[:-1], ends[1:], strict=True))
+    return Recording("rows", np.concatenate(times), signals, runs=runs)
+
+
+def trace(drive: DrivenRows, points: int = 600) -> dict[str, list[float]]:
+    """Lateral error over the distance along the track, of the last episode, thinned out for a figure."""
+    own = drive.episodes[-1]
+    every = max(len(own.s) // points, 1)
+    return {"s": np.round(own.s[::every], 2).tolist(), "e_y": np.round(own.e_y[::every], 4).tolist()}
+
+
+def _s(seconds: float) -> str:
+    return f"{seconds:.2f} s" if np.isfinite(seconds) else "-"

@@ -1,0 +1,166 @@
+"""The policy in force, and how another one takes its place while it drives.
+
+Whoever drives asks one reference, which is replaced in one assignment: a call is answered by the old policy or by the
+new one, never by parts of both. What is to take its place is read, checked and tried by another thread before.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import BadInput
+from ..files import replacing
+from ..parameter import Array
+from ..racing.learner import Learned, load_learned
+from ..racing.policy import Policy, load_policy
+from ..racing.world import AHEAD, LARGEST, OWN, Observations
+from ..scratch import scratch_name
+from .protocol import digest_of
+
+PROBES = 1000
+LATENCY = 0.002
+"""s of the processor that 99 % of calls take at most: a tenth of a period of 20 ms."""
+WORSE = 1.1
+"""How many times the path error of the present policy that of another one may be in the twin."""
+SIZE = OWN + 2 * len(AHEAD)
+"""Numbers of an observation."""
+
+
+Twin = Callable[[Policy, Policy], None]
+
+
+class NotSwapped(BadInput):
+    """A policy that does not take the place of the one in force, and why."""
+
+
+@dataclass(frozen=True)
+class InForce:
+    """A policy that drives.
+
+    Attributes
+    ----------
+    policy : what acts.
+    sha : SHA-256 of its file.
+    """
+
+    policy: Policy
+    sha: str
+
+
+def _untried(new: Policy, present: Policy) -> None:
+    del new, present
+
+
+class Seat:
+    """Where the policy in force sits.
+
+    Parameters
+    ----------
+    body : bytes of the first policy's file.
+    folder : where the file of the one in force is kept, policy.json, so that a restart begins with it.
+    """
+
+    def __init__(self, body: bytes, folder: Path) -> None:
+        self._folder = folder
+        self._now = InForce(read_policy(body, folder), digest_of(body))
+        self._loader = ThreadPoolExecutor(1, "loader")
+
+    @property
+    def now(self) -> InForce:
+        """What drives."""
+        return self._now
+
+    def act(self, seen: Observations) -> Array:
+        """What the policy in force does."""
+        return self._now.policy.act(seen)
+
+    def offer(self, body: bytes, sha: str, twin: Twin = _untried) -> Future[InForce]:
+        """Let a policy be tried by the loader, and take over if nothing speaks against it.
+
+        Parameters
+        ----------
+        body, sha : bytes of its file, and the SHA-256 that was announced.
+        twin : raises `NotSwapped` where a policy drives worse in the twin than the one in force (new, present).
+
+        The future raises `BadInput` where something does: what was in force still is.
+        """
+        return self._loader.submit(self.swap, body, sha, twin)
+
+    def swap(self, body: bytes, sha: str, twin: Twin = _untried) -> InForce:
+        """As `offer`, here and now."""
+        if digest_of(body) != sha:
+            raise NotSwapped("The policy is not the one that was announced: its SHA-256 is another.")
+        policy = read_policy(body, self._folder)
+        probe(policy)
+        twin(policy, self._now.policy)
+        with replacing(self._folder / "policy.json", continued=True) as beside:
+            beside.write_bytes(body)
+        found = InForce(policy, sha)
+        self._now = found
+        return found
+
+    def back(self, to: InForce) -> None:
+        """Put back a policy that drove well."""
+        self._now = to
+
+    def close(self) -> None:
+        """Wait for the loader."""
+        self._loader.shutdown()
+
+
+def read_policy(body: bytes, folder: Path) -> Policy:
+    """A driver's policy from the bytes of its file. Raises `BadInput`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    beside = scratch_name(folder, ".json")
+    try:
+        beside.write_bytes(body)
+        policy = load_policy(beside)
+    except BadInput as error:
+        raise NotSwapped(str(error).replace(str(beside), "The policy")) from error
+    finally:
+        beside.unlink(missing_ok=True)
+    if policy.size != SIZE:
+        raise NotSwapped(f"The policy takes observations of {policy.size} numbers; a driver here has {SIZE}.")
+    return policy
+
+
+def read_learned(body: bytes, folder: Path) -> Learned:
+    """What learning can go on with, from the bytes of its file. Raises `BadInput`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    beside = scratch_name(folder, ".json")
+    try:
+        beside.write_bytes(body)
+        return load_learned(beside)
+    except BadInput as error:
+        raise BadInput(str(error).replace(str(beside), "The policy")) from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def probe(policy: Policy, latency: float = LATENCY) -> None:
+    """Ask a policy what it does about `PROBES` observations of all kinds, one at a time.
+
+    Raises
+    ------
+    NotSwapped : an answer is no number, is beyond -1 to 1, or takes too long.
+    """
+    generator = np.random.default_rng(0)
+    spread = np.where(np.arange(PROBES) % 10 == 0, LARGEST, 1.0)[:, None]  # some as far off as observations go
+    seen = np.clip(spread * generator.standard_normal((PROBES, SIZE)), -LARGEST, LARGEST).astype(np.float32)
+    took = np.zeros(PROBES)
+    for k in range(PROBES):
+        begun = time.thread_time()
+        with np.errstate(all="ignore"):
+            done = policy.act(seen[k : k + 1])
+        took[k] = time.thread_time() - begun
+        if done.shape != (1, 2) or not np.all(np.isfinite(done)) or np.any(np.abs(done) > 1.0):
+            raise NotSwapped("The policy answers an observation by what is no action from -1 to 1.")
+    late = float(np.quantile(took, 0.99))
+    if late > latency:
+        raise NotSwapped(f"The policy takes {1e3 * late:.1f} ms for an action; {1e3 * latency:g} ms are allowed.")

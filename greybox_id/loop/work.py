@@ -1,0 +1,83 @@
+"""A job of a server, done by a process of its own: rows become a policy."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from ..datasets.readers.child import limit
+from ..errors import BadInput
+from ..files import write_atomically
+from ..json_data import finite
+from .adapting import adapted, foretold, last_rows, stated_model, world_of
+from .buffer import ROWS
+from .store import Job, ServerStore
+from .swap import read_learned
+
+MEMORY = 6 << 30
+"""Bytes that a job may reserve."""
+LEARNING = 0.8
+"""Share of its budget after which learning ends with what was learned: the twin still has to be driven."""
+
+
+def main() -> None:
+    """Do the job of a store; folder and job are arguments. What is said goes to standard output, a line each."""
+    folder, own = sys.argv[1:]
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # libraries print where they like
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+    def tell(**said: Any) -> None:
+        answers.write(json.dumps(said) + "\n")
+        answers.flush()
+
+    try:
+        store = ServerStore(Path(folder))
+        done(store, store.job(own), lambda sentence: tell(said=sentence))
+    except BadInput as error:
+        tell(failed=str(error))
+    except MemoryError:
+        tell(failed=f"More than {MEMORY >> 30} GB of memory would be needed; send fewer rows.")
+    except Exception as error:  # whatever rows lead to fails this job alone
+        tell(failed=f"It failed with {type(error).__name__}: {error}"[:400])
+
+
+def done(store: ServerStore, job: Job, say: Any) -> None:
+    """Do a job: its folder then holds policy.json and result.json, which is written last."""
+    limit(job.seconds, MEMORY)
+    began = time.process_time()
+    vehicle = store.vehicle(job.session)
+    start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
+    units = world_of(stated_model(vehicle), vehicle, 1, job.cap)
+    found = adapted(
+        vehicle, last_rows(store.recordings(job.session, job.rows), ROWS), start, units, job.arm, steps=job.steps,
+        cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
+    )  # fmt: skip
+    say("driving in the twin")
+    before = foretold(found.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(found.model, vehicle, found.learned.policy.act, units, job.cap)
+    folder = store.job_folder(job.id)
+    write_atomically(folder / "policy.json", found.learned.text(), continued=True)
+    result = {
+        "detected": found.detected,
+        "named": [dict(own) for own in found.named],
+        "applied": dict(found.applied),
+        "path_error_before": before.path_error,
+        "path_error": after.path_error,
+        "path_error_worst": after.worst,
+        "crashes": after.crashes,
+        "seconds": time.process_time() - began,
+    }
+    write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)
+
+
+def _end_with_parent() -> None:
+    """End when nobody waits for the answer any more: the server holds the other end of standard input."""
+    while os.read(0, 1):
+        pass
+    os._exit(1)

@@ -1,0 +1,114 @@
+"""What of a vehicle differs from episode to episode, so that a driver learns more than one vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from ..errors import BadInput, near_or_all
+from ..models.registry import with_effects
+from ..motion_model import MotionModel
+
+HAND = {"grip_scale": (0.67, 1.24), "mass_change": (0.86, 1.12), "steering_delay": (0.0, 0.03)}
+"""Ranges as published for a 1:10 car: friction 0.7 to 1.3 of nominally 1.05, 3.2 to 4.2 kg of 3.74, delays of up to
+three periods of 10 ms."""
+NULLS = {"grip_scale": 1.0, "mass_change": 1.0, "steering_delay": 0.0}
+WEIGHT = "weight"
+"""Column of a posterior that says how much a draw counts."""
+ASIDE = ("chain", "log_posterior", "distance", "draw")
+"""Columns of a posterior that are no parameters."""
+
+Randomisation: TypeAlias = "str | Path | pd.DataFrame"
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What is drawn at the beginning of an episode.
+
+    Attributes
+    ----------
+    names : of the parameters that are drawn.
+    draw : (generator) -> name -> value.
+    effects : effects that the model needs for it, at their nulls.
+    delay : s, the longest delay of a command that is drawn.
+    """
+
+    names: tuple[str, ...]
+    draw: Callable[[np.random.Generator], Mapping[str, float]]
+    effects: Mapping[str, float]
+    delay: float = 0.0
+
+    def suited(self, model: MotionModel) -> MotionModel:
+        """The model with the effects that are drawn. Raises `BadInput` for a parameter it does not have."""
+        found = with_effects(model, self.effects)
+        assert isinstance(found, MotionModel)
+        unknown = [name for name in self.names if name not in found or found[name].shape != ()]
+        if unknown:
+            told = near_or_all(unknown[0], [own.name for own in found.parameters if own.shape == ()])
+            raise BadInput(f"Model {found.name} has no parameter {unknown[0]!r} that could be drawn.{told}")
+        return found
+
+
+def nothing_drawn() -> Draws:
+    """Every episode is driven with the same vehicle."""
+    return Draws((), lambda generator: {}, {})
+
+
+def by_hand() -> Draws:
+    """Friction, mass and delay of the steering, evenly from the ranges `HAND`."""
+
+    def draw(generator: np.random.Generator) -> dict[str, float]:
+        ends = zip(generator.random(len(HAND)), HAND.items(), strict=True)
+        return {name: low + share * (high - low) for share, (name, (low, high)) in ends}
+
+    return Draws(tuple(HAND), draw, NULLS, HAND["steering_delay"][1])
+
+
+def of_posterior(frame: pd.DataFrame, named: str) -> Draws:
+    """Rows of a table of draws, one column a parameter, as often as the column `weight` says.
+
+    Raises
+    ------
+    BadInput : it has no rows, no columns of parameters, or a number that is missing.
+    """
+    names = tuple(str(name) for name in frame.columns if name not in (WEIGHT, *ASIDE))
+    try:
+        table = frame[list(names)].to_numpy(dtype=float)
+        weights = frame[WEIGHT].to_numpy(dtype=float) if WEIGHT in frame else np.ones(len(frame))
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{named}: columns of a posterior hold numbers.") from error
+    if not table.size or not np.all(np.isfinite(table)) or not np.all(weights >= 0) or not np.sum(weights) > 0:
+        raise BadInput(f"{named}: draws of parameters are needed, finite numbers with weights that are not all zero.")
+    reached = np.cumsum(weights) / np.sum(weights)
+
+    def draw(generator: np.random.Generator) -> dict[str, float]:
+        row = table[min(int(np.searchsorted(reached, generator.random(), side="right")), len(table) - 1)]
+        return dict(zip(names, row.tolist(), strict=True))
+
+    late = [float(np.max(table[:, k])) for k, name in enumerate(names) if name.endswith("_delay")]
+    return Draws(names, draw, {}, max(late, default=0.0))
+
+
+def draws(asked: Randomisation) -> Draws:
+    """What is to be drawn: "none", "hand", or a table of draws, a frame or the Parquet file of one.
+
+    Raises
+    ------
+    BadInput : there is no such randomisation or file, or it holds no draws.
+    """
+    if isinstance(asked, pd.DataFrame):
+        return of_posterior(asked, "randomise")
+    if asked in ("none", "hand"):
+        return by_hand() if asked == "hand" else nothing_drawn()
+    if not str(asked).endswith(".parquet"):
+        known = near_or_all(str(asked), ("none", "hand"))
+        raise BadInput(f"There is no randomisation {asked!r}.{known} A posterior is a .parquet file.")
+    try:
+        return of_posterior(pd.read_parquet(asked), str(asked))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{asked} is no table of draws that can be read ({error}).") from error

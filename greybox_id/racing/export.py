@@ -1,0 +1,338 @@
+"""A policy written down for a controller elsewhere: C99, or an ONNX graph in single precision."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..errors import BadInput, near_or_all
+from ..export.c.build import cmake, commands
+from ..export.c.comparing import table
+from ..export.c.functions import INLINE
+from ..export.c.mathematics import definitions
+from ..export.c.naming import constant, numbers, vector
+from ..export.equations import Named
+from ..export.folder import write_folder
+from ..export.quoting import c_comment
+from ..export.subject import named_in_c
+from ..parameter import Array
+from .policy import Layer, Policy
+from .world import LARGEST, SEEN
+
+TARGETS = {
+    "c": "C99 of the policy, with a self-test and a CMake target",
+    "onnx": "an ONNX graph of the policy in single precision",
+}
+OPSET, IR_VERSION = 17, 8
+"""Of ONNX: what runtimes from 2022 on read."""
+POINTS, TOLERANCE = 100, 1e-6
+"""Observations of the self-test, and how far actions may be from Python's: rounding in single precision."""
+DONE = {"steering": "of the largest angle", "drive": "drive, or wanted speed, as the rules say it was learned with"}
+"""Actions, and what they are."""
+UNITS = {
+    "v_x": "speed", "v_y": "speed", "speed_": "speed", "yaw_rate": "yaw_rate", "e_y": "half_width",
+    "curvature_": "half_width", "last_steering": "steer",
+}  # fmt: skip
+"""How names of an observation begin -> which of a world's units they are over; curvature is times it."""
+IN = {"speed": "m/s", "yaw_rate": "rad/s", "half_width": "m", "steer": "rad"}
+
+
+@dataclass(frozen=True)
+class PolicySubject:
+    """A policy to export.
+
+    Attributes
+    ----------
+    policy : what is written.
+    name : what files and functions are called after.
+    source : its file's name, for people.
+    command : what reproduces the export.
+
+    Raises
+    ------
+    BadInput : the name can name no functions in C.
+    """
+
+    policy: Policy
+    name: str
+    source: str = ""
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        named_in_c(self.name)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Names of the numbers of an observation."""
+        return SEEN if self.policy.size == len(SEEN) else tuple(f"seen_{k}" for k in range(self.policy.size))
+
+    @property
+    def title(self) -> str:
+        """What it is, in a sentence."""
+        return f"{self.name}: a policy, {self.source or 'from Python'}, greybox-id {__version__}."
+
+    def described(self) -> dict[str, Any]:
+        """For a manifest."""
+        return {
+            "name": self.name,
+            "greybox_id": __version__,
+            "source": self.source,
+            "command": self.command,
+            "model": {"name": "policy", "inputs": list(self.seen), "outputs": list(DONE)},
+            "learned": dict(self.policy.about),
+        }
+
+
+def export_policy(subject: PolicySubject, target: str, folder: str | Path) -> list[Path]:
+    """Write a policy for a target into a folder, with a manifest.
+
+    Parameters
+    ----------
+    subject : the policy and its name.
+    target : "c" or "onnx".
+    folder : where to; an earlier export there is replaced, whole.
+
+    Returns
+    -------
+    The files written.
+
+    Raises
+    ------
+    BadInput : policies are not written for the target, the package onnx is missing, or the folder holds other files.
+    """
+    if target not in TARGETS:
+        raise BadInput(f"A policy is not written for {target!r}.{near_or_all(target, TARGETS)}")
+    files = {"c": _c, "onnx": _onnx}[target](subject)
+    return write_folder(Path(folder), files, {"target": target} | subject.described())
+
+
+def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
+    try:
+        import onnx
+        from onnx import TensorProto, helper, numpy_helper
+    except ImportError as error:
+        raise BadInput("The target onnx needs the package onnx; pip install 'greybox-id[onnx]'.") from error
+    policy, nodes, now = subject.policy, [], "seen"
+    held = {"low": np.array(-1.0, dtype=np.float32), "high": np.array(1.0, dtype=np.float32)}
+    for k, (W, b) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        held |= {f"weights_{k}": W, f"biases_{k}": b}
+        nodes.append(helper.make_node("Gemm", [now, f"weights_{k}", f"biases_{k}"], [f"sum_{k}"]))
+        now = f"sum_{k}"
+        if k + 1 < len(policy.weights):
+            nodes.append(helper.make_node("Tanh", [now], [f"layer_{k}"]))
+            now = f"layer_{k}"
+    nodes.append(helper.make_node("Clip", [now, "low", "high"], ["action"]))
+    inputs, outputs = (
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])]
+        for name, size in (("seen", policy.size), ("action", len(DONE)))
+    )
+    graph = helper.make_graph(
+        nodes, subject.name, inputs, outputs, [numpy_helper.from_array(own, name) for name, own in held.items()]
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+    about = {"source": subject.source, "seen": json.dumps(subject.seen), "action": json.dumps(list(DONE))}
+    helper.set_model_props(made, about | {"units": json.dumps(subject.policy.about.get("units", {}))})
+    onnx.checker.check_model(made, full_check=True)
+    return {f"{subject.name}.onnx": made.SerializeToString()}
+
+
+def _c(subject: PolicySubject) -> Mapping[str, bytes]:
+    texts = {
+        f"{subject.name}.h": _header(subject),
+        f"{subject.name}.c": _source(subject),
+        f"{subject.name}_test.c": _self_test(subject),
+        "main.c": _example(subject),
+        "CMakeLists.txt": cmake(subject.name),
+        "README.md": _read_me(subject),
+    }
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def _header(subject: PolicySubject) -> str:
+    name = subject.name
+    held = subject.policy.about.get("units", {})
+    seen = vector(name, "SEEN", "observation", [Named(own, "1", _over(own, held)) for own in subject.seen])
+    done = vector(name, "ACTION", "action, -1 to 1", [Named(own, "1", DONE[own]) for own in DONE])
+    guard = constant(name, "H")
+    return f"""\
+/* {c_comment(subject.title)}
+   Nothing is kept between calls, nothing allocated, nothing called but the mathematical library. */
+#ifndef {guard}
+#define {guard}
+
+{seen}
+{done}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* What the policy does who sees that: seen {constant(name, "NSEEN")}, action {constant(name, "NACTION")}, clamped. */
+void {name}_act(const double *seen, double *action);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _over(name: str, units: Mapping[str, float]) -> str:
+    """What a number of an observation is over, for people."""
+    unit = next((own for begins, own in UNITS.items() if name.startswith(begins)), None)
+    if unit is None or unit not in units:
+        return "as it is" if unit is None else "over what it was learned with"
+    return f"{'times' if name.startswith('curvature') else 'over'} {units[unit]:.9g} {IN[unit]}"
+
+
+def _source(subject: PolicySubject) -> str:
+    policy, name = subject.policy, subject.name
+    layers = list(zip(policy.weights, policy.biases, strict=True))
+    sizes = [policy.size, *(len(b) for b in policy.biases)]
+    tables = "\n".join(_tables(k, W, b) for k, (W, b) in enumerate(layers))
+    functions = "\n".join(_layer(k, *shape, k + 1 == len(layers)) for k, shape in enumerate(pairwise(sizes)))
+    between = "".join(f"    double h{k}[{size}];\n" for k, size in enumerate(sizes[1:-1]))
+    places = ["seen", *(f"h{k}" for k in range(len(layers) - 1)), "action"]
+    calls = "".join(f"    layer_{k}({a}, {b});\n" for k, (a, b) in enumerate(pairwise(places)))
+    return f"""\
+/* {c_comment(subject.title)} */
+
+#include "{name}.h"
+
+#include <math.h>
+
+{INLINE}
+{definitions({"own_tanh"})}
+{tables}
+{functions}
+void {name}_act(const double *seen, double *action)
+{{
+{between}{calls}}}
+"""
+
+
+def _tables(k: int, W: Layer, b: Layer) -> str:
+    """Weights, input by input, and biases; as they are in single precision."""
+    return (
+        f"static const float weights_{k}[{W.shape[0]}][{W.shape[1]}] = {{\n"
+        + ",\n".join(f"    {{\n{_singles(row)}\n    }}" for row in W)
+        + f"\n}};\nstatic const float biases_{k}[{len(b)}] = {{\n{_singles(b)}\n}};\n"
+    )
+
+
+def _singles(row: Layer) -> str:
+    return numbers(float(str(value)) for value in row).replace(",", "f,") + "f"
+
+
+def _layer(k: int, given: int, results: int, last: bool) -> str:
+    bounded = "z[j] < -1.0 ? -1.0 : z[j] > 1.0 ? 1.0 : z[j]" if last else "own_tanh(z[j])"
+    return f"""\
+static void layer_{k}(const double *restrict x, double *restrict y)
+{{
+    double z[{results}];
+    int i, j;
+    for (j = 0; j < {results}; j++) {{
+        z[j] = biases_{k}[j];
+    }}
+    for (i = 0; i < {given}; i++) {{
+        const double given = x[i];
+        for (j = 0; j < {results}; j++) {{
+            z[j] += given * weights_{k}[i][j];
+        }}
+    }}
+    for (j = 0; j < {results}; j++) {{
+        y[j] = {bounded};
+    }}
+}}
+"""
+
+
+def observations(count: int, size: int, seed: int = 0) -> Layer:
+    """(count, size) numbers as observations have them, some of them as large as they may be."""
+    generator = np.random.default_rng(seed)
+    spread = generator.choice([0.3, 1.0, 10.0], (count, 1))
+    drawn: Array = np.clip(spread * generator.normal(size=(count, size)), -LARGEST, LARGEST)
+    return drawn.astype(np.float32)
+
+
+def _self_test(subject: PolicySubject) -> str:
+    seen = observations(POINTS, subject.policy.size)
+    done = subject.policy.act(seen)
+    return f"""\
+/* {c_comment(subject.title)}
+   Compares actions with what Python computed in single precision. */
+
+#include "{subject.name}.h"
+
+#include <math.h>
+#include <stdio.h>
+
+{table("given_seen", seen.astype(float))}
+{table("expected", done.astype(float))}
+int main(void)
+{{
+    double worst = 0.0, action[{len(DONE)}];
+    int i, k;
+    for (k = 0; k < {POINTS}; k++) {{
+        {subject.name}_act(given_seen[k], action);
+        for (i = 0; i < {len(DONE)}; i++) {{
+            const double off = fabs(action[i] - expected[k][i]);
+            if (worst == worst && !(off <= worst)) {{ /* what is no number stays the worst */
+                worst = off;
+            }}
+        }}
+    }}
+    printf("{subject.name}: {POINTS} observations, largest difference %.1e\\n", worst);
+    return worst <= {TOLERANCE} ? 0 : 1;
+}}
+"""
+
+
+def _example(subject: PolicySubject) -> str:
+    return f"""\
+/* {c_comment(subject.title)}
+   What is done on a straight at half the top speed, and how long a call takes. */
+
+#include "{subject.name}.h"
+
+#include <stdio.h>
+#include <time.h>
+
+int main(void)
+{{
+    double seen[{subject.policy.size}] = {{0.5}}, action[{len(DONE)}], sum = 0.0;
+    const int calls = 200000;
+    clock_t begun;
+    int k;
+    {subject.name}_act(seen, action);
+    printf("steering %.6f, drive %.6f\\n", action[0], action[1]);
+    begun = clock();
+    for (k = 0; k < calls; k++) {{
+        seen[0] = 1e-6 * k;
+        {subject.name}_act(seen, action);
+        sum += action[0];
+    }}
+    printf("%.2f microseconds a call (sum %.3f)\\n", 1e6 * (double)(clock() - begun) / CLOCKS_PER_SEC / calls, sum);
+    return 0;
+}}
+"""
+
+
+def _read_me(subject: PolicySubject) -> str:
+    name = subject.name
+    return f"""\
+# {name}
+
+{subject.title}
+
+{commands(name)}
+`{name}_act(seen, action)`: `{name}.h` says what stands where and over which units; `manifest.json` adds what it was
+learned on. Nothing is allocated and nothing is kept between calls.
+"""

@@ -1,0 +1,107 @@
+"""Networks of layers of tanh in single precision, with their gradients written out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+FIRST, SECOND, SMALL = 0.9, 0.999, 1e-5
+"""How long Adam remembers gradients and their squares, and what keeps its division finite (Kingma and Ba, 2015; the
+last as reinforcement learning has it)."""
+
+
+class Perceptron:
+    """Layers of tanh, the last one linear; all numbers lie in one vector.
+
+    Parameters
+    ----------
+    weights : of the layers, (in, out) each.
+    biases : of the layers, (out,) each.
+
+    Attributes
+    ----------
+    vector : (n,) weights and biases.
+    weights, biases : views of it.
+    """
+
+    def __init__(self, weights: Sequence[Floats], biases: Sequence[Floats]) -> None:
+        pieces = [own for layer in zip(weights, biases, strict=True) for own in layer]
+        self.vector: Floats = np.concatenate([np.ravel(own) for own in pieces]).astype(np.float32)
+        self._shapes = [own.shape for own in pieces]
+        self.weights, self.biases = self._viewed(self.vector)
+        self._gradient = np.zeros_like(self.vector)
+        self._by_weights, self._by_biases = self._viewed(self._gradient)
+
+    def forward(self, x: Floats) -> list[Floats]:
+        """What the layers give for (N, in): x, then (N, out) of each."""
+        layers = [x]
+        for W, b in zip(self.weights, self.biases, strict=True):
+            z = layers[-1] @ W
+            z += b
+            layers.append(z if b is self.biases[-1] else np.tanh(z, out=z))
+        return layers
+
+    def backward(self, layers: Sequence[Floats], by_last: Floats) -> Floats:
+        """(n,) the gradient by the vector, of one by the last layer's results, (N, out); valid until the next call."""
+        along = by_last
+        for k in reversed(range(len(self.weights))):
+            np.matmul(layers[k].T, along, out=self._by_weights[k])
+            np.sum(along, axis=0, out=self._by_biases[k])
+            if k:
+                along = along @ self.weights[k].T
+                along *= 1.0 - layers[k] * layers[k]
+        return self._gradient
+
+    def _viewed(self, vector: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+        ends = np.cumsum([int(np.prod(own)) for own in self._shapes])
+        pieces = [own.reshape(shape) for own, shape in zip(np.split(vector, ends[:-1]), self._shapes, strict=True)]
+        return tuple(pieces[0::2]), tuple(pieces[1::2])
+
+
+def drawn(sizes: Sequence[int], last: float, generator: np.random.Generator) -> Perceptron:
+    """A network of orthogonal weights and no biases.
+
+    Parameters
+    ----------
+    sizes : numbers taken, of each layer, given.
+    last : gain of the last layer; that of the others is sqrt(2), as customary for PPO.
+    generator : what the weights are drawn from.
+    """
+    weights = []
+    for k, shape in enumerate(pairwise(sizes)):
+        found, triangle = np.linalg.qr(generator.normal(size=(max(shape), min(shape))))
+        found = found * np.sign(np.diag(triangle))
+        gain = last if k == len(sizes) - 2 else np.sqrt(2.0)
+        weights.append((gain * (found if shape[0] >= shape[1] else found.T)).astype(np.float32))
+    return Perceptron(weights, [np.zeros(n, dtype=np.float32) for n in sizes[1:]])
+
+
+class Adam:
+    """Steps down gradients, each number's own length apart (Kingma and Ba, 2015).
+
+    Parameters
+    ----------
+    vector : (n,) what is changed, in place.
+    largest : length to which longer gradients are cut.
+    """
+
+    def __init__(self, vector: Floats, largest: float) -> None:
+        self._vector, self._largest = vector, largest
+        self._mean, self._square, self._steps = np.zeros_like(vector), np.zeros_like(vector), 0
+
+    def step(self, gradient: Floats, rate: float) -> None:
+        """A step against a gradient, (n,)."""
+        length = float(np.sqrt(gradient @ gradient))
+        if length > self._largest:
+            gradient = gradient * np.float32(self._largest / length)
+        self._steps += 1
+        self._mean += np.float32(1 - FIRST) * (gradient - self._mean)
+        self._square += np.float32(1 - SECOND) * (gradient * gradient - self._square)
+        longest = np.sqrt(self._square / np.float32(1 - SECOND**self._steps))
+        longest += np.float32(SMALL)
+        self._vector -= np.float32(rate / (1 - FIRST**self._steps)) * self._mean / longest

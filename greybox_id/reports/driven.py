@@ -1,0 +1,155 @@
+"""The recordings of a fit of equations of motion: what the model predicts of them, and what holding a reading would."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.runs import MotionRun, recorded_outputs
+from ..engine.motion.simulator import Simulator
+from ..fit import Fit
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..provenance import DataRecord
+from ..recording import Recording
+from ..scores.baseline import hold
+from ..scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, prediction_errors
+from .recordings import Seen, matched, of_role
+
+SHOWN = ("alpha_f", "alpha_r")
+"""Quantities whose values along the drive are shown."""
+
+MOVING = 0.25
+"""Samples count as moving when they are faster than this share of the top speed."""
+
+Errors = Mapping[str, Mapping[str, Error]]
+"""Protocol -> output -> error."""
+
+
+@dataclass(frozen=True)
+class Driven(Seen):
+    """A recording that a fit saw, with predictions over every horizon and in free run.
+
+    Attributes
+    ----------
+    held : protocol -> the same rows predicted by holding the reading they are predicted from.
+    quantities : name -> values along the drive, as the model has them a little after each reading.
+    """
+
+    held: Mapping[str, Prediction]
+    quantities: Mapping[str, Array]
+
+
+def motion_model(fit: Fit) -> MotionModel:
+    """The model of a fit of this kind."""
+    assert isinstance(fit.model, MotionModel)
+    return fit.model
+
+
+def driven(fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS) -> tuple[Driven, ...]:
+    """The recordings of a fit, in its order, with predictions.
+
+    Parameters
+    ----------
+    fit, recordings : the fit and what it saw.
+    horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
+
+    Raises
+    ------
+    BadInput : one that the fit saw is missing, or is another file.
+    """
+    model = motion_model(fit)
+    shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
+    simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
+    return tuple(
+        _driven(record, recording, model, simulator, horizons)
+        for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
+    )
+
+
+def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
+    """Role -> protocol -> output -> the error of holding the reading that a prediction starts from."""
+    found: dict[str, Errors] = {}
+    for role in dict.fromkeys(one.role for one in recordings):
+        own = of_role(recordings, role)
+        outputs = tuple(name for name in own[0].outputs if all(name in one.outputs for one in own))
+        protocols = dict.fromkeys(protocol for one in own for protocol in one.held)
+        found[role] = {
+            protocol: prediction_errors(outputs, _joined(own, protocol, outputs), own[0].recording.sample_time)
+            for protocol in protocols
+        }
+    return found
+
+
+def typical_speed(recordings: Sequence[Driven]) -> float:
+    """The speed that half of the recorded samples are below, of those that move; 1 m/s where none was recorded."""
+    speeds = [one.recording["v_x"] for one in recordings if "v_x" in one.recording]
+    known = np.concatenate([np.empty(0), *speeds])
+    moving = known[np.isfinite(known) & (known > MOVING * np.nanmax(known, initial=0.0))]
+    return float(np.median(moving)) if len(moving) else 1.0
+
+
+def _driven(
+    record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator, horizons: Sequence[float]
+) -> Driven:
+    predictor = Predictor(simulator, recording, model.values)
+    found = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
+    every: dict[str, tuple[Predictions, float | None]] = {n: p for n, p in found.items() if len(p[0].rows)}
+    every[FREE_RUN] = (predictor.free_run(), None)
+    rows = {ahead(h): (_rows_of(*next(iter(found.values())), h, predictor.runs), h) for h in HORIZONS}
+    kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
+    outputs = recorded_outputs(model, recording)
+    columns = [model.outputs.index(name) for name in outputs]
+    soon, _ = next(iter(every.values()))
+    return Driven(
+        role=record.role,
+        recording=recording,
+        outputs=outputs,
+        predicted={name: _of(own, columns) for name, (own, _) in every.items()},
+        held={name: _of(hold(own, predictor.runs, horizon), columns) for name, (own, horizon) in kept.items()},
+        quantities={
+            name: values[np.isfinite(values)]
+            for name, values in zip(simulator.trace.model.outputs, soon.predicted.T, strict=True)
+            if name in SHOWN
+        },
+    )
+
+
+def _rows_of(found: Predictions, near: float, horizon: float, runs: Sequence[MotionRun]) -> Predictions:
+    """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
+    rows, number, measured = [], [], []
+    for k, run in enumerate(runs):
+        first, later = (max(1, round(own / run.sample_time)) for own in (near, horizon))
+        own = found.rows[found.run == k] - run.rows.start - first + later
+        own = own[own < len(run)]
+        rows.append(run.rows.start + own)
+        number.append(np.full(len(own), k))
+        measured.append(run.measured[own])
+    read = np.vstack(measured)
+    return Predictions(np.concatenate(rows), np.concatenate(number), np.full(read.shape, np.nan), read)
+
+
+def _of(found: Predictions, columns: Sequence[int]) -> Prediction:
+    """Some outputs of predictions, in the order of the recording's rows."""
+    order = np.argsort(found.rows, kind="stable")
+    return Prediction(
+        rows=np.asarray(found.rows[order]),
+        predicted=np.where(np.isinf(found.predicted[order]), np.nan, found.predicted[order])[:, columns],
+        measured=found.measured[order][:, columns],
+        run=np.asarray(found.run[order]),
+    )
+
+
+def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:
+    """What holding predicts of several recordings, one after the other."""
+    parts = [(one, one.held[protocol]) for one in recordings if protocol in one.held]
+    places = [[one.outputs.index(name) for name in outputs] for one, _ in parts]
+    return Prediction(
+        rows=np.concatenate([part.rows for _, part in parts]),
+        predicted=np.vstack([part.predicted[:, k] for (_, part), k in zip(parts, places, strict=True)]),
+        measured=np.vstack([part.measured[:, k] for (_, part), k in zip(parts, places, strict=True)]),
+        run=np.concatenate([part.run for _, part in parts]),
+    )

@@ -1,0 +1,348 @@
+"""Axes of a report's figure: a matplotlib figure as wide as the page, laid out by its letters, written as SVG.
+
+Letters of the SVG are text, set in the type of the page it stands on; matplotlib measures them in one that is as wide.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import textwrap
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from functools import cached_property
+from html import escape, unescape
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context, rcParamsDefault
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.transforms import Bbox, ScaledTranslation, blended_transform_factory
+
+from ...guard import MARK
+from ...parameter import Array
+from ..numbers import number, raised
+from ..words import is_symbol_index, named
+from .style import BLUE, FAINT, INK, LIGHT, PALE, SIZE, SMALL
+
+WIDE = 497.0
+"""Width of a figure, points: the text width of the report, so that letters keep their size."""
+GUTTER, EDGE = 9.0, 5.0
+"""Room between axes and at the edges, points."""
+SPACING = {"x": 38.0, "y": 21.0}
+"""Points between ticks at least."""
+FEW = 200.0
+"""A logarithmic axis of a smaller ratio of its ends has ticks between the powers of ten."""
+SHADES = 12
+"""Shades of a map: cells of one shade are one path."""
+FAMILY = "'Libertinus Serif','STIX Two Text','Times New Roman',Times,serif"
+LOWERED, INDEX = 0.22, 0.72
+"""How far below the line an index stands, and how large it is, of the letters' size."""
+STYLE: dict[str, Any] = {
+    **{name: value for name, value in rcParamsDefault.items() if not name.startswith(("backend", "interactive"))},
+    "axes.axisbelow": True, "axes.edgecolor": PALE, "axes.grid": True, "axes.labelcolor": INK, "axes.labelpad": 2.0,
+    "axes.labelsize": SIZE, "axes.linewidth": 0.6, "axes.spines.right": False, "axes.spines.top": False,
+    "axes.titlecolor": INK, "axes.xmargin": 0.04, "axes.ymargin": 0.04,
+    "axes.formatter.limits": (-4, 5), "axes.formatter.useoffset": False,
+    "font.family": ["STIXGeneral", "DejaVu Sans"], "font.size": SMALL, "grid.color": FAINT, "grid.linewidth": 0.5,
+    "legend.borderaxespad": 0.3, "legend.borderpad": 0.0, "legend.columnspacing": 1.9, "legend.fontsize": SIZE,
+    "legend.frameon": False, "legend.handlelength": 2.1, "legend.handletextpad": 0.6, "legend.labelcolor": INK,
+    "legend.labelspacing": 0.2, "svg.fonttype": "none",
+    "svg.hashsalt": MARK, "text.color": INK, "text.parse_math": False,
+    **{f"{axis}tick.{name}": value for axis in "xy" for name, value in (
+        ("color", PALE), ("labelcolor", INK), ("labelsize", SMALL), ("major.pad", 2.0), ("major.size", 2.5),
+        ("major.width", 0.6), ("minor.size", 0.0),
+    )},
+}  # fmt: skip
+"""Over matplotlib's own defaults, whatever a user has set: the same figure everywhere."""
+_NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+_TEXT = re.compile(r'<text style="font-size: ([\d.]+)px;(.*?)"(.*?)>(.*?)</text>', re.DOTALL)
+
+
+def _style() -> AbstractContextManager[None]:
+    return rc_context(STYLE)  # type: ignore[arg-type]
+
+
+class Sheet(Figure):
+    """Axes in rows and columns.
+
+    Parameters
+    ----------
+    heights : of each row's axes, points, without their letters.
+    columns : how many.
+    widths : of the columns, relative to one another; all alike unless given.
+    joined : axes below one another share their x axis, which is written once.
+
+    Attributes
+    ----------
+    grid : (rows, columns) of Axes; those that are removed leave their place empty.
+    """
+
+    def __init__(
+        self, heights: Sequence[float], columns: int = 1, *, widths: Sequence[float] | None = None, joined: bool = False
+    ) -> None:
+        self.heights, self.shares, self.joined = tuple(heights), tuple(widths or (1.0,) * columns), joined
+        with _style():
+            super().__init__(figsize=(WIDE / 72, sum(heights) / 72 + 1.0), dpi=72)
+            FigureCanvasAgg(self)  # measures
+            self.grid = self.subplots(len(heights), columns, squeeze=False, sharex="col" if joined else False)
+            for (row, column), ax in np.ndenumerate(self.grid):
+                wide = 0.85 * WIDE * self.shares[column] / sum(self.shares)
+                for axis, length in ((ax.xaxis, wide), (ax.yaxis, heights[row])):
+                    most = min(max(math.ceil(length / SPACING[axis.axis_name]), 2), 7)
+                    axis.set_major_locator(MaxNLocator(most, steps=(1, 2, 2.5, 5, 10)))
+
+    def first(self) -> Axes:
+        """The axes at the upper left."""
+        own: Axes = self.grid[0, 0]
+        return own
+
+    def lay_out(self) -> None:
+        """Place the axes so that their letters have room, and set the height that all need."""
+        kept = self.grid.copy()
+        for place, ax in np.ndenumerate(self.grid):
+            kept[place] = ax if ax in self.axes else None
+        rows, columns = kept.shape
+        wide = 0.85 * WIDE * np.array(self.shares) / sum(self.shares)
+        self._place(kept, np.cumsum(wide) - wide, wide, np.cumsum(self.heights) - self.heights, sum(self.heights))
+        margins = np.zeros((rows, columns, 4))
+        for place, ax in np.ndenumerate(kept):
+            margins[place] = self._margins(ax) if ax is not None else 0.0
+        left, right = margins[:, :, 0].max(axis=0), margins[:, :, 1].max(axis=0)
+        above, below = margins[:, :, 2].max(axis=1), margins[:, :, 3].max(axis=1)
+        free = WIDE - left.sum() - right.sum() - GUTTER * (columns - 1)
+        wide = free * np.array(self.shares) / sum(self.shares)
+        x = np.cumsum(left + wide + right + GUTTER) - wide - right - GUTTER
+        y = self._legend() + np.cumsum(above + self.heights + below) - self.heights - below
+        self._place(kept, x, wide, y, float(y[-1] + self.heights[-1] + below[-1]))
+
+    def svg(self, alt: str = "", *, colours: bool = True) -> str:
+        """The figure as one SVG element; without colours their names stand for them, as CSS variables of the page."""
+        body = self._body
+        if not colours:
+            for name, own in LIGHT.items():
+                body = body.replace(own, f"var(--{name})")
+        width, height = (72 * own for own in self.get_size_inches())
+        title = f"<title>{escape(alt)}</title>" if alt else ""
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" class="{MARK}" viewBox="0 0 {width:g} {height:.1f}" '
+            f'width="{width:g}pt" height="{height:.1f}pt" font-family="{FAMILY}" stroke-linejoin="round" role="img">'
+            f"{title}{body}</svg>"
+        )
+
+    @cached_property
+    def _body(self) -> str:
+        """What is inside the SVG element."""
+        drawn = io.StringIO()
+        with _style():
+            self.lay_out()
+            self.savefig(drawn, format="svg", transparent=True, metadata=_NO_METADATA)
+        inside = drawn.getvalue().partition("</style>\n </defs>")[2].rpartition("</svg>")[0]
+        inside = re.sub(r'<g id=".*?">', "<g>", inside).replace("xlink:href", "href")
+        parts = re.split("(<text.*?</text>)", re.sub(r"\n\s*", "\n", inside), flags=re.DOTALL)
+        parts[::2] = [re.sub(r"(\.\d\d)\d+", r"\1", part) for part in parts[::2]]  # hundredths of a point
+        parts[1::2] = [_TEXT.sub(_text, part) for part in parts[1::2]]
+        return "".join(parts)
+
+    def _place(self, axes: Any, x: Array, wide: Array, y: Array, height: float) -> None:
+        self.set_size_inches(WIDE / 72, height / 72)
+        for (row, column), ax in np.ndenumerate(axes):
+            if ax is not None:
+                bottom = 1.0 - (y[row] + self.heights[row]) / height
+                ax.set_position((x[column] / WIDE, bottom, wide[column] / WIDE, self.heights[row] / height))
+                ax.apply_aspect()
+
+    def _margins(self, ax: Axes) -> tuple[float, float, float, float]:
+        """Points that letters take left, right, above and below of axes."""
+        renderer = self.canvas.get_renderer()  # type: ignore[attr-defined]
+        boxes = [ax.bbox]
+        if ax.axison:
+            for axis in (ax.xaxis, ax.yaxis):
+                if axis.get_scale() == "log":
+                    _label_powers(axis)
+            _fit_letters(ax)
+            found = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis)]
+            found += [ax.title.get_window_extent(renderer)] if ax.get_title() else []
+            boxes += [box for box in (*found, *(own.get_tightbbox(renderer) for own in ax.child_axes)) if box]
+        around, own, last = Bbox.union(boxes), ax.bbox, not self.joined or ax in self.grid[-1]
+        left, right, above, below = own.x0 - around.x0, around.x1 - own.x1, around.y1 - own.y1, own.y0 - around.y0
+        return left + 1.0, max(right, EDGE), max(above, EDGE), below + (3.0 if last else 1.0)
+
+    def _legend(self) -> float:
+        """Draw it above all axes, in as many lines as it takes; its height."""
+        for old in self.legends:
+            old.remove()
+        known: dict[str, Any] = {}
+        for ax in self.axes:
+            for handle, words in zip(*ax.get_legend_handles_labels(), strict=True):
+                known.setdefault(words, handle)
+        for columns in range(len(known), 0, -1):
+            legend = self.legend(
+                list(known.values()), list(known), ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 1.0)
+            )
+            box = legend.get_window_extent(self.canvas.get_renderer())  # type: ignore[attr-defined]
+            if box.width < WIDE or columns == 1:
+                return float(box.height) + EDGE + 2.0
+            legend.remove()
+        return 0.0
+
+
+def sheet_of(count: int, columns: int, height: float) -> tuple[Sheet, list[Axes]]:
+    """A sheet with so many axes in so many columns, row by row."""
+    columns = min(columns, max(1, count))
+    sheet = Sheet((height,) * (-(-count // columns)), columns)
+    axes = list(sheet.grid.flat)
+    for ax in axes[count:]:
+        ax.remove()
+    return sheet, axes[:count]
+
+
+def notice(ax: Axes, words: str) -> None:
+    """Words in the middle of axes that are empty, and say why."""
+    ax.axis("off")
+    width = ax.get_position().width * WIDE
+    lines = "\n".join(textwrap.wrap(words, max(8, int(1.8 * width / SMALL))))
+    ax.text(0.5, 0.5, lines, transform=ax.transAxes, ha="center", va="center", size=SMALL, color=INK)
+
+
+def notice_sheet(words: str) -> Sheet:
+    """A figure that is empty, and says why."""
+    sheet = Sheet((40.0,))
+    notice(sheet.first(), words)
+    return sheet
+
+
+def band(ax: Axes, x: Array, low: Array, high: Array, colour: str = BLUE, label: str | None = None,
+         opacity: float = 0.25) -> None:  # fmt: skip
+    """Shade what lies between two curves."""
+    ax.fill_between(x, low, high, color=colour, alpha=opacity, linewidth=0.0, label=label)
+
+
+def cells(
+    ax: Axes, x: Array, y: Array, share: Array, colour: str = INK, below: str = BLUE, *,
+    opacity: tuple[float, float] = (0.06, 0.6), gap: float = 0.0, label: str | None = None,
+) -> None:  # fmt: skip
+    """Draw a map: cells shaded by their share of a largest value, those of one shade as one path.
+
+    Parameters
+    ----------
+    ax : axes.
+    x, y : (cells + 1,) edges.
+    share : (x cells, y cells), 0 to 1, negative in the colour `below`; NaN leaves a cell out.
+    opacity : of the lightest and the darkest.
+    gap : left between cells, of a cell.
+    label : in the legend.
+    """
+    known, negative = np.isfinite(share), share < 0
+    level = np.round(SHADES * np.clip(np.abs(np.where(known, share, 0.0)), 0.0, 1.0))
+    for own, is_negative in sorted(set(zip(level[known].tolist(), negative[known].tolist(), strict=True))):
+        i, j = np.nonzero(known & (level == own) & (negative == is_negative))
+        (left, right), (low, high) = ((e[k] + gap / 2 * np.diff(e)[k], e[k + 1] - gap / 2 * np.diff(e)[k])
+                                      for e, k in ((x, i), (y, j)))  # fmt: skip
+        around = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
+        codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(i)
+        path = Path(np.moveaxis(around, 2, 0).reshape(-1, 2), codes)
+        shade = opacity[0] + (opacity[1] - opacity[0]) * own / SHADES
+        ax.add_patch(
+            PathPatch(path, facecolor=below if is_negative else colour, alpha=shade, linewidth=0.0, label=label)
+        )
+        label = None
+    ax.update_datalim(np.stack([x[[0, -1]], y[[0, -1]]], axis=-1))
+    ax.autoscale_view()
+
+
+def shades(
+    ax: Axes, ticks: Sequence[tuple[float, str]], label: str, colour: str = INK, below: str | None = None, *,
+    opacity: tuple[float, float] = (0.06, 0.6),
+) -> Axes:  # fmt: skip
+    """Draw the scale of a map beside it: from light to dark, or from one colour over nothing to the other.
+
+    Parameters
+    ----------
+    ax : of the map.
+    ticks : (share of the scale's length, words).
+    label, colour, below, opacity : as of `cells`.
+    """
+    figure = ax.get_figure()
+    assert figure is not None
+    beside = figure.dpi_scale_trans + ScaledTranslation(1.0, 0.0, ax.transAxes)  # type: ignore[arg-type]
+    with _style():
+        scale = ax.inset_axes((9 / 72, 0, 7 / 72, 1), transform=blended_transform_factory(beside, ax.transAxes))
+    edges = np.linspace(0.0, 1.0, 2 * SHADES + 1)
+    middle = (edges[:-1] + edges[1:]) / 2
+    cells(scale, np.array([0.0, 1.0]), edges, (2 * middle - 1 if below else middle)[None], colour, below or BLUE,
+          opacity=opacity)  # fmt: skip
+    scale.set(xlim=(0, 1), ylim=(0, 1), ylabel=label)
+    scale.set_yticks([at for at, _ in ticks], [words for _, words in ticks])
+    scale.grid(visible=False)
+    scale.yaxis.tick_right()
+    scale.yaxis.set_label_position("right")
+    scale.xaxis.set_visible(False)
+    scale.tick_params(length=0.0)
+    scale.spines[:].set_visible(False)
+    return scale
+
+
+def _label_powers(axis: Axis) -> None:
+    """Ticks of a logarithmic axis: powers of ten, and round values between where these are few."""
+    low, high = sorted(axis.get_view_interval())
+    few = bool(high < FEW * low)
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _power_words(value, few)))
+    axis.set_minor_locator(NullLocator())
+
+
+def _power_words(value: float, few: bool) -> str:
+    power = round(np.log10(value))
+    if 0.1 <= value < 1e3 or (few and 1e-3 <= value < 1e4):
+        return f"{value:g}"
+    return raised(f"10^{power}") if np.isclose(value, 10.0**power, rtol=1e-9) else number(value, 1)
+
+
+def _fit_letters(ax: Axes) -> None:
+    """Hide words of ticks below axes that would meet others; labels beside axes are no longer than these."""
+    ax.title.set_fontsize(SIZE)
+    renderer = ax.get_figure().canvas.get_renderer()  # type: ignore[union-attr]
+    low, high = sorted(ax.get_xlim())
+    below = [words for words in ax.get_xticklabels() if words.get_text() and low <= words.get_position()[0] <= high]
+    boxes = [(words.get_window_extent(renderer), words) for words in below if not words.get_rotation()]
+    end = -np.inf
+    for box, words in sorted(boxes, key=lambda own: own[0].x0):
+        words.set_visible(box.x0 > end + 1.5)
+        end = box.x1 if words.get_visible() else end
+    for own in (ax, *ax.child_axes):
+        long = own.yaxis.label.get_window_extent(renderer).height
+        own.yaxis.label.set_fontsize(round(SIZE * min(1.0, (ax.bbox.height + 2 * GUTTER) / max(long, 1.0)), 1))
+
+
+def _text(found: re.Match[str]) -> str:
+    """A text without the type that measured it, with symbols and indices."""
+    size, style, place, words = found.groups()
+    style = re.sub(r" font-family: [^;]*;?", "", style)
+    place = re.sub(r' transform="rotate\(-0 .*?\)"', "", place)
+    return f'<text style="font-size: {size}px;{style}"{place}>{_spans(unescape(words), float(size))}</text>'
+
+
+def _spans(words: str, size: float) -> str:
+    down, back, parts = f"{LOWERED * size:.2f}", "", []
+    for span in named(words):
+        shift = f' dy="{back}"' if back else ""
+        if not span.symbol:
+            parts.append(f"<tspan{shift}>{escape(span.words)}</tspan>" if shift else escape(span.words))
+            back = ""
+            continue
+        parts.append(f'<tspan font-style="italic"{shift}>{escape(span.words)}</tspan>')
+        for k, index in enumerate(span.index):
+            first = f' dy="{down}"' if k == 0 else ""
+            slanted = ' font-style="italic"' if is_symbol_index(index) else ""
+            comma = "," if k else ""
+            parts.append(f'<tspan font-size="{INDEX * size:.2f}"{first}{slanted}>{comma}{escape(index)}</tspan>')
+        back = f"-{down}" if span.index else ""
+    return "".join(parts)

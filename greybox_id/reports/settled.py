@@ -1,0 +1,115 @@
+"""Equations of motion at rest with themselves: quantities in a steady state, and the steady states themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import casadi as cs
+import numpy as np
+
+from ..engine.motion.trace import MotionTrace
+from ..motion_model import MotionModel
+from ..parameter import Array, Parameter
+
+ROUNDS, SETTLED = 30, 1e-9
+"""Newton steps to a steady state, at most, and the rates in it, per state's scale and second."""
+LONGEST_STEP = 1.0
+"""How far a Newton step goes at most, in scales of the states."""
+
+
+def without_memory(model: MotionModel, outputs: Sequence[str]) -> MotionModel:
+    """The same model without delays, lags and sensors, which reads the quantities named."""
+    return replace(
+        model, outputs=tuple(outputs), delays=(), actuators=(), relaxations=(), sensors=(), latencies=()
+    )  # fmt: skip
+
+
+class OverSlip:
+    """Lateral force over vertical load of one axle, as a function of its slip angle, with all effects on it.
+
+    The vehicle drives straight on at constant speed; the slip angles are given, of both axles the same.
+
+    Parameters
+    ----------
+    model : it must have the quantities alpha_f, alpha_r and F_y, F_z of the axle.
+    suffix : of the axle, "f" or "r".
+    v_x : speed, m/s.
+    """
+
+    def __init__(self, model: MotionModel, suffix: str, v_x: float) -> None:
+        names = (f"F_y{suffix}", f"F_z{suffix}")
+        bare = without_memory(model, names).with_parameters(Parameter(_SLIP, "rad", 0.0))
+        slipping = bare.altered(**{name: lambda _, q: getattr(q.p, _SLIP) for name in ("alpha_f", "alpha_r")})
+        trace = MotionTrace(slipping)
+        slip, p = cs.SX.sym("slip"), cs.SX.sym("p", model.size)
+        x = [v_x if name == "v_x" else 0.0 for name in trace.names]
+        y = trace.output(cs.vertcat(*x), _segment(trace, {"v_x": v_x}), cs.vertcat(p, slip))
+        self._share = cs.Function("share", [slip, p], [y[0] / y[1]])
+
+    def __call__(self, slip: Array, p: Array) -> Array:
+        """(n,) F_y / F_z at slip angles (n,) [rad] and parameters (parameters,)."""
+        return np.asarray(self._share(slip.reshape(1, -1), p).full()).ravel()
+
+
+def steady_turns(model: MotionModel, steer: Array, v_x: float) -> Array | None:
+    """Yaw rates of steady turns at a speed, (n,) rad/s; NaN from where on none is found.
+
+    Parameters
+    ----------
+    model : with steer among its inputs and v_x among its inputs or states; as a state, the drive keeps it.
+    steer : (n,) road-wheel angles [rad], from small to large: each turn starts where the one before ended.
+    v_x : speed, m/s.
+
+    Returns
+    -------
+    None where the equations have no such state: too few unknowns, or too many.
+    """
+    trace = MotionTrace(without_memory(model, ("yaw_rate",)))
+    unknown = [state.name for state in model.states if state.name != "v_x"]
+    unknown += ["drive"] if "v_x" in trace.names else []
+    if len(unknown) != len(trace.names) or ("drive" in unknown and "drive" not in model.inputs):
+        return None
+    w, delta = cs.SX.sym("w", len(unknown)), cs.SX.sym("delta")
+    known = dict(zip(unknown, cs.vertsplit(w), strict=True)) | {"v_x": v_x, "steer": delta}
+    x = cs.vertcat(*[known[name] for name in trace.names])
+    rates = trace.rates(x, _segment(trace, known), model.values)
+    newton = cs.Function("newton", [w, delta], [rates, cs.jacobian(rates, w)])
+    scales = {state.name: state.scale for state in model.states}
+    scale = np.array([scales.get(name, 1.0) for name in unknown])
+    per_second = np.array([state.scale for state in model.states])
+    found, at = np.full(len(steer), np.nan), np.zeros(len(unknown))
+    for k, angle in enumerate(steer):
+        settled = _settle(newton, at, float(angle), scale, per_second)
+        if settled is None:
+            break
+        at = settled
+        found[k] = at[unknown.index("yaw_rate")]
+    return found
+
+
+def _settle(newton: cs.Function, at: Array, steer: float, scale: Array, per_second: Array) -> Array | None:
+    for _ in range(ROUNDS):
+        rates, J = (np.asarray(value.full()) for value in newton(at, steer))
+        off = rates.ravel() / per_second
+        if not (np.all(np.isfinite(off)) and np.all(np.isfinite(J))):
+            return None
+        if np.max(np.abs(off)) < SETTLED:
+            return at
+        try:
+            step = np.linalg.solve(J, -rates.ravel())
+        except np.linalg.LinAlgError:
+            return None
+        at = at + step * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step / scale))), 1e-300))
+    return None
+
+
+def _segment(trace: MotionTrace, known: Mapping[str, object]) -> cs.SX:
+    """A segment of no length, over which inputs stay what is known of them, or at their defaults."""
+    model = trace.model
+    held = [known.get(name, model.defaults.get(name, 0.0)) for name in model.inputs]
+    rest = [0.0] * (trace.segment_size - 1 - len(held))
+    return cs.vertcat(0.0, *held, *rest)
+
+
+_SLIP = "slip_of_both_axles"

@@ -1,0 +1,45 @@
+"""What an adaptation says: what was chosen, and how it does beside the fit as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rich.console import RenderableType
+
+from ...adaptation.outcome import Adaptation
+from ...motion_model import MotionModel
+from ...signals import unit_of
+from ..numbers import number, pretty_unit, with_sd
+from .screen import led, plain_table
+
+MOST_MOVED = 8
+"""Parameters that are named."""
+
+
+def parts(found: Adaptation) -> Iterator[RenderableType]:
+    """An adaptation, part by part."""
+    for output, words in found.choices.items():
+        yield led("chosen", f"{output}: {words}")
+    for run, delays in found.delays.items():
+        said = ", ".join(f"{output} {1e3 * own:+.0f} ms" for output, own in delays.items())
+        yield led("timing", f"run {run}: {said} against the inputs, compared with the fit's training data")
+    if found.moved:
+        names = [f"{name} ({count})" if count > 1 else name for name, count in list(found.moved.items())[:MOST_MOVED]]
+        yield led("moved", f"beyond two of their standard deviations: {', '.join(names)}")
+    yield ""
+    if not found.zero_shot.rest:
+        yield led("rest", f"nothing is left behind the {found.seconds:g} s that were adapted to: no test")
+        for output, own in found.in_sample.items():
+            unit = pretty_unit(unit_of(output))
+            yield led("", f"{output}, on these seconds themselves: RMSE {number(own['rmse'])} {unit}")
+        return
+    ahead = ", 0.5 s ahead" if isinstance(found.fit.model, MotionModel) else ""
+    table = plain_table(f"what follows{ahead}", "unit", "as it was", "chosen", "expected, 95 %")
+    for output, error in found.chosen.rest.items():
+        before, (low, high) = found.zero_shot.rest[output], found.chosen.interval[output]
+        table.add_row(
+            output, pretty_unit(unit_of(output)), with_sd(before.rmse, before.rmse_sd),
+            with_sd(error.rmse, error.rmse_sd),
+            f"[{number(low)}, {number(high)}]",
+        )  # fmt: skip
+    yield table

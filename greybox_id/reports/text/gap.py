@@ -1,0 +1,157 @@
+"""A diagnosis as text: doubts on the data, whether, where, which, how far, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from ...gap import Budget, Closure, Errors, Gap
+from ..gap.quantities import magnitude_words
+from ..gap.words import as_it_stands, how_far, judged, left, levels, told_apart, where, whether, whole_percent
+from ..numbers import listed, number, pretty_unit, rmse
+from .screen import WIDTH, led
+
+LEAST, MOST = 0.02, 6
+"""Effects less probable than this are not printed unless they are applied; at most so many are."""
+MOST_WORDS = 4
+"""Effects that did not show, or would not, that are named."""
+NARROW = 110
+"""Narrower terminals are shown two horizons."""
+BAR = 20
+"""Characters of a bar that is all of the excess."""
+NEAR = 0.5
+"""Horizon, s, shown beside the free run where there is little room."""
+
+
+def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
+    """What a diagnosis says, part by part, on a screen of so many columns."""
+    for doubt in gap.doubts:
+        yield led("Doubt", doubt)
+    yield whether(gap)
+    place = where(gap)
+    if place:
+        yield led("Where", place)
+    which = _which(gap, width)
+    if which is not None:
+        yield led("Which", which)
+    for line in _silent(gap):
+        yield led("", line)
+    if gap.budget is not None:
+        yield led("Budget", _budget(gap.budget))
+    yield led("How far", _how_far(gap, width))
+    yield led("Left", left(gap))
+    for sentence in gap.advice:
+        yield led("Next", sentence)
+
+
+def _which(gap: Gap, width: int) -> Group | None:
+    """The ranked effects with magnitude, probability, and what they cannot be told from."""
+    likely = [
+        (k, own) for k, own in enumerate(gap.ranking, 1) if own.probability >= LEAST or own.effect in gap.applied
+    ][:MOST]
+    if not likely or not (gap.gap_detected or gap.applied):
+        return None
+    wide = width >= NARROW
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for _ in range(4 + wide):
+        table.add_column(overflow="fold")
+    heads = ("", "effect", "magnitude ± sd or [95 %]", "probability", "")
+    table.add_row(*heads[: 4 + wide], style="dim")
+    notes: list[RenderableType] = [table]
+    for k, own in likely:
+        said = "applied" if own.effect in gap.applied else own.reason and f"not applied: {own.reason}"
+        note = "; ".join(filter(None, (said, told_apart(gap, own))))
+        cells = (str(k), own.effect, magnitude_words(own), probability(own.probability))
+        table.add_row(*cells, *([note] if wide else []))
+        if note and not wide:
+            notes.append(f"{k}  {note}")
+    rest = len(gap.ranking) - len(likely)
+    if rest:
+        notes.append(f"and {rest} less likely")
+    return Group(*notes)
+
+
+def _budget(found: Budget) -> Group:
+    """Shares of the excess error as bars, the unnamed rest last."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for _ in range(3):
+        table.add_column()
+    place = f"on {listed([*found.recordings])}, {'held out' if found.held_out else 'which chose the effects'}"
+    for own in (*found.shares, found.unnamed):
+        bar = "█" * round(BAR * min(max(own.share, 0.0), 1.0))
+        interval = f"[{whole_percent(own.low)}, {whole_percent(own.high)}]"
+        table.add_row(own.effect, f"{whole_percent(own.share)} % {interval}", bar)
+    return Group(f"share of the excess error {place}", table)
+
+
+def probability(value: float) -> str:
+    """A probability in two digits, or that it is nearly none or all."""
+    return "> 0.99" if value > 0.99 else "< 0.01" if value < 0.01 else f"{value:.2f}"
+
+
+def _silent(gap: Gap) -> list[str]:
+    """What would not show on these recordings, and what would be taken up by something else."""
+    lines = []
+    if gap.not_excited:
+        named = [f"{name} up to {_printed(size)}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
+        lines.append(f"below the detection limit here: {_and_more(named, len(gap.not_excited))}")
+    if gap.absorbed:
+        named = list(gap.absorbed[:MOST_WORDS])
+        lines.append(f"absorbed by tolerances or free parameters: {_and_more(named, len(gap.absorbed))}")
+    return lines
+
+
+def _printed(size: str) -> str:
+    """A size with its unit as people write it."""
+    value, _, unit = size.partition(" ")
+    return f"{value} {pretty_unit(unit)}" if value.startswith("±") and unit else size
+
+
+def _and_more(named: Sequence[str], count: int) -> str:
+    more = count - len(named)
+    return ", ".join(named) + (f" and {more} more" if more > 0 else "")
+
+
+def _how_far(gap: Gap, width: int) -> Group:
+    closure, held_out = judged(gap)
+    said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
+    if warning := as_it_stands(closure):
+        said.append(warning)
+    if not held_out and gap.applied:
+        said.append("what it is worth on other recordings is not known: hold some out")
+    if gap.moved:
+        named = [
+            f"{own.name} {number(own.stated, 3)} ± {number(own.sd, 2)} → {number(own.value, 3)} {pretty_unit(own.unit)}"
+            for own in gap.moved[:MOST_WORDS]
+        ]
+        said.append(f"parameters further than one sd from where they are stated: {_and_more(named, len(gap.moved))}")
+    if closure.errors:
+        said.append(_errors(closure, width))
+    return Group(*said)
+
+
+def _errors(closure: Closure, width: int) -> Table:
+    """RMSE before → after (floor) for each channel, over the horizons."""
+    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: float("inf") if h is None else h)
+    if width < NARROW and len(horizons) > 2:
+        timed = [h for h in horizons if h is not None]
+        near = min(timed, key=lambda h: abs(h - NEAR))
+        horizons = [near, horizons[-1]]
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False)
+    table.add_column("RMSE before → after (floor)", header_style="dim")
+    for horizon in horizons:
+        table.add_column("free run" if horizon is None else f"{horizon:g} s", header_style="dim", no_wrap=True)
+    by = {(own.channel, own.horizon): own for own in closure.errors}
+    for channel in dict.fromkeys(own.channel for own in closure.errors):
+        unit = next(own.unit for own in closure.errors if own.channel == channel)
+        cells = [_error(by.get((channel, horizon))) for horizon in horizons]
+        table.add_row(f"{channel} [{pretty_unit(unit)}]", *cells)
+    return table
+
+
+def _error(own: Errors | None) -> str:
+    if own is None:
+        return "–"
+    return f"{rmse(own.before)} → {rmse(own.after)} ({number(own.floor, 2)})"

@@ -1,0 +1,73 @@
+"""Lines and tables on a screen or as plain text; nothing in names of files, columns or units orders a terminal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from io import StringIO
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.table import Table
+
+WIDTH = 160
+"""Columns of tables that go to a file or a pipe."""
+
+
+ORDERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that move a cursor, change colours or turn the direction of letters; ends of lines and tabs are none."""
+
+
+def clean(text: str) -> str:
+    """A text as it may be shown: an escape character is shown as its picture, other orders as a question mark."""
+    return ORDERS.sub(lambda found: "␛" if found[0] == "\x1b" else "\ufffd", text)
+
+
+class Screen(Console):
+    """Output for people; names and sentences may hold brackets, so there is no markup."""
+
+    def __init__(
+        self,
+        *,
+        errors: bool = False,
+        soft_wrap: bool = False,
+        file: StringIO | None = None,
+        width: int | None = None,
+    ) -> None:
+        super().__init__(stderr=errors, highlight=False, markup=False, soft_wrap=soft_wrap, file=file, width=width)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Segments without orders but rich's own."""
+        for own in super().render(renderable, options):
+            yield own if own.control else Segment(clean(own.text), own.style)
+
+
+def as_text(parts: Iterable[RenderableType], width: int = WIDTH) -> str:
+    """What a screen of so many columns shows, without blanks at the ends of lines."""
+    screen = Screen(file=StringIO(), width=width)
+    for part in parts:
+        screen.print(part)
+    assert isinstance(screen.file, StringIO)
+    return "\n".join(line.rstrip() for line in screen.file.getvalue().rstrip().splitlines())
+
+
+def plain_table(*titles: str) -> Table:
+    """A table without lines."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title in titles:
+        table.add_column(title, header_style="dim")
+    return table
+
+
+def led(lead: str, words: RenderableType) -> Table:
+    """A line of an answer: its lead, and words that wrap beside it."""
+    table = Table.grid(padding=(0, 1, 0, 0))
+    table.add_column(width=8, no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row(lead, words)
+    return table
+
+
+def plain(value: float) -> str:
+    """A stated number, as it was stated."""
+    return f"{value:.6g}".replace("inf", "∞").replace("-", "−")

@@ -1,0 +1,116 @@
+"""What series of numbers tell: spectra, correlations, how long these last, and intervals by drawing blocks of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from .parameter import Array
+
+MIDDLE_HALF = 1.4826
+"""A normal distribution's standard deviation over the median of its size."""
+
+
+def robust_sd(values: Array) -> float:
+    """Standard deviation of normal numbers about zero, by the median of their sizes: outliers hardly count."""
+    return MIDDLE_HALF * float(np.median(np.abs(values)))
+
+
+def white_noise_sd(parts: Sequence[Array], *, held: bool = False) -> float:
+    """Standard deviation of the white noise of readings, by how far they are from the line between their neighbours.
+
+    Parameters
+    ----------
+    parts : unbroken series, (n,) each, NaN where nothing was read.
+    held : whether readings stay where they are between updates: rows on such lines then do not count.
+
+    Returns
+    -------
+    NaN where no row has both neighbours.
+    """
+    bends = np.concatenate([np.diff(own, 2) for own in parts]) if len(parts) else np.empty(0)
+    bends = bends[np.isfinite(bends) & (bends != 0 if held else True)]
+    return robust_sd(bends) / np.sqrt(6.0) if len(bends) else np.nan
+
+
+def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
+    """Welch's power spectral density: Hamming windows of `length` samples overlapping by half, each without its mean.
+
+    Parameters
+    ----------
+    values : (n,), n at least `length`.
+    rate : samples per second.
+
+    Returns
+    -------
+    Frequencies, Hz, and the one-sided density, per Hz.
+    """
+    frequency, density = signal.welch(values, rate, "hamming", length, length // 2, detrend="constant")
+    return np.asarray(frequency), np.asarray(density)
+
+
+def correlation(parts: Sequence[tuple[Array, Array]], most: int) -> Array:
+    """Correlations of two signals over several unbroken stretches at lags 0 to `most` samples of the first.
+
+    Parameters
+    ----------
+    parts : pairs of equally long stretches (a, b); means are those of all stretches together.
+
+    Returns
+    -------
+    (most + 1,) correlations of a(t + lag) with b(t); NaN where a signal does not vary.
+    """
+    means = [float(np.mean(np.concatenate([part[k] for part in parts]))) for k in (0, 1)]
+    sums, powers = np.zeros(most + 1), np.zeros(2)
+    for a, b in ((a - means[0], b - means[1]) for a, b in parts):
+        size = 1 << (len(a) + most).bit_length()
+        products = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+        reach = min(most + 1, len(a))
+        sums[:reach] += products[:reach]
+        powers += [float(a @ a), float(b @ b)]
+    scale = float(np.sqrt(powers[0] * powers[1]))
+    return sums / scale if scale > 0 else np.full(most + 1, np.nan)
+
+
+def correlation_time(residuals: Array) -> float:
+    """Integrated autocorrelation time of residuals, rows: 1 + 2 sum of autocorrelations, the longest of all outputs.
+
+    Residuals average over so many rows as if they were one. The sum ends at five times itself (Sokal, Monte Carlo
+    methods in statistical mechanics, 1997). About zero, not about their mean: a lasting offset is correlation too.
+
+    Parameters
+    ----------
+    residuals : (rows, outputs), zero where there was no reading.
+    """
+    rows = len(residuals)
+    share = np.count_nonzero(residuals, axis=0) / max(1, rows)
+    residuals, share = residuals[:, share > 0.0], share[share > 0.0]
+    if residuals.size == 0:
+        return 1.0
+    power = np.abs(np.fft.rfft(residuals, 2 * rows, axis=0)) ** 2
+    products = np.fft.irfft(power, 2 * rows, axis=0)[:rows]
+    times = 2.0 * np.cumsum(products / products[0], axis=0) - 1.0
+    enough = np.arange(rows)[:, None] * share >= 5.0 * times
+    last = np.where(np.any(enough, axis=0), np.argmax(enough, axis=0), rows - 1)
+    return max(1.0, float(np.max(times[last, np.arange(len(share))] / share)))
+
+
+def resampled(sums: Array, of: Callable[[Array], Any], draws: int) -> Array:
+    """The ends of a 95 % interval by drawing blocks with replacement (Kunsch, Annals of Statistics 17, 1989).
+
+    Parameters
+    ----------
+    sums : (blocks, columns) sums over the rows of each block.
+    of : sums of a draw, (columns,) -> what the interval is of.
+    draws : how many; the same every time.
+
+    Returns
+    -------
+    (2, ...) low and high.
+    """
+    rng = np.random.default_rng(0)
+    drawn = [of(np.sum(sums[rng.integers(len(sums), size=len(sums))], axis=0)) for _ in range(draws)]
+    return np.asarray(np.quantile(drawn, (0.025, 0.975), axis=0))

@@ -1,0 +1,151 @@
+"""Units of files, converted to SI at the door.
+
+Only plain products of named units are understood (`m/s^2`, `deg/s`, `kg m^2`): anything longer is more often a
+slip of the pen than a unit.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from .errors import BadInput
+from .signals import SIGNALS
+
+if TYPE_CHECKING:
+    import pint
+
+_FACTOR = r"(?:[^\W\d]\w{0,40}|[°%]|1)(?:\s*(?:\^|\*\*)\s*-?\d)?"
+_EXPRESSION = re.compile(rf"\s*{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR}){{0,6}}\s*")
+_SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "·": "*"})
+
+_COHERENT = frozenset(signal.unit for signal in SIGNALS.values()) - {"deg"}
+"""Units of signals that are SI units without a factor."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """SI value = factor * value + offset.
+
+    Attributes
+    ----------
+    unit : the SI unit arrived at, in pint's spelling.
+    factor, offset : of the conversion; offset is zero but for temperatures.
+    """
+
+    unit: str
+    factor: float
+    offset: float = 0.0
+
+
+@functools.cache
+def _registry() -> pint.UnitRegistry[Any]:
+    # Loaded and made on first use: that takes longer than reading most files.
+    import pint
+
+    return pint.UnitRegistry(cache_folder=None)
+
+
+@functools.cache
+def _not_a_unit() -> tuple[type[Exception], ...]:
+    import pint
+
+    return (
+        pint.PintError,  # undefined units, dimensions that do not match, offset units in products
+        ValueError,
+        TypeError,
+        AttributeError,  # pint attributes such as names that begin with an underscore
+        KeyError,
+        ArithmeticError,  # prefixes to the ninth power
+    )
+
+
+@functools.cache
+def to_si(unit: str, target: str | None = None) -> Conversion:
+    """How values in `unit` become values in SI.
+
+    Parameters
+    ----------
+    unit : as written in a column map, for example "deg/s"; "g" means standard gravity where `target` is an
+        acceleration.
+    target : the SI unit wanted; None takes the SI unit of the same kind.
+
+    Raises
+    ------
+    BadInput
+        The unit is unknown, or of another kind than `target`. Angles count: "Hz" is not "rad/s".
+    """
+    if not _EXPRESSION.fullmatch(unit):
+        raise BadInput(f'unit "{unit}" cannot be understood; write it like "m/s^2", "deg/s" or "rad"')
+    spelled = unit.translate(_SUPERSCRIPTS).strip()
+    if spelled == "g" and target == "m/s^2":
+        spelled = "g_0"  # to pint a plain g is a gram
+    if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that
+        return Conversion(spelled, 1.0)
+    base = _base(spelled, unit)
+    if target is None:
+        factor, offset = _affine(spelled, base, unit)
+        coherent = math.isclose(factor, 1.0, rel_tol=1e-12) and offset == 0.0
+        return Conversion(spelled, 1.0) if coherent else Conversion(_plain(base), factor, offset)
+    if base != _base(target, target):
+        raise BadInput(f'unit "{unit}" does not measure what is wanted here; the SI unit is {target}')
+    return Conversion(target, *_affine(spelled, target, unit))
+
+
+BASE = {
+    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
+    "radian": "rad",
+}  # fmt: skip
+"""SI base units and the radian: pint's names and their signs."""
+_PRODUCT = re.compile(r"[A-Za-z0-9 /*^().·²³-]{1,40}")
+_SIGNS = frozenset(("kg", "m", "s", "A", "K", "rad", "N", "J", "W", "V", "Pa", "Hz", "deg"))
+
+
+@functools.cache
+def si_exponents(unit: str) -> dict[str, int | float] | None:
+    """A unit as powers of base units: "kg", "m", "s", "A", "K", "mol", "cd", "rad" -> exponent, and "factor" unless 1.
+
+    None for what is no such product, such as "N/unit".
+    """
+    known = all(word in _SIGNS for word in re.findall(r"[A-Za-z]+", unit))
+    if not known or not _PRODUCT.fullmatch(unit) or re.search(r"\d\d", unit):
+        return None
+    try:
+        base = _registry().Quantity(1, _registry().parse_units(unit.translate(_SUPERSCRIPTS))).to_base_units()
+        powers = {BASE[name]: float(str(power)) for name, power in base.unit_items()}
+        found: dict[str, int | float] = {name: int(power) for name, power in powers.items()}
+        factor = float(base.magnitude)
+    except _not_a_unit():
+        return None
+    if powers != found:
+        return None
+    return found | ({} if math.isclose(factor, 1.0, rel_tol=1e-12) else {"factor": factor})
+
+
+def _base(spelled: str, written: str) -> str:
+    registry = _registry()
+    try:
+        return str(registry.Quantity(1, registry.parse_units(spelled)).to_base_units().units)
+    except _not_a_unit() as error:
+        raise BadInput(f'unit "{written}" is not known; write it like "m/s^2", "deg/s" or "rad"') from error
+
+
+def _affine(spelled: str, target: str, written: str) -> tuple[float, float]:
+    quantity = _registry().Quantity
+    try:
+        at = [float(quantity(value, spelled).to(target).magnitude) for value in (0.0, 1.0, 2.0)]
+    except _not_a_unit() as error:
+        raise BadInput(f'unit "{written}" cannot be converted to {target}') from error
+    factor = at[1] - at[0]
+    if not math.isclose(at[2] - at[1], factor, rel_tol=1e-9):  # decibels and their like
+        raise BadInput(f'unit "{written}" is not proportional to {target}; convert the column first')
+    return factor, at[0]
+
+
+def _plain(base: str) -> str:
+    short = {"radian": "rad", "meter": "m", "second": "s", "kilogram": "kg", "ampere": "A", "kelvin": "K"}
+    words = re.sub("|".join(short), lambda match: short[match.group()], base)
+    return words.replace(" ** ", "^").replace(" / ", "/").replace(" * ", " ").replace("dimensionless", "1")

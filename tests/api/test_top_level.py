@@ -1,0 +1,87 @@
+"""What `import greybox_id as gb` offers: named, documented, with examples that run."""
+
+import ast
+import doctest
+import inspect
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import matplotlib as mpl
+import pytest
+
+import greybox_id as gb
+
+NAMES = tuple(gb.__all__)
+STUB = Path(gb.__file__).with_suffix(".pyi")
+
+
+@pytest.fixture(autouse=True)
+def _without_a_screen():
+    mpl.use("Agg")
+
+
+def test_the_top_level_is_a_table_of_contents():
+    assert 30 <= len(NAMES) <= 46
+    assert set(NAMES) < set(dir(gb))
+
+
+def test_editors_see_what_is_loaded_on_demand():
+    found = {}
+    for node in ast.parse(STUB.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom):
+            for name in node.names:
+                found[name.asname or name.name] = (node.module, name.name)
+        elif isinstance(node, ast.Assign):
+            found[node.targets[0].id] = found.pop(node.value.id)
+    assert set(found) == set(gb._PLACES)
+    for name, place in gb._PLACES.items():
+        module, _, inside = place.partition(":")
+        assert found[name] == ((module, inside) if inside else tuple(module.rsplit(".", 1)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_documented_with_an_example_that_runs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing = getattr(gb, name)
+    module = thing if isinstance(thing, ModuleType) else import_module(thing.__module__)
+    tests = [own for own in doctest.DocTestFinder().find(thing, name, module=module, globs={}) if own.examples]
+    assert name in [own.name for own in tests]
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    for own in tests:
+        runner.run(own)
+    assert runner.failures == 0
+
+
+@pytest.mark.parametrize("name", [own for own in NAMES if inspect.isfunction(getattr(gb, own))])
+def test_every_argument_of_a_verb_is_documented(name):
+    verb = getattr(gb, name)
+    text = inspect.getdoc(verb)
+    sections = text.partition("Parameters\n")[2].partition("\n\n")[0]
+    for argument in inspect.signature(verb).parameters:
+        assert argument in sections, f"{name}: {argument}"
+    if inspect.signature(verb).parameters:
+        assert "Raises\n------" in text or name == "alteration"
+
+
+def test_importing_it_loads_no_library():
+    code = "import sys, greybox_id; print(sorted({'casadi', 'numpy', 'pandas', 'scipy', 'click'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():
+    code = (
+        "import greybox_id as gb; import greybox_id.fit, greybox_id.export.verb, greybox_id.models.registry;"
+        "from greybox_id.fit import Fit; from greybox_id.export import subject;"
+        "assert callable(gb.fit) and callable(gb.export) and callable(gb.models.single_track);"
+        "assert issubclass(gb.Fit, Fit)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_name_that_is_not_there_is_said_with_the_nearest():
+    with pytest.raises(AttributeError, match="Did you mean diagnose"):
+        gb.diagnos  # noqa: B018

@@ -1,0 +1,41 @@
+"""Parameter files of ROS 2 nodes: all parameters exactly, typed, with intervals where they are known."""
+
+import numpy as np
+import pytest
+import yaml
+
+from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.errors import BadInput
+from greybox_id.export.ros_parameters import number_text
+from greybox_id.export.subject import Subject
+from greybox_id.export.target_ros2 import files, origins
+from greybox_id.fit import Fit
+from greybox_id.models.registry import build
+
+
+def test_parameters_and_intervals_come_back_exactly():
+    own = vehicle("full_size_car")
+    model = build("single_track", {}, {"steering_delay": 0.037, "steering_rate_limit": float("inf")}, own)
+    sd = {p.name: 0.05 * np.abs(p.array) for p in model.parameters if not p.fixed and np.isfinite(p.array)}
+    fit = Fit(model=model, sd=sd, stages=(), metrics={}, data=(), mode="given", seed=0)
+    meant = Subject(model, "car", None, fit, source="a test", vehicle=own)
+    (text,) = files(meant).values()
+    found = yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert found["parameters"] == {p.name: float(p.array) for p in model.parameters}
+    assert found["intervals"]["I_z"] == [float(end) for end in fit.interval("I_z")]
+    assert (found["model"], found["frame_id"], found["steer_max"]) == ("single_track", "base_link", 0.5)
+    assert "REP-103" in text.decode()
+    assert {own.key.partition(".")[2] for own in origins(meant) if own.key.startswith("parameters.")} == set(
+        found["parameters"]
+    )
+
+
+@pytest.mark.parametrize("value", [1e-9, 1e22, 5e-324, -1.5, 0.0, 1e16, float("inf"), -float("inf")])
+def test_numbers_are_read_as_numbers(value):
+    assert yaml.safe_load(number_text(value)) == value
+    assert isinstance(yaml.safe_load(number_text(value)), float)
+
+
+def test_maps_with_memory_are_refused():
+    with pytest.raises(BadInput, match="no model of motion"):
+        files(Subject(build("msnn_lat"), "net", None))

@@ -1,0 +1,69 @@
+"""Fits that used to end badly, from standstill at a low rate, and what is tried where one does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driven import driven
+from verdicts import racing
+
+from greybox_id.datasets.read import read
+from greybox_id.datasets.shipped import shipped
+from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.fitting import How, fit
+from greybox_id.fitting import motion as motion_fits
+from greybox_id.models.registry import build
+from greybox_id.solvers.gauss_newton import Status
+
+
+@pytest.mark.slow
+def test_a_race_from_standstill_at_25_hz_has_its_optimum():
+    case = racing(1)
+    assert np.mean(np.abs(case.train["v_x"]) < 0.3) > 0.03, "it stands for a while"
+    found = fit(build("lateral", None, {}, case.vehicle), [case.train], validate=case.held_out)
+    assert found.confirmed
+    assert found.verdict.usability != "not usable"
+    assert float(found.model["I_z"].array) == pytest.approx(1000.0, rel=0.1)
+    told = found.verdict.comparison["validate"]["1 s ahead"]["yaw_rate"]
+    assert told["fit_percent"] > 80
+
+
+def quick():
+    found = build("lateral", {"tyre": "linear"}, {}, vehicle("full_size_car"))
+    return found.with_parameters(replace(found["m"], fixed=True, prior=None))
+
+
+def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
+    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+    true, calls = motion_fits.gauss_newton, []
+
+    def stuck(problem, x, **options):
+        calls.append(x)
+        solution = true(problem, x, **options)
+        if len(calls) > 8:  # the first attempt has ended by then
+            return solution
+        return replace(true(problem, x, **{**options, "max_steps": 0}), status=Status.STALLED, x=x)
+
+    monkeypatch.setattr(motion_fits, "gauss_newton", stuck)
+    how = How(horizon=1.0, start_from="measured", solver="gauss-newton")
+    said = []
+    found = fit(quick(), [driven("lateral", runs=1)], how=how, say=lambda line, passing=False: said.append(line))
+    assert any("no step was taken; trying start 1 of other starts" in line for line in said)
+    assert found.stages[0].fallbacks[0].startswith("start 1 of other starts: ")
+    assert found.stages[0].fallbacks[-1].endswith("% lower")
+    assert found.stages[0].converged
+
+
+def test_a_fit_that_ends_well_tries_nothing_else(monkeypatch):
+    monkeypatch.setenv("GREYBOX_COMPILE", "0")
+    found = fit(quick(), [driven("lateral", runs=1)], how=How(horizon=1.0, start_from="measured"))
+    assert found.stages[0].fallbacks == ()
+    assert found.how["unfitted"]["I_z"] == float(quick()["I_z"].array)
+
+
+@pytest.mark.slow
+def test_a_race_that_begins_at_rest_is_confirmed_without_fallbacks():
+    lap, other = (read(shipped(name), "roboracer") for name in ("racer_train", "racer_valid"))
+    found = fit(build("lateral", None, {}, vehicle("roboracer")), [lap], validate=other)
+    assert found.confirmed
+    assert found.stages[0].fallbacks == ()

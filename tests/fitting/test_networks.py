@@ -1,0 +1,95 @@
+"""Training feed-forward networks: down to the noise, from a known vehicle where there is one, saved, exported."""
+
+from dataclasses import replace
+
+import casadi as cs
+import numpy as np
+import pytest
+from calling import greybox, refused
+from driven import driven, written
+
+from greybox_id.fit import load
+from greybox_id.fitting.how import How
+from greybox_id.fitting.pretraining import Pretraining, known_physics, taught
+from greybox_id.fitting.verb import fit
+from greybox_id.models.registry import build, prepared
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+QUICK = ("--set", "hidden=[6]", "--set", "window=11", "--set", "integrator=euler")
+
+
+@pytest.fixture(scope="module")
+def laps():
+    return driven("lateral", runs=5, seconds=6.0)
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    """The vehicle that drove, and others near it."""
+    from greybox_id.datasets.vehicle_file import vehicle
+
+    model = build("lateral", None, {}, vehicle("full_size_car"))
+    rng = np.random.default_rng(0)
+    spread = np.where([p.name in ("C_f", "I_z") for p in model.parameters], 0.02, 0.0)
+    return Pretraining(model, model.values * (1 + spread * rng.standard_normal((20, model.size))), 2000)
+
+
+def test_a_network_learns_the_motion_to_near_the_noise(laps):
+    """Readings have noise of 0.02 m/s and 0.005 rad/s."""
+    model = prepared("mlp_lateral", laps, {"hidden": [8], "integrator": "euler"})
+    found = fit(model, [laps], validate=driven("lateral", seed=30), how=How(seed=1))
+    errors = found.metrics["validate"]["free run"]
+    assert errors["v_y"]["rmse"] < 0.03
+    assert errors["yaw_rate"]["rmse"] < 0.01
+    assert found.how["stopped_by"]
+    assert set(found.stages[-1].noise) == {"v_y", "yaw_rate"}
+
+
+def test_rates_taught_are_the_vehicle_s(laps, vehicle):
+    vehicle = replace(vehicle, draws=vehicle.model.values[None])
+    model = prepared("bicycle_mlp", laps, {"hidden": [4]})
+    model = known_physics(model, vehicle)
+    x, u, rates, scale = taught(model, [laps], vehicle, seed=0)
+    from greybox_id.engine.hybrid.cell import Cell
+
+    own = np.array(Cell(model).rates(cs.DM(x), cs.DM(u), cs.DM(model.values)))  # weights of zero: the bicycle
+    assert np.max(np.abs(own - rates) / np.std(rates, axis=1, keepdims=True)) < 0.005
+    assert np.all(scale > 0)
+
+
+def test_the_box_is_wider_than_the_recording(laps, vehicle):
+    model = prepared("mlp_lateral", laps, {"hidden": [4]})
+    inside = taught(model, [laps], vehicle, seed=0)[0]
+    wide = taught(model, [laps], replace(vehicle, span="box"), seed=0)[0]
+    assert np.all(np.max(np.abs(wide), axis=1) > 1.1 * np.max(np.abs(inside), axis=1))
+
+
+def test_commands_pretrain_save_predict_and_export(laps, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    lap = written(laps, tmp_path / "laps.csv")
+    plain = ("fit", "--model", "lateral", lap, "--vehicle", "full_size_car", "--set", "tyre=linear", "--fix", "m")
+    assert greybox(*plain, "--solver", "gauss-newton", "--start-from", "measured", "--out", "plain").code == 0
+    assert greybox("sample", "plain/fit.json", "--method", "laplace", "--draws", "50", "--out", "p.parquet").code == 0
+    few = ("--pretrain-points", "500")
+    for source in ("plain/fit.json", "p.parquet"):
+        called = greybox("fit", "--model", "mlp_lateral", lap, *QUICK, "--pretrain", source, *few, "--out", "net")
+        assert called.code in (0, 3), called.err
+        assert load("net/fit.json", build).how["pretrained_from"] == source
+    called = greybox("predict", "net/fit.json", lap, "--out", "predicted.csv", "--json")
+    assert called.code == 0, called.err
+    assert "integrator=rk4" in refused("export", "net/fit.json", "--target", "c", "--out", "car")
+    said = refused("fit", "--model", "bicycle_mlp", lap, *QUICK, "--pretrain", "net/fit.json", "--out", "other")
+    assert "a fit of equations of motion is needed" in said
+    assert "Omit it" in refused(*plain, "--pretrain", "plain/fit.json", "--out", "again")
+
+
+@pytest.mark.slow
+def test_a_trained_network_is_exported_for_every_kind_of_tool(laps, tmp_path):
+    lap = written(laps, tmp_path / "laps.csv")
+    out = tmp_path / "net"
+    settings = ("--set", "hidden=[6]", "--set", "window=11")
+    assert greybox("fit", "--model", "mlp_lateral", lap, *settings, "--out", out).code in (0, 3)
+    for target in ("c", "casadi", "onnx"):
+        called = greybox("export", out / "fit.json", "--target", target, "--out", tmp_path / target, "--json")
+        assert called.code in (0, 3), called.err
+        assert called.told["written"]

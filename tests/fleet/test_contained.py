@@ -1,0 +1,75 @@
+"""Whatever ends a unit of work ends nothing else, and is told."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from greybox_id.fleet.contained import Broken, Nursery
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux")
+
+
+@pytest.fixture(scope="module")
+def nursery():
+    sys.path.insert(0, str(Path(__file__).parent))
+    own = Nursery()
+    yield own
+    own.close()
+    sys.path.remove(str(Path(__file__).parent))
+
+
+def done(nursery, name, seconds=20.0, memory=200e6):
+    return nursery.unit(f"working:{name}", {"word": "ä"}, seconds, memory)
+
+
+def test_a_unit_tells_what_it_found(nursery):
+    ended = done(nursery, "well")
+    assert (ended.how, ended.told) == ("done", [{"a": 1}, {"told": "ä"}])
+    assert ended.peak_mb > 1
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("raising", "ZeroDivisionError: division"), ("crashing", "ended by SIGSEGV"), ("eating", "memory"),
+        ("reserving", "memory"), ("leaving_children", "done"),
+    ],
+)  # fmt: skip
+def test_what_ends_a_unit_is_told_and_the_next_one_is_done(nursery, name, how):
+    assert done(nursery, name).how == how
+    assert done(nursery, "well").how == "done"
+
+
+def test_what_a_unit_told_before_it_ended_is_kept(nursery):
+    assert done(nursery, "crashing").told == [{"a": 1}]
+
+
+@pytest.mark.parametrize("name", ["sleeping", "spinning"])
+def test_what_hangs_meets_the_limit(nursery, name):
+    began = time.monotonic()
+    assert done(nursery, name, seconds=0.5).how == "time"
+    assert time.monotonic() - began < 30
+
+
+def test_work_that_is_not_there_is_a_sentence(nursery):
+    with pytest.raises(Broken, match="No work can be done here"):
+        done(nursery, "nothing")
+
+
+def test_a_nursery_that_is_killed_is_started_again(nursery):
+    done(nursery, "well")
+    os.kill(nursery._process.pid, signal.SIGKILL)
+    assert done(nursery, "well").how == "done"
+
+
+def test_nothing_is_left_where_a_nursery_ends():
+    own = Nursery()
+    assert done(own, "well").how == "done"
+    pid = own._process.pid
+    own.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)

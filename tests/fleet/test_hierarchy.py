@@ -1,0 +1,81 @@
+"""Vehicles of a population: intervals hold, poor recordings borrow from good ones, priors are counted once."""
+
+import numpy as np
+
+from greybox_id.fleet.hierarchy import Informed, informed, population
+
+
+def fleet(rng, vehicles=40, each=12, spread=0.1, scatter=0.02, size=3):
+    """True vehicles, and what recordings say, half of them poorly excited."""
+    truth = rng.normal(0.3, spread, (vehicles, size))
+    information, vector, of = [], [], []
+    for v in range(vehicles):
+        for r in range(each):
+            sd = np.linspace(0.03, 0.06, size) * (rng.uniform(5, 20) if r % 2 else 1.0)
+            mixed = np.eye(size) + 0.5 * rng.normal(size=(size, size))
+            own = mixed @ mixed.T
+            own *= np.outer(sd, sd) / np.sqrt(np.outer(np.diag(own), np.diag(own)))
+            read = rng.multivariate_normal(truth[v] + scatter * rng.normal(size=size), own)
+            information.append(np.linalg.inv(own))
+            vector.append(information[-1] @ read)
+            of.append(v)
+    return truth, Informed(np.array(information), np.array(vector), np.array(of), vehicles)
+
+
+def test_intervals_of_vehicles_hold_and_spreads_are_found():
+    held, spread, scatter, mean = [], [], [], []
+    for seed in range(6):
+        truth, seen = fleet(np.random.default_rng(seed))
+        found = population(seen)
+        sd = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+        held.append(np.abs(found.vehicle - truth) < 1.96 * sd)
+        spread.append(found.spread)
+        scatter.append(found.scatter)
+        mean.append((found.mean - 0.3) / np.sqrt(np.diag(found.mean_covariance)))
+    assert 0.92 < np.mean(held) < 0.98  # 720 intervals: 95 % within 1.6 % twice
+    assert np.allclose(np.sqrt(np.mean(spread, axis=0)), 0.1, rtol=0.15)
+    assert np.allclose(np.sqrt(np.mean(scatter, axis=0)), 0.02, rtol=0.3)
+    assert np.max(np.abs(mean)) < 3.5
+
+
+def test_directions_that_no_recording_informs_count_nothing():
+    rng = np.random.default_rng(3)
+    truth, seen = fleet(rng, vehicles=10)
+    blind = seen.information.copy()
+    blind[::2, 0, :] = blind[::2, :, 0] = 0.0
+    vector = seen.vector.copy()
+    vector[::2] = 0.0
+    blind[::2] = 0.0
+    half = Informed(blind, vector, seen.vehicle, seen.vehicles)
+    only = Informed(seen.information[1::2], seen.vector[1::2], seen.vehicle[1::2], seen.vehicles)
+    assert np.allclose(population(half).vehicle, population(only).vehicle, atol=2e-2)
+    assert truth.shape == (10, 3)
+
+
+def test_the_prior_of_a_fit_is_taken_off():
+    data, prior_sd, prior_mean = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([0.5, np.inf]), np.array([2.0, 0.0])
+    estimate = np.array([1.0, -1.0])
+    prior = np.diag([4.0, 0.0])
+    covariance = np.linalg.inv(data + prior)
+    centre = covariance @ (data @ estimate + prior @ prior_mean)
+    information, vector = informed(covariance, centre, prior_mean, prior_sd, np.full(2, np.inf))
+    assert np.allclose(information, data)
+    assert np.allclose(np.linalg.solve(information, vector), estimate)
+
+
+def test_what_a_prior_alone_says_is_no_information():
+    information, vector = informed(np.diag([0.25, 0.01]), np.array([2.0, 1.0]), np.array([2.0, 0.0]),
+                                   np.array([0.5, np.inf]), np.full(2, np.inf))  # fmt: skip
+    assert np.allclose(information, np.diag([0.0, 100.0]))
+    assert np.allclose(vector, [0.0, 100.0])
+
+
+def test_few_degrees_of_freedom_widen_what_a_fit_says():
+    wide, _ = informed(np.eye(1), np.ones(1), np.zeros(1), np.array([np.inf]), np.array([6.0]))
+    assert np.isclose(wide[0, 0], 4.0 / 6.0)  # the variance of Student's t is dof / (dof - 2)
+
+
+def test_one_vehicle_is_a_population_of_one():
+    truth, seen = fleet(np.random.default_rng(5), vehicles=1, each=20)
+    found = population(seen)
+    assert np.all(np.abs(found.vehicle[0] - truth[0]) < 0.1)

@@ -1,0 +1,81 @@
+"""What runs have in common and how they scatter, on runs whose numbers are read directly."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from greybox_id.gap.between_runs import Told, VaryingNumber, common, explained, values_of
+
+NUMBERS = (
+    VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
+    VaryingNumber("varies", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
+)
+
+
+class Read:
+    """A ride is what is read of its numbers, and the standard deviation of that."""
+
+    numbers = NUMBERS
+
+    def cost(self, ride, x):
+        return 0.5 * float(np.sum(((x - ride.read) / ride.sd) ** 2))
+
+    def told(self, ride, x, moved=None):
+        del moved
+        g, H = (x - ride.read) / ride.sd**2, np.diag(1 / ride.sd**2)
+        return Told(self.cost(ride, x), g, H, g[None])
+
+
+def ride(read, sd):
+    return SimpleNamespace(read=np.asarray(read, float), sd=np.asarray(sd, float))
+
+
+def runs(count, scatter, sd, seed=0):
+    rng = np.random.default_rng(seed)
+    return [ride([3.0, 1.0 + scatter * rng.standard_normal() + sd * rng.standard_normal()], [0.01, sd])
+            for _ in range(count)]  # fmt: skip
+
+
+def test_values_stay_within_their_bounds():
+    assert values_of(NUMBERS, np.array([99.0, -99.0])) == {"shared": 50.0, "varies": -50.0}
+
+
+@pytest.mark.parametrize("scatter", [0.2, 1.0])
+def test_scatter_is_learned_from_many_runs(scatter):
+    known = common(Read(), runs(60, scatter, 0.1), {"varies": 0.5}, {"varies": 4.0})
+    for _ in range(4):
+        known = common(Read(), runs(60, scatter, 0.1), {"varies": 0.5}, {"varies": 4.0}, known)
+    assert known.scatter[1] == pytest.approx(scatter, rel=0.25)
+    assert known.scatter[0] == 0.0
+    assert known.x == pytest.approx([3.0, 1.0], abs=3 * scatter / np.sqrt(60))
+
+
+def test_runs_that_tell_nothing_leave_the_usual_scatter():
+    blind = [ride([3.0, 40.0 * (-1) ** k], [0.01, 1e4]) for k in range(6)]
+    known = common(Read(), blind, {"varies": 0.5}, {"varies": 4.0})
+    assert known.scatter[1] == pytest.approx(0.5, rel=0.05)
+
+
+def test_scatter_that_is_specified_is_not_learned():
+    known = common(Read(), runs(20, 2.0, 0.1), {"varies": 0.5}, {"varies": np.inf})
+    assert known.scatter[1] == 0.5
+
+
+def test_a_further_run_is_as_uncertain_as_the_mean_and_the_scatter():
+    known = common(Read(), runs(10, 0.5, 0.1), {"varies": 0.5}, {"varies": 4.0})
+    assert known.of_a_run[1, 1] == pytest.approx(known.covariance[1, 1] + known.scatter[1] ** 2)
+    assert known.of_a_run[0, 0] == pytest.approx(known.covariance[0, 0])
+
+
+def test_an_explanation_is_the_mean_of_belief_and_reading():
+    own = ride([2.0, 4.0], [1.0, 1.0])
+    found = explained(Read(), [own], np.zeros(2), np.zeros(2), np.diag([1.0, 3.0]))
+    assert found.x == pytest.approx([1.0, 3.0])
+    assert pytest.approx(np.diag([2.0, 4.0 / 3.0])) == found.H
+
+
+def test_what_would_leave_its_bounds_is_held_there():
+    own = ride([2.0, 400.0], [1.0, 1.0])
+    found = explained(Read(), [own], np.zeros(2), np.zeros(2), np.diag([1e6, 1e6]))
+    assert found.x == pytest.approx([2.0, 50.0], rel=1e-3)

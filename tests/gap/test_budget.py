@@ -1,0 +1,61 @@
+"""The budget: shares are Shapley values, add up to one with the rest, and intervals come from paired blocks."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from greybox_id.gap.budget import budget, subsets
+from greybox_id.gap.closing import Misfit
+
+ROWS, SD = 2000, np.array([1.0, 2.0])
+BENCH = SimpleNamespace(rows=[slice(0, ROWS)], sample_time=0.02)
+GOOD = np.ones((ROWS, 2), dtype=bool)
+
+
+def shared(levels, names):
+    """The budget of errors whose mean squares are these, set by set."""
+    rng = np.random.default_rng(0)
+    unit = rng.standard_normal((ROWS, 2))
+    unit /= np.sqrt(np.mean(unit**2))
+    misfits = {own: Misfit(np.sqrt(level) * unit * SD, 0.0) for own, level in levels.items()}
+    return budget(misfits, names, SD, GOOD, BENCH, ("lap",), True)
+
+
+def test_one_effect_has_what_it_closes():
+    found = shared({frozenset(): 5.0, frozenset({"a"}): 2.0}, ("a",))
+    assert found.of("a").share == pytest.approx(0.75)
+    assert found.unnamed.share == pytest.approx(0.25)
+    assert found.of("b") is None
+
+
+def test_two_that_overlap_share_what_either_closes():
+    levels = dict(zip(subsets(("a", "b")), (11.0, 3.0, 3.0, 1.0), strict=True))
+    found = shared(levels, ("a", "b"))
+    assert found.of("a").share == pytest.approx(0.5)
+    assert found.of("b").share == pytest.approx(0.5)
+    assert found.unnamed.share == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.floats(1.0, 50.0), min_size=8, max_size=8))
+def test_shares_add_up_to_one_with_the_rest(levels):
+    own = dict(zip(subsets(("a", "b", "c")), levels, strict=True))
+    found = shared(own, ("a", "b", "c"))
+    if levels[0] - min(1.0, levels[-1]) > 0.01:
+        assert sum(each.share for each in found.shares) + found.unnamed.share == pytest.approx(1.0)
+
+
+def test_intervals_hold_the_share_and_an_effect_without_one_has_none():
+    rng = np.random.default_rng(1)
+    noise, gap = rng.standard_normal((2, ROWS, 2))
+    e = {(): noise + 2 * gap, ("a",): noise, ("b",): noise + 2 * gap, ("a", "b"): noise}
+    misfits = {frozenset(own): Misfit(each * SD, 0.0) for own, each in e.items()}
+    found = budget(misfits, ("a", "b"), SD, GOOD, BENCH, ("lap",), True)
+    a, b = found.shares
+    assert a.low < a.share < a.high
+    assert a.low > 0.9
+    assert (b.share, b.low, b.high) == (0.0, 0.0, 0.0)
+    assert found.to_json()[-1].keys() == {"unnamed", "low", "high"}

@@ -1,0 +1,96 @@
+"""What changed between recordings of one car: grip that was lost is named with its size, and nothing is made up."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gap_cases import CAR, NUMBERS, lap, nominal
+
+from greybox_id.errors import BadInput
+from greybox_id.gap.between_runs import VaryingNumber
+from greybox_id.gap.calibration import CALIBRATION
+from greybox_id.gap.changed import USUAL, Change, diagnose_change, drifting, filtered_alike
+from greybox_id.gap.closed_vehicle import closed_vehicle
+from greybox_id.models.effects import EFFECTS
+from greybox_id.recording import Recording
+from greybox_id.vehicle import Stated, Vehicle
+
+TOLERANT = Vehicle(
+    "car",
+    {**NUMBERS, "I_z": Stated(NUMBERS["I_z"].value, 200.0), "B_f": Stated(NUMBERS["B_f"].value, 0.5)},
+    noise=CAR.noise,
+)
+
+
+def changed(effects, seconds=20.0):
+    before = [lap(seconds=seconds, seed=k) for k in (1, 2)]
+    after = [lap(effects, seconds=seconds, seed=3)]
+    held_out = [lap(effects, seconds=seconds, seed=4)]
+    return diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT, held_out=held_out)
+
+
+def test_without_a_recording_from_before_nothing_can_have_changed():
+    with pytest.raises(BadInput, match="Since when"):
+        diagnose_change(nominal(), [lap(seconds=4.0)], [], EFFECTS, vehicle=CAR)
+
+
+@pytest.mark.slow
+def test_grip_that_was_lost_is_what_changed():
+    found = changed({"grip_scale": 0.6})
+    (own,) = found.changed
+    assert own["effect"] == "grip_scale"
+    assert own["magnitude"] == pytest.approx(0.6, abs=0.06)
+    assert own["before"] == pytest.approx(1.0, abs=0.05)
+    assert own["share"] > 0.5
+    assert {each["effect"] for each in found.not_changed} == set(found.scatter) - {"grip_scale"}
+    assert found.to_json()["since"] == ["lap1", "lap2"]
+
+
+@pytest.mark.slow
+def test_where_nothing_changed_nothing_is_named():
+    found = changed({})
+    assert found.changed == []
+    assert set(found.scatter) <= set(USUAL)
+    assert all(0 < sd <= 1.2 * USUAL[name] for name, (_, sd) in found.scatter.items())
+    assert {own.effect for own in found.gap.ranking} <= set(USUAL)
+
+
+@pytest.mark.slow
+def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
+    before = [lap(seconds=20.0, seed=k) for k in (1, 2)]
+    after = [lap({"steering_delay": 0.12}, seconds=40.0, seed=3)]
+    found = diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT)
+    (own,) = found.changed
+    assert own["effect"] == "steering_delay"
+    assert own["magnitude"] == pytest.approx(0.12, abs=0.03)
+    assert closed_vehicle(found.vehicle, found.gap).model.effects["steering_delay"].value == own["magnitude"]
+
+
+def test_a_change_counts_by_the_smaller_of_what_it_gains_where_it_was_chosen_and_elsewhere():
+    cost, elsewhere = CALIBRATION["cost"], CALIBRATION["cost_held_out"]
+    assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
+    assert Change(0, (1.0, 0.1), cost + 2.0, elsewhere + 90.0).least == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("offsets", "said"), [([0.0, 0.02, 0.04], True), ([0.02, 0.0, 0.021], False)])
+def test_what_drifts_over_recordings_from_before_is_said(offsets, said):
+    known = SimpleNamespace(
+        deviations=np.array(offsets)[:, None], deviation_sds=np.full((3, 1), 0.002), varying=(0,),
+        numbers=(VaryingNumber("steering_offset", False, 0.0, 0.02, 1e-4, -0.2, 0.2),),
+    )  # fmt: skip
+    names = [SimpleNamespace(name=f"lap{k}") for k in (1, 2, 3)]
+    found = drifting(known, {"steering_offset": "steering_offset"}, names)
+    assert bool(found) is said
+    assert not said or found[0].startswith("steering_offset drifts from lap1 to lap3")
+
+
+def test_nothing_is_asked_of_a_vehicle_of_which_nothing_is_stated():
+    with pytest.raises(BadInput, match="Of which vehicle"):
+        diagnose_change(nominal(), [lap(seconds=4.0)], [lap(seconds=4.0, seed=1)], EFFECTS, vehicle=None)
+
+
+def test_recordings_at_other_rates_have_passed_other_filters():
+    fast, slow = lap(seconds=4.0), lap(seconds=4.0, seed=1)
+    assert filtered_alike([fast, slow])
+    thinned = Recording("thin", slow.time[::3], {name: values[::3] for name, values in slow.signals.items()})
+    assert not filtered_alike([fast, thinned])

@@ -1,0 +1,67 @@
+"""The closed model: causes at their magnitudes, tolerances where they err least, and what moved."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gap_cases import NOISE, NUMBERS, lap, nominal
+
+from greybox_id.fitting import motion
+from greybox_id.gap.closed_model import _fitted, closed_model, with_effects
+from greybox_id.gap.diagnosis import diagnose
+from greybox_id.gap.examining import examine
+from greybox_id.models.effects import EFFECTS
+from greybox_id.solvers.gauss_newton import Status
+from greybox_id.vehicle import Stated, Vehicle
+
+LOOSE = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 80.0), "c_0": Stated(208.0, 20.0)}, {}, NOISE)
+TRUTH = {"I_z": 2500.0}
+
+
+@pytest.fixture(scope="module")
+def late():
+    """A vehicle with late steering, and an inertia off by three standard deviations of what its file states."""
+    return [lap({"steering_delay": 0.05}, 20.0, vehicle=TRUTH)], [
+        lap({"steering_delay": 0.05}, 10.0, seed=7, vehicle=TRUTH)
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [False, True])
+def test_tolerances_go_where_recordings_have_them_and_are_told(late, held):
+    recordings, others = late
+    gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE, held_out=others if held else ())
+    assert gap.applied == ("steering_delay",)
+    assert [own.name for own in gap.moved] == ["I_z"]
+    assert gap.moved[0].value == pytest.approx(2500.0, rel=0.02)
+    assert gap.moved[0].far > 2.0
+    assert float(gap.closed["I_z"].array) == gap.moved[0].value
+    assert gap.to_json()["moved"][0]["stated"] == 2274.0
+
+
+@pytest.mark.slow
+def test_what_errs_least_on_others_counts(late):
+    recordings, others = late
+    found = examine(nominal(vehicle=LOOSE), recordings, EFFECTS, LOOSE, lambda line, **_: None)
+    closed, verified, worse = closed_model(found, found.best, True, others)
+    assert not worse
+    free = [own for own in verified.errors if own.horizon is None]
+    assert all(own.after < 1.3 * own.floor for own in free), free
+    assert any(own.before > 1.5 * own.floor for own in free)
+    nothing, none, _ = closed_model(found, found.best, False, ())
+    assert none is None
+    stated = with_effects(found, found.best)
+    assert np.array_equal(nothing.values, stated.values)
+    assert not np.array_equal(closed.values, stated.values)
+
+
+def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
+    solve = motion.gauss_newton
+    monkeypatch.setattr(
+        motion, "gauss_newton", lambda *args, **how: replace(solve(*args, **how), status=Status.INTERRUPTED)
+    )
+    model = nominal(vehicle=LOOSE)
+    found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)])
+    with pytest.raises(KeyboardInterrupt):
+        _fitted(found, SimpleNamespace(axes=()), model)

@@ -1,0 +1,29 @@
+"""Errors over horizons are told of predictions that stay with the vehicle; others diverge."""
+
+import numpy as np
+import pytest
+from driven import driven
+from gap_cases import CAR
+
+from greybox_id.gap.horizons import by_horizon, diverges
+from greybox_id.models.registry import build
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+
+
+def test_errors_beyond_ten_times_the_range_of_the_readings_diverge():
+    assert diverges(np.array([0.1, 21.0]), np.array([-1.0, 1.0]))
+    assert not diverges(np.array([0.1, 19.0]), np.array([-1.0, 1.0]))
+    assert not diverges(np.array([5.0]), np.array([1.0]))  # of one value nothing is a range
+    assert not diverges(np.empty(0), np.empty(0))
+
+
+def test_a_vehicle_that_spins_in_free_run_has_no_error_there():
+    lap, sd = driven("lateral", runs=1, seconds=4.0), np.array([0.02, 0.005, 0.1])
+    sound = build("lateral", {"tyre": "linear"}, {}, CAR)
+    # at 18 m/s rear tyres this soft leave a yaw that grows a hundredfold each second
+    loose = sound.with_parameters(sound["C_alpha_r"].with_value(2e4), sound["I_z"].with_value(200.0))
+    found = {(own.channel, own.horizon): own for own in by_horizon(loose, sound, [lap], sd)}
+    assert found["yaw_rate", None].before == np.inf
+    assert 0 < found["yaw_rate", None].after < 1.0
+    assert 0 < found["yaw_rate", 0.1].before < np.inf

@@ -1,0 +1,50 @@
+"""What a diagnosis starts from: excerpts of long recordings, zones about effects that nothing is said of."""
+
+import numpy as np
+import pytest
+from gap_cases import CAR, NUMBERS, lap, nominal
+
+from greybox_id.gap.axes import nuisances, shifting
+from greybox_id.gap.preparing import excerpt, prepare
+from greybox_id.models.effects import EFFECTS
+from greybox_id.recording import Recording
+from greybox_id.vehicle import Stated, Vehicle
+
+
+def recording(rows, step=0.01, name="long"):
+    return Recording(name, step * np.arange(rows), {"v_x": np.arange(rows, dtype=float)})
+
+
+def test_a_short_recording_is_examined_whole():
+    own = [recording(900), recording(100)]
+    assert excerpt(own, 1000) == own
+
+
+@pytest.mark.parametrize("rows", [30_000, 360_000])
+def test_of_a_long_recording_blocks_are_examined_that_are_spread_evenly(rows):
+    found = excerpt([recording(rows)], 24_000)
+    assert 0.8 * 24_000 <= sum(len(own) for own in found) <= 1.2 * 24_000
+    begins = np.array([own["v_x"][0] for own in found])
+    assert begins[0] == 0
+    assert found[-1]["v_x"][-1] == rows - 1
+    assert np.all(np.diff(begins) > 0)
+    assert all(np.all(np.diff(own["v_x"]) == 1) for own in found)  # none of them has a join
+
+
+def test_of_many_short_recordings_some_are_examined_whole():
+    found = excerpt([recording(1000, name=f"lap{k}") for k in range(50)], 10_000)
+    assert len(found) == 10
+    assert {len(own) for own in found} == {1000}
+
+
+def test_exact_vehicles_have_no_zones_and_toleranced_ones_have_narrow_ones():
+    tolerant = Vehicle("car", {**NUMBERS, "m": Stated(NUMBERS["m"].value, 4.0)})
+    own = [lap(seconds=4.0)]
+    exact, loose = (prepare(nominal(vehicle=v), own, EFFECTS, v) for v in (CAR, tolerant))
+    assert nuisances(exact.everything, EFFECTS, shifting(exact.everything)) == ()
+    zones = {axis.name: axis for axis in nuisances(loose.everything, EFFECTS, shifting(loose.everything))}
+    for name in ("steering_ratio", "yaw_rate_scale", "grip_scale", "yaw_inertia"):
+        typical = abs(EFFECTS[name].typical - float(EFFECTS[name].parameter.array))
+        assert zones[name].mean == float(EFFECTS[name].parameter.array)
+        assert zones[name].sd == pytest.approx(0.05 * typical)
+    assert zones["imu_lever_arm"].sd < 0.01 * (NUMBERS["l_f"].value + NUMBERS["l_r"].value)

@@ -1,0 +1,119 @@
+"""The loop is closed on a car in simulation: what is withheld is named, and the car is driven better for it."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from calling import greybox, refused
+from hand import by_hand
+from serving import START
+
+from greybox_id.loop.adapting import Adapted, randomised, stated_model, world_of
+from greybox_id.loop.demo import Watched
+from greybox_id.loop.safety import Cap, Log
+from greybox_id.loop.scene import CASES, Hands, Scene, driven
+from greybox_id.loop.swap import Seat
+from greybox_id.models.registry import with_effects
+from greybox_id.racing.learner import shipped_learned
+
+SCENE = Scene(1)
+
+
+@pytest.fixture(scope="module")
+def units():
+    return world_of(stated_model(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
+
+
+def test_what_drives_the_car_sees_and_is_recorded(units):
+    one, same = (driven(SCENE, Hands(units, by_hand().act), 600, 3) for _ in range(2))
+    assert one.rows == 600
+    assert one.crashes == 0
+    (own,) = one.recordings
+    assert set(SCENE.car.noise) | {"steer", SCENE.car.drive_channel} == set(own.signals)
+    assert np.array_equal(own["v_x"], same.recordings[0]["v_x"])
+    assert one.path_error == same.path_error < 0.2
+
+
+def test_who_crashes_begins_anew(units):
+    found = driven(SCENE, Hands(units, lambda seen: np.array([[1.0, 1.0]])), 300, 0)
+    assert found.crashes >= 1
+    assert found.rows == 300
+    assert np.isnan(found.lap_time)
+
+
+def test_who_leaves_the_envelope_is_driven_by_the_last_good_policy_and_slower(units, tmp_path):
+    seat, cap = Seat(by_hand().text().encode(), tmp_path), Cap(0.6)
+    good = shipped_learned().policy
+
+    def at(share):
+        return world_of(stated_model(SCENE.vehicle), SCENE.vehicle, 1, share)
+
+    hands = Watched(units, seat, good, cap, at, 1e-4, Log(tmp_path / "log.jsonl"))
+    driven(SCENE, hands, 400, 0)
+    assert hands.events == 1
+    assert cap.share == pytest.approx(0.48)
+    assert hands.act == good.act
+    assert hands.world.rules.usage_cap == pytest.approx(0.48)
+    (line,) = (tmp_path / "log.jsonl").read_text().splitlines()
+    assert json.loads(line)["kind"] == "envelope"
+
+
+def test_what_was_applied_is_drawn_within_its_interval():
+    model = stated_model(SCENE.vehicle)
+    closed = with_effects(model, {"steering_lag": 0.05})
+    named = ({"effect": "steering_lag", "interval": [0.04, 0.06], "magnitude": 0.05},)
+    found = randomised(Adapted(shipped_learned(), SCENE.vehicle, closed, True, named, {"steering_lag": 0.05}))
+    drawn = [found.draw(np.random.default_rng(k))["steering_lag"] for k in range(400)]
+    assert np.mean(drawn) == pytest.approx(0.05, abs=0.001)
+    assert np.std(drawn) == pytest.approx(0.0051, rel=0.2)
+    assert min(drawn) >= 0.0
+
+
+@pytest.mark.parametrize("case", range(len(CASES)))
+def test_every_case_is_a_car_with_effects(case):
+    scene = Scene(case)
+    assert set(scene.effects) == set(CASES[case])
+    assert scene.vehicle.steer_max == pytest.approx(scene.car.steer_max)
+
+
+def test_what_is_there_already_is_a_sentence(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert "something else" in refused("loop", "demo", "--quick", "--out", tmp_path)
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    (begun / "demo.json").write_text(json.dumps({"format": "greybox-loop-demo", "asked": {"case": 5}}))
+    assert "another demo (case 5)" in refused("loop", "demo", "--quick", "--out", begun)
+    assert "token" in refused("serve", "--out", tmp_path / "state")
+    assert "cannot be read" in refused("serve", "--token-file", tmp_path / "no", "--out", tmp_path / "state")
+    (tmp_path / "token").write_text("0123456789abcdef")
+    assert "something else" in refused("serve", "--token-file", tmp_path / "token", "--out", tmp_path)
+    call = ("serve", "--token-file", tmp_path / "token", "--out", tmp_path / "state")
+    assert "cannot be listened at" in refused(*call, "--host", "192.0.2.1", "--port", "0")
+
+
+@pytest.mark.slow
+def test_a_demo_that_a_kill_interrupts_carries_on_and_drives_better(tmp_path):
+    call = ["loop", "demo", "--quick", "--cycles", "1", "--case", "1", "--out", str(tmp_path / "loop"), "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", START.format(sys.path), *call], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    while not (tmp_path / "loop" / "cycle_1" / "rows.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.1)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    base = (tmp_path / "loop" / "base.json").stat().st_mtime_ns
+    called = greybox(*call)
+    assert called.code == 0, called.err
+    found = json.loads(called.out)
+    assert (tmp_path / "loop" / "base.json").stat().st_mtime_ns == base
+    (cycle,) = found["cycles"]
+    assert set(cycle["applied"]) == set(SCENE.effects)
+    assert cycle["swapped"]
+    errors = {name: own["first"]["path_error_rms"] for name, own in found["arms"].items()}
+    assert errors["named"] < 0.8 * errors["base"]
+    assert "cycle 1" in (tmp_path / "loop" / "index.html").read_text()

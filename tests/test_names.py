@@ -1,0 +1,22 @@
+"""One name, one meaning: no two public classes of the package are called alike."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "greybox_id"
+
+
+def classes():
+    found = defaultdict(list)
+    for file in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found[node.name].append(file.relative_to(PACKAGE).as_posix())
+    return found
+
+
+def test_public_classes_have_names_of_their_own():
+    found = classes()
+    assert len(found) > 300
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
