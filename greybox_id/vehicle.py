@@ -73,6 +73,22 @@ class TrackingPlan:
 
 
 @dataclass(frozen=True)
+class StatedModelError:
+    """How far forces of a model are off, as stated; None where nothing is said.
+
+    Attributes
+    ----------
+    share : standard deviation of unknown forces over the force itself, 1.
+    amplitude : of those beside that, over the mass, m/s^2.
+    correlation_time : how long they stay alike, s.
+    """
+
+    share: float | None = None
+    amplitude: float | None = None
+    correlation_time: float | None = None
+
+
+@dataclass(frozen=True)
 class Vehicle:
     """What is stated of a vehicle.
 
@@ -85,6 +101,7 @@ class Vehicle:
     steer_max : largest road-wheel angle, rad; None where it is not stated.
     model : the model it is best described by; None where that is open.
     tracking : what is tracked of it; None where that is open.
+    model_error : "F_y", "F_x" -> how far lateral and longitudinal forces of a model of it are off.
     about : for people.
     path : the file it was read from.
     """
@@ -96,5 +113,6 @@ class Vehicle:
     steer_max: float | None = None
     model: ChosenModel | None = None
     tracking: TrackingPlan | None = None
+    model_error: Mapping[str, StatedModelError] = field(default_factory=dict)
     about: str = ""
     path: Path | None = field(default=None, compare=False)

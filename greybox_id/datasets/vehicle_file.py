@@ -10,6 +10,8 @@
     steering_lag = { sd = 0.003 }
     [noise]                                           # sensor standard deviations
     yaw_rate = 0.01
+    [model_error]                                     # optional: how far its forces are off, as `greybox gap` left it
+    F_y = { share = 0.02, amplitude = 0.05, correlation_time = 0.4 }    # 1, m/s^2, s
     [model]                                           # optional: the model that describes it best
     name = "single_track"
     tyre = "pacejka"
@@ -36,11 +38,13 @@ from ..errors import BadInput, near
 from ..files import near_file
 from ..guard import protect
 from ..signals import SIGNALS
-from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
+from ..vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
 from .tyre_file import read_tyre_file
 
-KEYS = ("name", "about", "steer_max", "tyre_file", "parameters", "effects", "noise", "model", "tracking")
+KEYS = ("name", "about", "steer_max", "tyre_file", "parameters", "effects", "noise", "model_error", "model", "tracking")
 TRACKING_KEYS = ("parameters", "disturbances", "noise")
+FORCES = ("F_y", "F_x")
+MODEL_ERROR_KEYS = ("share", "amplitude", "correlation_time")
 STATED_KEYS = ("value", "sd", "min", "max", "source")
 
 
@@ -116,6 +120,7 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
         steer_max=_above_zero(table["steer_max"], f"{where}: steer_max") if "steer_max" in table else None,
         model=_model(_table(table, "model", where), effects, f"{where}: [model]") if "model" in table else None,
         tracking=_tracking(_table(table, "tracking", where), f"{where}: [tracking]") if "tracking" in table else None,
+        model_error=_model_errors(_table(table, "model_error", where), f"{where}: [model_error]"),
         about=_text(table, "about", where, ""),
         path=path,
     )
@@ -172,6 +177,23 @@ def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
         disturbances=_names(table, "disturbances", where),
         noise={key: _above_zero(entry, f"{where} noise {key}") for key, entry in sizes.items()},
     )
+
+
+def _model_errors(table: Mapping[str, Any], where: str) -> dict[str, StatedModelError]:
+    found = dict[str, StatedModelError]()
+    for force in table:
+        if force not in FORCES:
+            hint = near(force, FORCES)
+            raise BadInput(f'{where}: there is no force "{force}".{hint} Known are {", ".join(FORCES)}.')
+        own = _table(table, force, where)
+        for key in own:
+            if key not in MODEL_ERROR_KEYS:
+                hint = near(key, MODEL_ERROR_KEYS)
+                raise BadInput(
+                    f'{where} {force}: there is no key "{key}".{hint} Known are {", ".join(MODEL_ERROR_KEYS)}.'
+                )
+        found[force] = StatedModelError(**{key: _above_zero(own[key], f"{where} {force} {key}") for key in own})
+    return found
 
 
 def _names(table: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:

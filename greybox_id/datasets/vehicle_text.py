@@ -54,6 +54,10 @@ def as_plain(vehicle: Vehicle) -> dict[str, Any]:
     plain["parameters"] = _plainly(vehicle.values)
     plain["effects"] = _plainly(vehicle.effects)
     plain["noise"] = dict(vehicle.noise)
+    plain["model_error"] = {
+        force: {key: value for key, value in vars(own).items() if value is not None}
+        for force, own in vehicle.model_error.items()
+    }
     if vehicle.tracking is not None:
         own = vehicle.tracking
         plan = {"parameters": list(own.parameters), "disturbances": list(own.disturbances), "noise": dict(own.noise)}

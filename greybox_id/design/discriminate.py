@@ -24,6 +24,7 @@ from ..gap.model_error import Amplitudes, believed
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..vehicle import StatedModelError
 from .course import PlanCourse, PlannedMotion
 from .driver import driver_of, vehicle_of
 from .information import ROUGH_RATE
@@ -410,13 +411,11 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
         raise BadInput(
             "The diagnosis does not say how noisy readings are: write its file (gap.json) anew with greybox gap, ‹out›."
         )
-    usual = believed(np.array([floors.get(name, 1.0) for name in model.outputs]), told=True, exact=False).median
-    found = gap.unnamed
+    found, stated = gap.unnamed, dict[str, StatedModelError]()
     if found is not None:
-        usual = replace(
-            usual, share_y=found.share_y, share_x=found.share_x, floor_y=found.floor_y, floor_x=found.floor_x,
-            memory_y=found.memory_y, memory_x=found.memory_x,
-        )  # fmt: skip
+        stated["F_y"] = StatedModelError(found.share_y, found.floor_y, found.memory_y)
+        stated["F_x"] = StatedModelError(found.share_x, found.floor_x, found.memory_x)
+    usual = believed(np.array([floors.get(name, 1.0) for name in model.outputs]), True, False, stated).median
     return tuple(name for name in model.outputs if name in floors), usual
 
 

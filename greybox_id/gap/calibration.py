@@ -34,6 +34,7 @@ PROVENANCE: Mapping[str, Calibrated] = MappingProxyType({
     "form": Calibrated(0.01, "median of model error over the force, 1: nulls leave 0.2 to 1.5 %", _DRAWN),
     "form_exact": Calibrated(0.001, "the same where a file states every number as exact: a tenth of it"),
     "form_sd": Calibrated(0.7, "sd of its logarithm: a factor of two to either side"),
+    "form_sd_stated": Calibrated(0.35, "the same where a vehicle file states it: half as much is open"),
     "floor": Calibrated(0.02, "median of model error beside that, m/s^2: nulls leave 0.005 to 0.03", _DRAWN),
     "memory": Calibrated(0.5, "median correlation time of model error, s: nulls leave 0.1 to 1.6", _DRAWN),
     "memory_sd": Calibrated(0.7, "sd of its logarithm"),

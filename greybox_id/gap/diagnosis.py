@@ -28,7 +28,6 @@ from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
-from .model_error import Amplitudes
 from .regimes import where
 from .selection import refitted
 from .strip import strip
@@ -63,7 +62,6 @@ def diagnose(
     say: Callable[..., None] | None = None,
     seed: int = 0,
     horizons: bool = False,
-    expected: Amplitudes | None = None,
 ) -> Gap:
     """Say where a simulation deviates from a vehicle, which effect causes it, and how far the gap shrinks with it.
 
@@ -79,7 +77,6 @@ def diagnose(
     horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too; on those held out they are
         always there.
     seed : kept for the record; nothing here is drawn that a result depends on.
-    expected : model error as other recordings of the vehicle left it; None: as of any vehicle.
 
     Raises
     ------
@@ -88,7 +85,7 @@ def diagnose(
     del seed
     tell = say or (lambda line, **_: None)
     with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
-        found = examine(model, recordings, effects, vehicle, tell, expected)
+        found = examine(model, recordings, effects, vehicle, tell)
         said = answer(found, held_out, tell)
         if not horizons or said.closed is None:
             return said
@@ -161,10 +158,8 @@ def something_unnamed(found: Examined) -> float:
     """
     if found.unnamed is None:
         return _without_forces(found)
-    own, exact = found.unnamed, not found.rough
-    form = CALIBRATION["form_exact" if exact else "form"]
-    usual = found.expected
-    share = max(own.share_y / (usual.share_y if usual else form), own.share_x / (usual.share_x if usual else form))
+    own, usual = found.unnamed, found.expected.median
+    share = max(own.share_y / usual.share_y, own.share_x / usual.share_x)
     loud = max(own.noise.values(), default=1.0) if found.told else 1.0
     odds = [
         CALIBRATION["unnamed_slope"] * log(share / CALIBRATION["unnamed_share"]),

@@ -22,7 +22,7 @@ from .evidence import COST, Evidence, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
-from .model_error import Amplitudes, Believed, ForceSizes, ModelError, estimated, linearised, model_error
+from .model_error import Believed, ForceSizes, ModelError, estimated, linearised, model_error
 from .model_error import believed as believed_amplitudes
 from .observer import PULLED
 from .plainly import plainly
@@ -68,7 +68,7 @@ class Examined:
     seen, y : signals that regimes are told by, and readings as the best hypothesis has them.
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
-    expected : model error as other recordings of the vehicle left it.
+    expected : what is believed of model error before the recordings are looked at.
     """
 
     model: Diagnosed
@@ -91,7 +91,7 @@ class Examined:
     y: Array
     unnamed: Unnamed | None
     freed: Mapping[frozenset[str], Hypothesis]
-    expected: Amplitudes | None = None
+    expected: Believed
 
 
 def examine(
@@ -100,7 +100,6 @@ def examine(
     effects: Mapping[str, Effect],
     vehicle: Vehicle | None,
     tell: Callable[..., None],
-    expected: Amplitudes | None = None,
 ) -> Examined:
     """Refit and weigh what may explain recordings."""
     if (seconds := sum(own.duration for own in recordings)) < LEAST:
@@ -126,7 +125,8 @@ def examine(
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
     tempered = rough and not forces
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
-    whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, expected), sd)
+    known = vehicle.model_error if vehicle is not None else {}
+    whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = CALIBRATION["cost"] if forces else COST
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     if bench.learnt:
@@ -140,7 +140,8 @@ def examine(
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    left_over = _unnamed(bench, search, best, sd, good, believed_amplitudes(sd, told, not rough, expected))
+    expected = believed_amplitudes(sd, told, not rough, known)
+    left_over = _unnamed(bench, search, best, sd, good, expected)
     jumps = _jumps(search, best, effects)
     if best.candidates and _jitters(bench, selection.base, best, sd, good, jumps):
         best = selection.base

@@ -15,7 +15,7 @@ Statist. Soc. B 63, 2001.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,6 +26,7 @@ from scipy.optimize import minimize
 
 from ..engine.sampled import SampledFunction
 from ..parameter import Array
+from ..vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CALIBRATION
 from .unknown_forces import FORCES, SCALES
@@ -91,7 +92,7 @@ class Believed:
         return np.asarray(0.5 * np.sum(((logarithms - self.median.logarithms) / self.sd) ** 2, axis=-1))
 
 
-def believed(noise: Array, told: bool, exact: bool, expected: Amplitudes | None = None) -> Believed:
+def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedModelError]) -> Believed:
     """What is believed of model error before a recording was looked at.
 
     Parameters
@@ -99,21 +100,27 @@ def believed(noise: Array, told: bool, exact: bool, expected: Amplitudes | None 
     noise : (channels,) standard deviations, stated or estimated.
     told : whether they were stated.
     exact : whether the equations' numbers are stated without tolerances.
-    expected : as other recordings of the vehicle left it; None: as of any vehicle.
+    stated : "F_y", "F_x" -> what a vehicle file states of it; what it does not is as of any vehicle.
     """
     own = CALIBRATION
     form = own["form_exact" if exact else "form"]
     floor = own["floor"] * form / own["form"]
     n = len(noise)
     colour = own["colour_exact" if exact else "colour"] * noise
-    median = Amplitudes(form, form, floor, floor, own["memory"], own["memory"], noise, colour, own["sensor_memory"])
-    sd = np.concatenate([
-        [own["form_sd"]] * 2, [own["form_sd"]] * 2, [own["memory_sd"]] * 2,
-        [own["noise_sd"] if told else own["noise_sd_estimated"]] * n, [own["colour_sd"]] * n, [own["memory_sd"]],
+    usual = {"share": (form, own["form_sd"]), "amplitude": (floor, own["form_sd"])}
+    usual["correlation_time"] = (own["memory"], own["memory_sd"])
+    medians, sds = list[float](), list[float]()
+    for name, (middle, sd) in usual.items():
+        for force in ("F_y", "F_x"):
+            value = getattr(stated.get(force), name, None)
+            medians.append(middle if value is None else value)
+            sds.append(sd if value is None else own["form_sd_stated"])
+    all_sds = np.concatenate([
+        sds, [own["noise_sd"] if told else own["noise_sd_estimated"]] * n, [own["colour_sd"]] * n, [own["memory_sd"]],
     ])  # fmt: skip
-    if expected is None:
-        return Believed(median, sd)
-    return Believed(expected, np.full(len(sd), own["form_sd"] / 2))
+    share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
+    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, own["sensor_memory"])
+    return Believed(median, all_sds)
 
 
 @dataclass(frozen=True)

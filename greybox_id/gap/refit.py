@@ -114,6 +114,7 @@ class _Work:
         self.search, self.candidates = search, start.candidates
         self.axes = tuple(axis for candidate in start.candidates for axis in candidate.axes)
         self._own = {axis.index for axis in self.axes}
+        self._moving = [k for k, axis in enumerate(self.axes) if axis.low < axis.high]
         linear = search.released(np.array(start.linear, dtype=float), self.axes)
         self.at = (np.array(start.m, dtype=float), np.array(start.theta, dtype=float), linear)
         self.best: Hypothesis | None = None
@@ -139,9 +140,9 @@ class _Work:
         search = self.search
         p = search.placed(search.moved(theta), self.axes, m)
         found = [p]
-        for k, axis in enumerate(self.axes):
+        for k in self._moving:
             beside = m.copy()
-            beside[k] += self._beside(axis, m[k])
+            beside[k] += self._beside(self.axes[k], m[k])
             found.append(search.placed(p, self.axes, beside))
         return found
 
@@ -166,6 +167,11 @@ class _Work:
             cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
         if not np.isfinite(cost):
             cost = np.inf
+        J = np.zeros((*base.shape, len(self.axes)))
+        for k, beside in zip(self._moving, e[1:], strict=True):
+            J[:, :, k] = (beside - e[0]) / self._beside(self.axes[k], m[k])
+        if not np.all(np.isfinite(J)):  # at the edge of spinning: no derivative, and no place to stay
+            cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
             self._back()
             return
@@ -174,11 +180,6 @@ class _Work:
             return
         gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
         self._origin = None
-        J = (
-            np.stack([(e[1 + k] - e[0]) / self._beside(a, m[k]) for k, a in enumerate(self.axes)], axis=2)
-            if len(self.axes)
-            else np.zeros((*base.shape, 0))
-        )
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, base, J)
         if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.trust * search.colour.readings, 0.0):
             self.done = True

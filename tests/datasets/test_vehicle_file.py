@@ -11,7 +11,7 @@ from greybox_id.errors import BadInput
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import vehicle_parameters
 from greybox_id.signals import SIGNALS
-from greybox_id.vehicle import ChosenModel, Stated, Vehicle
+from greybox_id.vehicle import ChosenModel, Stated, StatedModelError, Vehicle
 
 EXAMPLE = """
 name = "full-size car"
@@ -232,4 +232,25 @@ def test_a_plan_of_tracking_that_cannot_be_used_is_a_sentence(tmp_path, line, sa
     file.write_text(f'name = "car"\n[tracking]\n{line}\n')
     with pytest.raises(BadInput) as caught:
         vehicle(file)
+    assert said in str(caught.value)
+
+
+def test_model_error_may_be_stated():
+    text = "[model_error]\nF_y = { share = 0.02, amplitude = 0.05, correlation_time = 0.4 }\nF_x = { share = 0.1 }\n"
+    found = parse_vehicle(text, Path("car.toml")).model_error
+    assert found == {"F_y": StatedModelError(0.02, 0.05, 0.4), "F_x": StatedModelError(share=0.1)}
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("F_z = { share = 0.1 }", 'no force "F_z"'),
+        ("F_y = { shares = 0.1 }", 'F_y: there is no key "shares". Did you mean share'),
+        ("F_y = { share = 0 }", "F_y share = 0 must be above zero"),
+        ("F_y = 0.1", '"F_y" must be a table'),
+    ],
+)
+def test_model_error_that_cannot_be_used_is_a_sentence(line, said):
+    with pytest.raises(BadInput) as caught:
+        parse_vehicle(f"[model_error]\n{line}\n", Path("car.toml"))
     assert said in str(caught.value)

@@ -12,7 +12,7 @@ from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
 from greybox_id.datasets.vehicle_text import write_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.guard import VEHICLE_MARK
-from greybox_id.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
+from greybox_id.vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e99, max_value=1e99)
 ABOVE_ZERO = st.floats(min_value=1e-300, max_value=1e99)
@@ -42,6 +42,7 @@ VEHICLE = st.builds(
     st.none() | ABOVE_ZERO,
     st.none() | MODEL,
     st.none() | TRACKING,
+    st.dictionaries(st.sampled_from(["F_y", "F_x"]), st.builds(StatedModelError, *[st.none() | ABOVE_ZERO] * 3)),
     TEXT,
 )
 

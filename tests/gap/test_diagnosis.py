@@ -12,10 +12,12 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
-from greybox_id.gap.diagnosis import FORM, _of_sets, diagnose
+from greybox_id.gap.diagnosis import FORM, _of_sets, diagnose, something_unnamed
+from greybox_id.gap.gap import Unnamed
+from greybox_id.gap.model_error import believed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.vehicle import Stated, StatedModelError, Vehicle
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),
                            "c_0": Stated(208.0, 20.0)}, {"steering_ratio": Stated(sd=0.01)}, NOISE)  # fmt: skip
@@ -138,6 +140,16 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
     assert gap.closed.parameters == nominal().parameters
+
+
+def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
+    left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0})
+    stated = {"F_y": StatedModelError(share=0.08)}
+    usual, own = (believed(np.ones(1), told=True, exact=False, stated=known) for known in ({}, stated))
+    found = SimpleNamespace(unnamed=left, told=True, expected=usual)
+    assert something_unnamed(found) > 0.9
+    found.expected = own
+    assert something_unnamed(found) < 0.15
 
 
 def test_the_picture_covers_the_lap(delayed):

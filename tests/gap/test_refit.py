@@ -157,6 +157,20 @@ def test_what_is_not_finite_is_left_out_and_a_step_there_is_shortened():
     assert found.m[0] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_a_magnitude_that_is_held_needs_no_derivative():
+    X = smooth_columns(1)
+
+    def respond(p):
+        return X[:, :, 0] * p[0] if p[0] <= 1.5 else np.full((400, 2), np.nan)
+
+    bench = GivenBench(respond, respond(np.array([1.4])), 1)
+    search = search_on(bench, SD)
+    assert refit(search, [alone(search, candidate(0), 1.5)]) == []  # spins beside where it stands
+    (found,) = refit(search, [alone(search, candidate(0, low=1.5, high=1.5), 1.5)])
+    assert found.m[0] == 1.5
+    assert np.isfinite(found.cost)
+
+
 def test_a_poor_start_is_drawn_back_towards_where_it_came_from():
     X = smooth_columns(1)
 
