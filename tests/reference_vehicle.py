@@ -137,13 +137,14 @@ def dynamics(car, tyre, state, steer, force, given, v_dot, rate, seen):
     l_f, l_r, L = car.l_f, car.l_r, car.l_f + car.l_r
 
     # loads
-    static_f, static_r = car.m * G * l_r / L, car.m * G * l_f / L
+    m, more = car.m * car.mass_change, car.mass_change
+    static_f, static_r = car.m * G * l_r / L, car.m * G * l_f / L  # of the stated mass: friction is stated at them
     down = car.downforce * v_x**2
-    to_rear = car.longitudinal_load_transfer * car.m * a_x * car.h_cg / L
-    F_zf = max(static_f + down * l_r / L - to_rear, 0.0)
-    F_zr = max(static_r + down * l_f / L + to_rear, 0.0)
-    to_right_f = FRONT_SHARE * car.m * a_y * car.h_cg / car.track_f
-    to_right_r = (1 - FRONT_SHARE) * car.m * a_y * car.h_cg / car.track_r
+    to_rear = car.longitudinal_load_transfer * m * a_x * car.h_cg / L
+    F_zf = max(more * static_f + down * l_r / L - to_rear, 0.0)
+    F_zr = max(more * static_r + down * l_f / L + to_rear, 0.0)
+    to_right_f = FRONT_SHARE * m * a_y * car.h_cg / car.track_f
+    to_right_r = (1 - FRONT_SHARE) * m * a_y * car.h_cg / car.track_r
 
     # longitudinal forces of the axles
     if force > 0:
@@ -186,7 +187,6 @@ def dynamics(car, tyre, state, steer, force, given, v_dot, rate, seen):
     rolling = (car.c_0 + car.rolling_resistance) * np.tanh(v_x / 0.1) + car.c_1 * v_x
 
     # motion; a_x and a_y are specific forces, gravity is not among them
-    m = car.m * car.mass_change
     along_f, across_f = F_xf * np.cos(steer) - F_yf * np.sin(steer), F_yf * np.cos(steer) + F_xf * np.sin(steer)
     uphill, bank = G * np.sin(car.road_slope), G * np.sin(car.road_bank)
     a_x = v_dot - r * v_y + uphill if given else (F_xr + along_f - rolling - drag_x) / m

@@ -22,6 +22,14 @@ SOME = {
 }  # fmt: skip
 READ = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 
+HEAVY = {"mass_change": 2.0**30, "yaw_inertia": 2.0**30}
+"""So heavy that a `slippery` car does not move aside: slip is the steering angle."""
+
+
+def slippery(car):
+    """Tyres that carry as much sideways under the `HEAVY` load as the car's own under its own."""
+    return car | {name: car[name] / HEAVY["mass_change"] for name in ("D_f", "D_r")}
+
 
 def drive(car, effects=None, duration=6.0, fine=FINE, changed=None, **settings):
     """Through the mixed manoeuvre of `car`; parameters `changed` against it."""
@@ -84,10 +92,11 @@ def test_kinetic_energy_changes_by_the_work_of_the_forces(car):
 
 @pytest.mark.parametrize("tyre", ["pacejka", "linear", "dugoff", "brush"])
 def test_tyres_share_cornering_stiffness_and_peak(tyre):
-    heavy = {"mass_change": 1e9, "yaw_inertia": 1e9}  # it does not move aside: slip is the steering angle
     car = FULL_SIZE_CAR | {"E_f": 0.0}
     F_zf = car["m"] * G * car["l_r"] / (car["l_f"] + car["l_r"])
-    small, large = (simulate_lateral(car, straight(20, 0.1, a), heavy, tyre=tyre)["F_yf"][-1] for a in (1e-5, 0.5))
+    small, large = (
+        simulate_lateral(slippery(car), straight(20, 0.1, a), HEAVY, tyre=tyre)["F_yf"][-1] for a in (1e-5, 0.5)
+    )
     assert small == pytest.approx(car["B_f"] * car["C_f"] * car["D_f"] * F_zf * 1e-5, rel=1e-3)
     if tyre != "linear":
         assert 0.85 * car["D_f"] * F_zf < large <= car["D_f"] * F_zf
@@ -198,10 +207,9 @@ def test_steering_lags_limits_and_plays_in_closed_form():
 
 
 def test_slip_angles_relax_over_the_relaxation_length():
-    heavy = {"mass_change": 1e9, "yaw_inertia": 1e9}
     commands, since = stepped(20.0, 0.05)
     for sigma in (0.5, 0.01):
-        found = simulate_lateral(FULL_SIZE_CAR, commands, heavy | {"tyre_relaxation": sigma}, fine=1e-3)
+        found = simulate_lateral(slippery(FULL_SIZE_CAR), commands, HEAVY | {"tyre_relaxation": sigma}, fine=1e-3)
         assert np.allclose(found["alpha_f"], 0.05 * (1 - np.exp(-20 / sigma * since)), atol=1e-4)
 
 

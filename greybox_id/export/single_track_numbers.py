@@ -27,8 +27,8 @@ HELD = (
     "load_sensitivity",
 )
 """Effects that mass, inertia, lengths and tyres hold, as they are at rest."""
-_ALTERED = ("I_z", "l_f", "l_r")
-_TOLD = ("inertial_mass", "peak_f", "peak_r", "stiffness_f", "stiffness_r", *(f"altered_{name}" for name in _ALTERED))
+_ALTERED = ("m", "I_z", "l_f", "l_r")
+_TOLD = ("peak_f", "peak_r", "stiffness_f", "stiffness_r", *(f"altered_{name}" for name in _ALTERED))
 _SLOPED = ("F_yf", "F_yr", "alpha_f", "alpha_r")
 
 
@@ -91,7 +91,7 @@ def single_track_of(subject: Subject) -> SingleTrack:
     model = subject.model
     if not isinstance(model, MotionModel) or "peak_f" not in model.quantities:
         raise BadInput(f"{model.name} has no tyres; this target takes single_track and lateral only.")
-    (m, peak_f, peak_r, stiffer_f, stiffer_r, I_z, l_f, l_r), (C_f, C_r) = _at_rest(model)
+    (peak_f, peak_r, stiffer_f, stiffer_r, m, I_z, l_f, l_r), (C_f, C_r) = _at_rest(model)
     load, height = m * G / (l_f + l_r), value_of(model, "h_cg")
     if height is not None and "longitudinal_load_transfer" in model.effects:
         height *= float(model["longitudinal_load_transfer"].array)

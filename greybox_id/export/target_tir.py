@@ -63,12 +63,12 @@ def origins(subject: Subject) -> list[KeyOrigin]:
 def _files(subject: Subject) -> dict[str, tuple[str, list[TirKey]]]:
     numbers = single_track_of(subject)
     return {
-        f"{subject.name}_front.tir": ("front", _lines(subject, numbers.front, numbers.m, "f")),
-        f"{subject.name}_rear.tir": ("rear", _lines(subject, numbers.rear, numbers.m, "r")),
+        f"{subject.name}_front.tir": ("front", _lines(subject, numbers.front, "f")),
+        f"{subject.name}_rear.tir": ("rear", _lines(subject, numbers.rear, "r")),
     }
 
 
-def _lines(subject: Subject, axle: Axle, mass: float, suffix: str) -> list[TirKey]:
+def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
     curve = axle.pacejka
     if curve is None:
         raise BadInput(
@@ -82,8 +82,10 @@ def _lines(subject: Subject, axle: Axle, mass: float, suffix: str) -> list[TirKe
     if radius is None and stated is not None:
         radius = stated.value
     shift_h, shift_v = value_of(model, f"S_h_{suffix}") or 0.0, value_of(model, f"S_v_{suffix}") or 0.0
-    shift_v *= (value_of(model, "m") or mass) / mass  # of the load, which follows a change of mass in this file
-    sensitivity = value_of(model, "load_sensitivity") or 0.0
+    payload, k = value_of(model, "mass_change") or 1.0, value_of(model, "load_sensitivity") or 0.0
+    sensitivity = (
+        k * payload / (1 - k * (payload - 1))
+    )  # the model's is over the load without payload, a file's with it
     relaxation = value_of(model, "tyre_relaxation") or 0.0
     stiff, peak = f"B_{suffix} C_{suffix} D_{suffix}", _with(subject, f"D_{suffix}", "grip_scale", "load_sensitivity")
     slope = _with(subject, stiff, {"f": "front_stiffness", "r": "rear_stiffness"}[suffix], "grip_scale")

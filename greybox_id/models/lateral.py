@@ -46,8 +46,8 @@ def lateral(tyre: Tyre = pacejka) -> MotionModel:
         q.F_yf = tyre.force(q.alpha_f, q.F_zf, axle(p, "f"), q.grip_f, q.stiffness_f)
         q.F_yr = tyre.force(q.alpha_r, q.F_zr, axle(p, "r"), q.grip_r, q.stiffness_r)
 
-        q.inertial_mass, q.gravity_y = p.m, 0.0
-        q.a_y = (q.F_yf * cs.cos(u.steer) + q.F_yr) / q.inertial_mass
+        q.gravity_y = 0.0
+        q.a_y = (q.F_yf * cs.cos(u.steer) + q.F_yr) / p.m
         q.M_z = p.l_f * q.F_yf * cs.cos(u.steer) - p.l_r * q.F_yr
         return {
             "v_y": q.a_y - q.gravity_y - x.yaw_rate * u.v_x,
@@ -64,7 +64,7 @@ def lateral(tyre: Tyre = pacejka) -> MotionModel:
         parameters=(*BODY, *tyre.parameters("f"), *tyre.parameters("r")),
         quantities=(
             *("alpha_f", "alpha_r", "F_zf", "F_zr", "grip_f", "grip_r", "stiffness_f", "stiffness_r"),
-            *("peak_f", "peak_r", "F_yf", "F_yr", "inertial_mass", "gravity_y", "a_y", "M_z"),
+            *("peak_f", "peak_r", "F_yf", "F_yr", "gravity_y", "a_y", "M_z"),
         ),
         dynamics=dynamics,
         combinations=combinations(tyre),

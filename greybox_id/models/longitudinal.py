@@ -47,9 +47,9 @@ def longitudinal() -> MotionModel:
         q.F_x = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
         q.F_drag = (p.c_0 * cs.cos(u.road_slope) + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * moving
 
-        q.inertial_mass, q.gravity_x = p.m, G * cs.sin(u.road_slope)
+        q.gravity_x = G * cs.sin(u.road_slope)
         turning = 4 * p.I_w / p.wheel_radius**2
-        acceleration = (q.F_x - q.F_drag - q.inertial_mass * q.gravity_x) / (q.inertial_mass + turning)
+        acceleration = (q.F_x - q.F_drag - p.m * q.gravity_x) / (p.m + turning)
         q.a_x = acceleration + q.gravity_x
         return {"v_x": q.a_x - q.gravity_x}
 
@@ -63,7 +63,7 @@ def longitudinal() -> MotionModel:
         defaults={"road_slope": 0.0},
         outputs=("v_x", "a_x"),
         parameters=PARAMETERS,
-        quantities=("drive_force", "F_x", "F_drag", "inertial_mass", "gravity_x", "a_x"),
+        quantities=("drive_force", "F_x", "F_drag", "gravity_x", "a_x"),
         dynamics=dynamics,
         actuators=(lag("drive", "drive_lag_state", lambda p: p.drive_lag),),
         combinations=(

@@ -84,9 +84,9 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
         q.F_yr = tyre.force(q.alpha_r, q.F_zr, axle(p, "r"), q.grip_r, q.stiffness_r)
         q.F_drag = (p.c_0 + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * sign_of_motion(x.v_x)
 
-        q.inertial_mass, q.gravity_x, q.gravity_y = p.m, 0.0, 0.0
-        q.a_x = (q.F_xr + q.F_xf * c - q.F_yf * s - q.F_drag) / q.inertial_mass
-        q.a_y = (q.F_yr + q.F_yf * c + q.F_xf * s) / q.inertial_mass
+        q.gravity_x, q.gravity_y = 0.0, 0.0
+        q.a_x = (q.F_xr + q.F_xf * c - q.F_yf * s - q.F_drag) / p.m
+        q.a_y = (q.F_yr + q.F_yf * c + q.F_xf * s) / p.m
         q.M_z = p.l_f * (q.F_yf * c + q.F_xf * s) - p.l_r * q.F_yr
         return {
             "v_x": q.a_x - q.gravity_x + x.yaw_rate * x.v_y,
@@ -110,7 +110,7 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
             *("alpha_f", "alpha_r", "F_zf", "F_zr"),
             *("grip_f", "grip_r", "stiffness_f", "stiffness_r", "peak_f", "peak_r"),
             *("drive_force", "F_xf", "F_xr", "F_yf", "F_yr", "F_drag"),
-            *("inertial_mass", "gravity_x", "gravity_y", "a_x", "a_y", "M_z"),
+            *("gravity_x", "gravity_y", "a_x", "a_y", "M_z"),
         ),
         dynamics=dynamics,
         combinations=combinations(tyre),

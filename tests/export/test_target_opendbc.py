@@ -30,7 +30,7 @@ def test_the_snippet_sets_what_is_known(source):
         own["l_f"].value,
     )
     assert ret.mass == pytest.approx(1.1 * own["m"].value)
-    load = own["m"].value * 9.81 * own["l_r"].value / ret.wheelbase
+    load = ret.mass * 9.81 * own["l_r"].value / ret.wheelbase
     assert ret.tireStiffnessFront == pytest.approx(0.9 * 9.3 * 1.4 * 1.0 * load, rel=1e-9)
 
 

@@ -84,11 +84,12 @@ def driven(car: Car, s: Row, given: Row) -> tuple[float, float]:
 @compiled
 def loads(car: Car, s: Row, given: Row, seen: Row, wheels: Grid) -> None:
     """Write the wheels' loads, N, under the accelerations of the evaluation before."""
-    m, v_x = car.m * given[MASS], s[V_X]
+    heavier, v_x = car.mass_change * given[MASS], s[V_X]
+    m = car.m * heavier
     down = 0.5 * car.downforce * v_x * v_x / car.L
     to_rear = 0.5 * car.longitudinal_load_transfer * m * seen[A_X] * car.h_cg / car.L
-    front = max(car.load_f * given[MASS] + down * car.l_r - to_rear, 0.0)
-    rear = max(car.load_r * given[MASS] + down * car.l_f + to_rear, 0.0)
+    front = max(car.load_f * heavier + down * car.l_r - to_rear, 0.0)
+    rear = max(car.load_r * heavier + down * car.l_f + to_rear, 0.0)
     a_y = seen[A_Y]
     if car.form_roll == 1 and car.roll_dynamics > 0.0:  # springs and dampers pass on what the body leans
         w = 2.0 * pi * car.roll_frequency

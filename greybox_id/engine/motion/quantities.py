@@ -26,7 +26,7 @@ class NamedQuantities:
     Parameters
     ----------
     model : whose alterations act.
-    x, u, p : states, inputs and parameters; the latter two are altered here.
+    x, u, p : states, inputs and parameters; the latter two are altered here, `stated` are parameters as they were.
     relax : what a relaxation does to an assigned quantity.
     before : the quantities of the pass before; None in the first one, which finds them all zero.
     """
@@ -35,7 +35,8 @@ class NamedQuantities:
         self, model: MotionModel, x: Namespace, u: Namespace, p: Namespace, relax: Relax, before: Any = None
     ) -> None:
         vars(self).update(
-            x=x, u=SimpleNamespace(**vars(u)), p=SimpleNamespace(**vars(p)), before=before or NothingBefore(),
+            x=x, u=SimpleNamespace(**vars(u)), p=SimpleNamespace(**vars(p)), stated=p,
+            before=before or NothingBefore(),
             _alterations=model.alterations, _relaxed=_by_quantity(model), _relax=relax,
         )  # fmt: skip
         for name, change in model.alterations:

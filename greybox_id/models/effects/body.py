@@ -48,8 +48,8 @@ def _rolling(model: MotionModel) -> MotionModel:
 
 
 mass_change = alteration(
-    GROUP, "mass_change", "1", 1.0, (0.3, 3.0), "mass that forces accelerate, times this; forces and loads stay",
-    typical=1.15, inertial_mass=lambda m, q: m * q.p.mass_change,
+    GROUP, "mass_change", "1", 1.0, (0.3, 3.0), "mass times this: inertia, static and transferred loads",
+    typical=1.15, m=lambda m, q: m * q.p.mass_change,
 )  # fmt: skip
 
 cog_shift = alteration(

@@ -38,7 +38,7 @@ def _drag(F_drag: Symbol, q: Quantities) -> Symbol:
 def _side_wind(a_y: Symbol, q: Quantities) -> Symbol:
     """The same across; the vehicle's own v_y is left out, as it is without wind."""
     along, across = _wind(q)
-    return a_y + q.p.c_2 * _air_speed(q.x.v_x - along, across) * across / q.inertial_mass
+    return a_y + q.p.c_2 * _air_speed(q.x.v_x - along, across) * across / q.p.m
 
 
 def _blowing(model: MotionModel) -> MotionModel:

@@ -29,7 +29,7 @@ def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities) -> Symbol:
 
 
 def _friction_of_loads(F_z: Symbol, static: Symbol, share: float, track: Symbol, q: Quantities) -> Symbol:
-    """Friction of an axle over that of two wheels at their static load F_z0.
+    """Friction of an axle over that of two wheels at their static load F_z0, of the stated mass.
 
     D_wheel = D (1 - k (F_z - F_z0) / F_z0), summed over a left and a right wheel which differ by twice the load
     transfer; a wheel that lifts has none (smooth, see `remaining`).
@@ -40,12 +40,12 @@ def _friction_of_loads(F_z: Symbol, static: Symbol, share: float, track: Symbol,
 
 
 def _load_sensitive_f(grip: Symbol, q: Quantities) -> Symbol:
-    static = q.p.m * G * q.p.l_r / (q.p.l_f + q.p.l_r)
+    static = q.stated.m * G * q.p.l_r / (q.p.l_f + q.p.l_r)
     return grip * _friction_of_loads(q.F_zf, static, FRONT_SHARE, q.p.track_f, q)
 
 
 def _load_sensitive_r(grip: Symbol, q: Quantities) -> Symbol:
-    static = q.p.m * G * q.p.l_f / (q.p.l_f + q.p.l_r)
+    static = q.stated.m * G * q.p.l_f / (q.p.l_f + q.p.l_r)
     return grip * _friction_of_loads(q.F_zr, static, 1 - FRONT_SHARE, q.p.track_r, q)
 
 

@@ -15,6 +15,28 @@ def loads(effect, magnitude, drive=0.0, **parameters):
     return read(model, ("F_zf", "F_zr", "a_x"), TURNING, {"steer": 0.05, "drive": drive}, **parameters)
 
 
+def test_a_payload_presses_on_the_tyres_as_much_as_it_resists():
+    names = ("F_zf", "F_zr", "F_yf", "F_yr", "drive_force", "F_drag", "a_y")
+    plain, laden = (
+        read(single_track() + EFFECTS["mass_change"].at(m), names, TURNING, {"steer": 0.05, "drive": 0.0})
+        for m in (1.0, 1.2)
+    )
+    for name in ("F_zf", "F_zr", "F_yf", "F_yr"):
+        assert laden[name] == pytest.approx(1.2 * plain[name], rel=1e-12)
+    for name in ("drive_force", "F_drag", "a_y"):
+        assert laden[name] == pytest.approx(plain[name], rel=1e-12)
+
+
+def test_a_payload_takes_friction_of_tyres_whose_friction_falls_with_load_and_no_force_of_a_motor():
+    model = single_track() + EFFECTS["load_sensitivity"].at(0.1) + EFFECTS["motor_saturation"].at(2.0)
+    straight = ({"v_x": 5.0}, {"steer": 0.0, "drive": 8.0})
+    plain, laden = (
+        read(model + EFFECTS["mass_change"].at(m), ("grip_f", "drive_force"), *straight) for m in (1.0, 1.2)
+    )
+    assert laden["grip_f"] == pytest.approx(1 - 0.1 * 0.2, rel=1e-3)
+    assert laden["drive_force"] == pytest.approx(plain["drive_force"], rel=1e-12)
+
+
 @pytest.mark.parametrize("drive", [-8.0, -2.0, 3.0])
 def test_acceleration_moves_load_and_adds_none(drive):
     found = loads("longitudinal_load_transfer", 1.0, drive)
