@@ -25,7 +25,10 @@ def _lag(model: MotionModel) -> MotionModel:
 
 
 def _saturated(force: Symbol, q: Quantities) -> Symbol:
-    """Driving force up to m a_sat min(1, v_b / v), of the stated mass: a load changes no motor; both corners are rounded as `within_limit` says."""
+    """Driving force up to m a_sat min(1, v_b / v); both corners are rounded as `within_limit` says.
+
+    The mass is the stated one: a payload changes no motor.
+    """
     fades = within_limit(cs.fabs(speed(q)) / q.p.motor_saturation_v_b)
     return force * within_limit(force / q.stated.m / q.p.motor_saturation / fades)
 
