@@ -156,9 +156,14 @@ def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) ->
 
 def errors(simulator: Simulator, recording: Recording, p: Array) -> Array:
     """(trajectories, outputs) RMSE of free runs."""
+    return np.sqrt([np.mean(own**2, axis=0) for own in deviations(simulator, recording, p)])
+
+
+def deviations(simulator: Simulator, recording: Recording, p: Array) -> list[Array]:
+    """Of every trajectory (rows, outputs): a free run's predictions less what was read."""
     found = Predictor(simulator, recording, p).free_run()
-    squares = (found.predicted - found.measured) ** 2
-    return np.sqrt([np.mean(squares[found.run == run], axis=0) for run in np.unique(found.run)])
+    away = found.predicted - found.measured
+    return [away[found.run == run] for run in np.unique(found.run)]
 
 
 def identified(problem: MeanError, solution: Solution) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Draws from the normal distribution that a fit's covariance describes: free of cost, and blind to a bent posterior.
 
-Positive numbers but lengths and times are drawn in their logarithm, in which fits of vehicles are closer to normal; what
-falls beyond a bound is drawn again.
+Positive numbers but lengths, times, masses and inertias are drawn in their logarithm, in which fits of vehicles are
+closer to normal; what falls beyond a bound is drawn again.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ Mask = NDArray[np.bool_]
 
 MOST_TRIES = 1000
 """Times as many draws as are wanted may fall beyond bounds."""
-ADDING = ("m", "s")
-"""Units of numbers that make up sums, wheelbases and delays, which stay straight as they are and not in logarithms."""
+ADDING = ("m", "s", "kg", "kg m^2")
+"""Units of numbers that make up sums, as wheelbases and delays do: along these a valley is straight in the numbers
+themselves, along products of the others in their logarithms."""
 RIDGE = 1e-10
 """Of a covariance in units of its standard deviations: rounding must not make it indefinite."""
 

@@ -8,12 +8,13 @@ which last have widened; bends and priors are mapped along. No direction gets na
 Three kinds of steps take turns. Most lead towards a Student t distribution about the middle, at first the fit's, later
 that of the walkers themselves, and are accepted by how the posterior differs from it: where it hardly does, one step
 forgets all. The others go by the differences between walkers, which know how the posterior is bent. Positive numbers
-but lengths and times move by their logarithm: valleys along which a product stays the same are straight there.
+but lengths, times, masses and inertias move by their logarithm: valleys along which a product stays the same are
+straight there.
 
-Sources: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012), Sec. 2.3,
-the curvature adjustment; Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28 (2013),
-preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems 40
-(2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
+Sources: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012),
+Sec. 2.3, the curvature adjustment; Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
+(2013), preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems
+40 (2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
 chains, Statistics and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
 
 Every block of steps draws its random numbers from (seed, number of the block), and what the walkers are told to be like
@@ -41,9 +42,9 @@ FORGET, LEARN = 5, (10, 20)
 """Blocks of the burn-in that say nothing; blocks after which steps lead towards what the walkers have been like."""
 THIN = 10
 """Steps a block, of which the last is kept."""
-TOWARDS_MIDDLE, DIFFERENCES, SNOOKER = 0.6, 0.3, 0.1
+TOWARDS_MIDDLE, DIFFERENCES, SNOOKER = 0.8, 0.15, 0.05
 """Shares of steps towards the middle, by differences, and along the line to another walker."""
-REACH = (0.2, 1.0)
+REACH = (0.3, 1.0)
 """How far a step towards the middle goes, drawn in its logarithm: 1 forgets where it was."""
 TAIL = 6.0
 """Degrees of freedom of the distribution that steps lead towards: a normal one would hold walkers in tails."""
@@ -134,7 +135,7 @@ class TowardsMiddle:
     def __call__(self, u: Array, random: np.random.RandomState) -> tuple[Array, Array]:
         """Proposals (n, d), and what corrects for the t distribution (n,)."""
         count, d = u.shape
-        beta = np.exp(random.uniform(*np.log(REACH), count))[:, None]
+        beta = np.exp(random.uniform(np.log(REACH[0]), np.log(REACH[1]), count))[:, None]
         z = (u - self.centre) @ self.inverse.T
         far = np.sum(z**2, axis=1)
         scale = (TAIL + far) / (2.0 * random.standard_gamma((TAIL + d) / 2, count))
