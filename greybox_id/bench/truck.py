@@ -483,7 +483,8 @@ def _traces(found: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]
     for one in own:
         mean = np.mean(one.errors[split], axis=0)
         among = np.var(one.errors[split], axis=0, ddof=1) if one.seeds > 1 else 0.0
-        reach = LEVEL * np.sqrt(np.mean(one.errors["train"] ** 2, axis=(0, 1))[: mean.shape[1]] + among)
+        within = np.mean(one.errors["train"] ** 2, axis=(0, 1))[: mean.shape[1]]
+        reach = LEVEL * np.sqrt(np.zeros(mean.shape) + within + among)
         lines.append(
             {
                 "model": one.cell.name, "coverage": np.mean(np.abs(mean) <= reach, axis=(0, 1)).tolist(),
