@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from calling import greybox, refused
+from json_pages import PAGE, agree
 from scipy.signal import lfilter
 
 from greybox_id.bench import truck as bench
@@ -155,6 +156,7 @@ def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypat
         "bench", "truck", "--data", made_up, "--curves", "--seeds", 2, "--report", page, "--out", tmp_path / "own.json",
         "--json",
     ).told  # fmt: skip
+    agree(told, PAGE["bench truck"], "bench truck")
     assert told["report"] == [str(page / "truck.html"), str(page / "truck.pdf")]
     assert {own["share"] for own in told["learning_curves"]} == {0.5, 1.0}
     assert {own["taught"] for own in told["lessons"]} == set(bench.LESSONS)
