@@ -43,6 +43,8 @@ def main() -> int:
     except (GreyboxError, OSError) as error:
         sys.stderr.write(f"truck: {error}\n")
         return 2
+    except KeyboardInterrupt:
+        return 130
     sys.stdout.write((json.dumps(finite(found), indent=1) if given.json else as_text(tables(found))) + "\n")
     return 0
 

@@ -133,7 +133,7 @@ def truck_tables(
             durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
         result = {
             "rows": rows, "comparisons": comparisons, "durations": durations,
-            "learning_curves": _curves(found, sets), "lessons": _lessons(found, sets),
+            "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
             "traces": _traces(on[AS_PUBLISHED], sets), "identified": told, "paper": PAPER, "quick": how.quick,
             "seeds": 1 if how.quick else how.seeds, "left_out": store.left_out,
             "cpu_seconds": time.process_time() - clock,
@@ -313,7 +313,12 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
                 say(name)
                 return trained(cell, own, sets.bicycle(cell.data), seed, say)
 
-            one = store.training(about(cell, own, seed), train)
+            try:
+                one = store.training(about(cell, own, seed), train)
+            except KeyboardInterrupt:
+                if store.file is not None:
+                    say(f"trainings so far are in {store.file}; the same command goes on")
+                raise
             if one is not None:
                 found[cell].append(one)
     if store.left_out:
