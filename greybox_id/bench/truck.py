@@ -482,8 +482,9 @@ def _traces(found: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]
     rows = own[0].errors[split].shape[2]
     read = np.array([np.column_stack([recording[n][b - rows : b] for n in OUTPUTS]) for _, b in recording.runs])
     yaw_rate = read[:, :, OUTPUTS.index("yaw_rate")]
-    turns = np.sum(np.diff(np.sign(yaw_rate), axis=1) != 0, axis=1)
-    chosen = int(np.argmax(np.std(yaw_rate, axis=1) * (turns >= np.quantile(turns, 0.8))))
+    turning = [np.sign(one[np.abs(one) > np.std(yaw_rate)]) for one in yaw_rate]
+    turns = np.array([np.sum(np.diff(one) != 0) for one in turning])  # from one side well to the other
+    chosen = int(np.lexsort((np.std(yaw_rate, axis=1), turns))[-1])
     lines = []
     for one in own:
         mean = np.mean(one.errors[split], axis=0)

@@ -60,7 +60,7 @@ def drawings(found: Found) -> tuple[Drawing, ...]:
     """Figures of what there is, in the paper's order."""
     made = []
     published = [own for own in found["durations"] if not own["by_recording"]]
-    drawn = [own for own in published if own["model"] in BICYCLES[1:]] + _best_of_methods(published)
+    drawn = _best_of_methods(published) + [own for own in published if own["model"] in BICYCLES[1:]]
     bicycles = [own for own in published if own["model"] in BICYCLES]
     if len(drawn) > 1:
         made.append(Drawing(
