@@ -445,7 +445,7 @@ def _curves(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str,
 
 
 def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
-    """Which effect of transfer is told apart: every lesson against none, and against the fitted bicycle, on val."""
+    """Which effect of transfer is distinguished: every lesson against none, and against the fitted bicycle, on val."""
     at = {one.cell: one for one in found}
     lessons = []
     for share in TAUGHT_ON:

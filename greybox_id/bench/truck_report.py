@@ -48,7 +48,7 @@ def truck_report(found: Found) -> Document:
             "on what they are scored by flatters each of them alike.")),
         *titled("Paired", _pairs(found["comparisons"]), Text(
             "Difference of RMSE, trajectory by trajectory; what includes zero is not distinguished.")),
-        *titled("Which effect of transfer is told apart", _lessons(found["lessons"]), Text(
+        *titled("Which effect of transfer is distinguished", _lessons(found["lessons"]), Text(
             "Networks of 4 x 8, windows of 1 s, on val: what each learnt before it saw a recording.")),
         *titled("Figures", *drawings(found)),
     )  # fmt: skip

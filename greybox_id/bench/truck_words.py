@@ -52,5 +52,5 @@ def tables(found: Mapping[str, Any]) -> list[Any]:
             )  # fmt: skip
         parts += ["\nWhat a network learns before it sees a recording\n", lessons]
     if found["left_out"]:
-        parts.append(f"\n{found['left_out']} trainings are left out: call it again with the same --out to go on.")
+        parts.append(f"\n{found['left_out']} trainings are left out: run it again with the same ‹out› to go on.")
     return parts

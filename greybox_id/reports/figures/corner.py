@@ -8,8 +8,8 @@ import numpy as np
 
 from ...parameter import Array
 from ..numbers import pretty_unit
-from .sheet import SMALL, WIDE, Sheet
-from .style import BLUE, symbol
+from .sheet import WIDE, Sheet
+from .style import BLUE, SMALL, symbol
 
 BINS = 25
 CELL = 92.0

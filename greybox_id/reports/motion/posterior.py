@@ -59,9 +59,9 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
 
 
 def _table(fit: Fit, posterior: Posterior) -> Table:
-    body = []
+    body, rows = [], posterior.table
     for own in posterior.coordinates:
-        row = posterior.table.loc[own.name]
+        row = {name: float(rows[name].loc[own.name]) for name in ("mean", "sd", "low", "high", "r_hat", "ess")}
         single = own.run is None and fit.model[own.parameter].shape == ()
         stated = float(fit.sd[own.parameter]) if single else np.nan
         value = float(fit.model[own.parameter].array) if single else np.nan
