@@ -1,6 +1,6 @@
 """The truck of the transfer-learning paper: ten seconds of free run, its Tables II to IV beside ours.
 
-    python benchmarks/truck.py --data DIR [--quick] [--seeds 5] [--json]
+    python benchmarks/truck.py --data DIR [--quick] [--curves] [--seeds 5] [--out FILE] [--minutes N] [--json]
 
 The same as `greybox bench truck`: DIR holds train.parquet and val.parquet, perhaps test.parquet, which is scored and
 nothing else.
@@ -13,6 +13,7 @@ import json
 import sys
 from pathlib import Path
 
+from greybox_id.bench.kept import KeptBench
 from greybox_id.bench.truck import TruckOptions, truck_tables
 from greybox_id.bench.truck_words import tables
 from greybox_id.errors import GreyboxError
@@ -26,6 +27,9 @@ def main() -> int:
     arguments.add_argument("--data", required=True, type=Path, help="folder of the recordings")
     arguments.add_argument("--quick", action="store_true", help="the smallest networks from one seed")
     arguments.add_argument("--seeds", type=int, default=5, help="trainings of each network")
+    arguments.add_argument("--curves", action="store_true", help="learning curves and lessons, no other networks")
+    arguments.add_argument("--out", help="file or folder that keeps trainings, to go on from")
+    arguments.add_argument("--minutes", type=float, help="begin no training after so many")
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     given = arguments.parse_args()
 
@@ -34,10 +38,13 @@ def main() -> int:
             sys.stderr.write(f"{line}\n")
 
     try:
-        found = truck_tables(given.data, TruckOptions(given.quick, given.seeds), say)
+        kept = KeptBench("truck", given.out, given.minutes)
+        found = truck_tables(given.data, TruckOptions(given.quick, given.seeds, given.curves), say, kept)
     except (GreyboxError, OSError) as error:
         sys.stderr.write(f"truck: {error}\n")
         return 2
+    except KeyboardInterrupt:
+        return 130
     sys.stdout.write((json.dumps(finite(found), indent=1) if given.json else as_text(tables(found))) + "\n")
     return 0
 

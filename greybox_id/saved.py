@@ -45,7 +45,7 @@ class Kind:
         whole[CHECKSUM] = checksum(whole)
         return json.dumps(without_nan(whole), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
-    def load(self, path: str | Path, made: Callable[[dict[str, Any]], Found]) -> Found:
+    def load(self, path: str | Path, made: Callable[[dict[str, Any]], Found], *, going_on: bool = False) -> Found:
         """What a file of this kind holds.
 
         Parameters
@@ -53,13 +53,15 @@ class Kind:
         path : the file.
         made : makes it of the plain data; `LookupError`, `ArithmeticError`, `TypeError`, `ValueError` and
             `AttributeError` of it mean that the data are not those of such a file.
+        going_on : whether it is going to be replaced by what goes on from it.
 
         Raises
         ------
         BadInput : the file is something else, is damaged, or was written by another version.
         """
         file = Path(path)
-        protect(file)
+        if not going_on:
+            protect(file)
         body = read_json(file)
         if not isinstance(body, dict) or body.get(FORMAT) != self.format:
             raise BadInput(f"{file} is not {self.what} of greybox-id; make one with {self.command}.")

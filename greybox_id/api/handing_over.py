@@ -16,6 +16,7 @@ from ..fit import Fit
 from ..gap.gap import Gap
 from ..model import Model
 from ..models.registry import known
+from ..posterior.posterior import Posterior, load_posterior
 from ..racing.export import PolicySubject, export_policy
 from ..racing.learner import Learned
 from ..racing.policy import Policy, load_policy
@@ -98,6 +99,7 @@ def report(
     recordings: Recordings | None = None,
     columns: Columns = "canonical",
     effects: Iterable[Effect] = (),
+    posterior: Posterior | str | Path | None = None,
 ) -> Path:
     """Write what fits, diagnoses and tracks say as a report with figures, PDF or HTML.
 
@@ -109,6 +111,8 @@ def report(
         ones read them again from where they were.
     columns : column map, where files are named.
     effects : of one's own that a diagnosis has tried.
+    posterior : of a single fit of equations of motion, draws of `gb.sample` or their file: their table, a corner plot
+        and bands of predictions.
 
     Returns
     -------
@@ -135,6 +139,8 @@ def report(
     if not isinstance(out, str | Path):
         raise BadInput(f"out: the path of a file is needed, not {out!r:.60}.")
     kind_of(out)
+    if posterior is not None and (len(several) > 1 or not isinstance(several[0], Fit)):
+        raise BadInput("posterior: it belongs to one fit; hand over that fit alone.")
     models = [own for result in several if (own := _model_of(result)) is not None]
     with known(*models, *effects):
         if len(several) > 1 and all(isinstance(own, Fit) for own in several):
@@ -143,6 +149,9 @@ def report(
                 NamedFit(f"{k} {own.model.name}", own, _seen(own, recordings, columns)) for k, own in enumerate(fits, 1)
             ]
             return write(comparison(named), out)
+        if posterior is not None and isinstance(several[0], Fit):
+            draws = posterior if isinstance(posterior, Posterior) else load_posterior(posterior)
+            return write(prepared(several[0], _seen(several[0], recordings, columns), draws), out)
         documents = [_document(own, recordings, columns) for own in several]
         return write(documents[0] if len(documents) == 1 else _one_after_the_other(documents), out)
 

@@ -23,6 +23,7 @@ from ..posterior.predictive import banded_table, predictive_band
 from ..posterior.verb import SampleOptions, must_suit_sampling
 from ..posterior.verb import sample as sample_fit
 from ..recording import Recording
+from ..reports.figures.corner import corner
 from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table
@@ -146,37 +147,15 @@ class PosteriorResult(Posterior):
         ------
         BadInput : there is no such column.
         """
-        import matplotlib.pyplot as plt
-
         chosen = list(self.names[:MOST_SHOWN] if names is None else names)
         for name in chosen:
             if name not in self.names:
                 raise BadInput(f"names: the posterior has no {name!r}; it has {', '.join(self.names)}.")
-        values = pd.DataFrame(self.chosen(min(max(len(self), 1000), 5000)), columns=list(self.names))
-        size = len(chosen)
-        figure, axes = plt.subplots(size, size, figsize=(1.6 * size + 1, 1.6 * size + 1), squeeze=False)
-        for row, down in enumerate(chosen):
-            for column, across in enumerate(chosen):
-                axis = axes[row, column]
-                if column > row:
-                    axis.set_visible(False)
-                    continue
-                if row == column:
-                    axis.hist(values[down], bins=40, histtype="step", color="C0")
-                    axis.set_yticks([])
-                else:
-                    axis.plot(values[across], values[down], ".", markersize=1, alpha=0.3, color="C0")
-                axis.tick_params(labelsize=7)
-                if row == size - 1:
-                    axis.set_xlabel(across, fontsize=8)
-                else:
-                    axis.set_xticklabels([])
-                if column == 0 and row > 0:
-                    axis.set_ylabel(down, fontsize=8)
-                elif column > 0:
-                    axis.set_yticklabels([])
-        figure.align_labels()
-        return figure
+        columns = [self.names.index(name) for name in chosen]
+        values = self.chosen(min(max(len(self), 1000), 5000))[:, columns]
+        found = corner(values, chosen, [self.coordinates[k].unit for k in columns])
+        found.lay_out()
+        return found
 
 
 def sample(

@@ -40,13 +40,11 @@ from ..models.registry import candidates, prepared
 from ..parameter import Array
 from ..recording import Recording
 from ..reports.pairing import paired
-from ..saved import Kind
 from ..scores.metrics import BATCH, Error, Prediction, errors, predictions
 from ..scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from ..solvers.gauss_newton import Status, gauss_newton
 
 Row = dict[str, Any]
-BENCH = Kind("greybox-bench", 1, "a bench", "greybox bench", "run it again")
 
 ABLATION_1 = {"transient_over_a_x": False}
 ABLATION_2 = {"transient_over_a_x": False, "steady_over_a_x": False}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from .. import __version__
 from ..adaptation.parting import parted
@@ -11,10 +10,8 @@ from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..reports.document import Document, Part, Points, Table, Text, titled
 from ..reports.drawing import Drawing
-from ..reports.html import write_html
 from ..reports.noise import noise
 from ..reports.numbers import number
-from ..reports.pdf import write_pdf
 from ..scores.metrics import Prediction
 from ..scores.timing import timed
 from .msnn import OURS, MsnnBench, Row, one_output
@@ -33,13 +30,6 @@ ADAM = (
     "CPU s: of our fit, on one core. The authors train by Adam, some thousand epochs in batches of 100. The paper's "
     "recording with 10 % more mass is not public; single_mass stands in its place, and has no published figure."
 )
-NAME = "msnn"
-
-
-def write_report(found: MsnnBench, folder: Path) -> list[Path]:
-    """Write one page for a browser and one PDF into a folder, each atomically."""
-    document = msnn_report(found)
-    return [write_html(document, folder / f"{NAME}.html"), write_pdf(document, folder / f"{NAME}.pdf")]
 
 
 def msnn_report(found: MsnnBench) -> Document:

@@ -11,8 +11,9 @@ Standard errors and paired intervals are over whole recordings, whose chunks are
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +24,24 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import BadInput
 from ..fitting.how import Say, quiet
-from ..fitting.pretraining import Pretraining
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, errors, fitted, identified
+from .kept import KeptBench
+from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
 from .truck_inputs import raw
-from .truck_models import LEVER_ARM, truck
-from .truck_networks import METHODS, NetworkTraining, trained
+from .truck_networks import (
+    BICYCLE,
+    LESSONS,
+    METHODS,
+    NetworkCell,
+    NetworkTraining,
+    about,
+    along,
+    fitted_bicycle,
+    scored,
+    trained,
+)
 
 SPLITS = ("train", "val", "test")
 SECONDS = 10.0
@@ -43,8 +54,13 @@ WHOLE = 10.0
 DURATIONS = (0.05, *(float(k) for k in range(1, 11)))
 REPEATS = 2000
 """Draws of the bootstrap over recordings."""
-SHARES = (0.1, 0.25, 0.5)
+SHARES = (0.1, 0.25, 0.5, 1.0)
 """Of the training recordings, for learning curves."""
+TAUGHT_ON = (0.1, 1.0)
+"""Shares on which several lessons before training are compared."""
+AS_PUBLISHED, BY_RECORDING = "as published", "by recording"
+LEVEL = 1.96
+"""Standard deviations to a side of a 95 % band."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +71,17 @@ class TruckOptions:
     ----------
     quick : the smallest networks at 1 s from one seed; a few CPU minutes in place of hours.
     seeds : trainings of every network.
+    curves_alone : learning curves and lessons, and no other networks.
     """
 
     quick: bool = False
     seeds: int = 5
+    curves_alone: bool = False
 
 
-def truck_tables(data: Path, options: TruckOptions | None = None, say: Say = quiet) -> dict[str, Any]:
+def truck_tables(
+    data: Path, options: TruckOptions | None = None, say: Say = quiet, kept: KeptBench | None = None
+) -> dict[str, Any]:
     """Fit, train and score everything.
 
     Parameters
@@ -69,16 +89,19 @@ def truck_tables(data: Path, options: TruckOptions | None = None, say: Say = qui
     data : folder of train.parquet and val.parquet, perhaps test.parquet.
     options : how much.
     say : progress.
+    kept : trainings so far, to go on from and to add to.
 
     Returns
     -------
-    Plain data: `rows`, `comparisons`, `durations`, `learning_curves`, `identified`, `paper`, `cpu_seconds`.
+    Plain data: `rows`, `comparisons`, `durations`, `learning_curves`, `lessons`, `traces`, `identified`, `paper`,
+    `left_out`, `cpu_seconds`.
 
     Raises
     ------
     BadInput : a file is missing or is none of these.
+    KeyboardInterrupt : Ctrl-C; trainings before it are kept.
     """
-    how, clock = options or TruckOptions(), time.process_time()
+    how, store, clock = options or TruckOptions(), kept or KeptBench("truck"), time.process_time()
     if not data.is_dir():
         raise BadInput(f"{data} is no folder; name that of train.parquet and val.parquet with ‹data›.")
     for split in SPLITS[:2]:
@@ -87,29 +110,36 @@ def truck_tables(data: Path, options: TruckOptions | None = None, say: Say = qui
                 f"{data / f'{split}.parquet'} is not there; fetch the truck's recordings (greybox datasets list) and "
                 "name their folder with ‹data›."
             )
-    rows: list[dict[str, Any]] = []
     told: dict[str, Any] = {}
-    comparisons: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     durations: list[dict[str, Any]] = []
     with threadpool_limits(1):
-        for by_recording in (False, True):
-            chosen = CANDIDATES if not by_recording else CANDIDATES[1:4]
-            for candidate in chosen:
-                say(f"{candidate.name}{', by recording' if by_recording else ''}")
-                own, identifiable = _grey_box(candidate, data, by_recording)
-                rows += own
-                if not by_recording:
-                    told[candidate.name] = identifiable
-            found = _networks(data, by_recording, how, say)
-            rows += [row for one in found for row in _rows(one, data, by_recording)]
-            comparisons += _compared(found, data, by_recording)
-            durations += [_along(one, by_recording) for one in found]
-        curves = [] if how.quick else _curves(data, how, say)
-    return {
-        "rows": rows, "comparisons": comparisons, "durations": durations, "learning_curves": curves, "identified": told,
-        "paper": PAPER, "quick": how.quick, "seeds": 1 if how.quick else how.seeds,
-        "cpu_seconds": time.process_time() - clock,
-    }  # fmt: skip
+        sets = TruckSets(data)
+        for split in (AS_PUBLISHED, BY_RECORDING):
+            for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:4]:
+                say(f"{candidate.name}, {split}")
+                own = GreyBoxRun.of(candidate, data, split == BY_RECORDING)
+                rows += own.rows
+                durations.append(_durations(candidate.name, split, own.errors))
+                if split == AS_PUBLISHED:
+                    told[candidate.name] = own.identified
+        found = _trained(sets, how, say, store)
+        on = {split: [one for one in found if one.cell.data == split] for split in (AS_PUBLISHED, BY_RECORDING)}
+        comparisons = []
+        for split, every in on.items():
+            own_cells = [one for one in every if one.cell.taught == BICYCLE]
+            rows += [row for one in own_cells for row in _rows(one, sets)]
+            comparisons += _compared(own_cells, sets)
+            durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
+        result = {
+            "rows": rows, "comparisons": comparisons, "durations": durations,
+            "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
+            "traces": _traces(on[AS_PUBLISHED], sets), "identified": told, "paper": PAPER, "quick": how.quick,
+            "seeds": 1 if how.quick else how.seeds, "left_out": store.left_out,
+            "cpu_seconds": time.process_time() - clock,
+        }  # fmt: skip
+    store.keep(tables=result)
+    return result
 
 
 @dataclass(frozen=True)
@@ -175,66 +205,148 @@ def _joined(one: Chunks, other: Chunks) -> Chunks:
     return Chunks(whole, np.concatenate([one.piece_of, other.piece_of]))
 
 
-def _grey_box(candidate: TruckCandidate, data: Path, by_recording: bool) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    clock = time.process_time()
-    found = splits(data, candidate.prepare, by_recording)
-    train = found["train"].recording
-    problem, solution = fitted(candidate.model(train), train)
-    seconds = time.process_time() - clock
-    simulator, p = problem.plain.simulator, problem.plain.shared(solution.x)
-    free = sum(own.size for own in simulator.trace.model.parameters if not own.fixed)
-    rows = [
-        _row("II" if candidate is CANDIDATES[0] else "grey box", candidate.name, candidate.inputs, split, by_recording,
-             errors(simulator, own.recording, p), own.piece_of, free, seconds)
-        for split, own in found.items()
-    ]  # fmt: skip
-    return rows, {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
+class TruckSets:
+    """The recordings that networks are trained on and scored by, as recorded.
+
+    Parameters
+    ----------
+    data : folder of the files.
+    """
+
+    def __init__(self, data: Path) -> None:
+        self._data = data
+        self.chunks = cache(self._chunks)
+        self.bicycle = cache(self._bicycle)
+
+    def recordings(self, name: str) -> dict[str, Recording]:
+        """Split -> recording."""
+        return {split: own.recording for split, own in self.chunks(name).items()}
+
+    def _chunks(self, name: str) -> dict[str, Chunks]:
+        """Of "as published", "by recording" or a share of the training recordings, 0.1."""
+        if name in (AS_PUBLISHED, BY_RECORDING):
+            return splits(self._data, raw, name == BY_RECORDING)
+        found = self.chunks(AS_PUBLISHED)
+        train = found["train"]
+        order = np.random.default_rng(77).permutation(np.unique(train.piece_of))
+        some = order[: max(2, round(float(name) * len(order)))]
+        return {"train": train.of(np.isin(train.piece_of, some), f"{name} of train"), "val": found["val"]}
+
+    def _bicycle(self, name: str) -> MotionModel:
+        return fitted_bicycle(self.chunks(name)["train"].recording)
 
 
-def _known(train: Recording) -> tuple[MotionModel, Pretraining]:
-    """The bicycle with the signs put right, fitted to the training trajectories."""
-    problem, solution = fitted(truck(LEVER_ARM), train)
-    model, p = problem.plain.model, problem.plain.shared(solution.x)
-    return model.with_values(p), Pretraining(model, p[None], span="box", source="the bicycle")
+@dataclass(frozen=True)
+class GreyBoxRun:
+    """A grey-box model, fitted to train and scored.
+
+    Attributes
+    ----------
+    rows : of the tables.
+    errors : split -> (1, trajectories, rows, outputs).
+    identified : parameters and combinations.
+    """
+
+    rows: list[dict[str, Any]]
+    errors: dict[str, Array]
+    identified: dict[str, Any]
+
+    @classmethod
+    def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool) -> GreyBoxRun:
+        """Fit and score a candidate."""
+        clock = time.process_time()
+        found = splits(data, candidate.prepare, by_recording)
+        train = found["train"].recording
+        problem, solution = fitted(candidate.model(train), train)
+        seconds = time.process_time() - clock
+        simulator, p = problem.plain.simulator, problem.plain.shared(solution.x)
+        free = sum(own.size for own in simulator.trace.model.parameters if not own.fixed)
+        away = {split: deviations(simulator, own.recording, p) for split, own in found.items()}
+        table = "II" if candidate is CANDIDATES[0] else "grey box"
+        rows = [
+            _row(table, candidate.name, candidate.inputs, split, by_recording,
+                 np.sqrt([np.mean(one**2, axis=0) for one in away[split]]), own.piece_of, free, seconds)
+            for split, own in found.items()
+        ]  # fmt: skip
+        shortest = {split: min(len(one) for one in own) for split, own in away.items()}
+        errors = {split: np.array([[one[: shortest[split]] for one in own]]) for split, own in away.items()}
+        told = {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
+        return cls(rows, errors, told)
 
 
-def _networks(data: Path, by_recording: bool, how: TruckOptions, say: Say) -> list[NetworkTraining]:
-    found = {split: own.recording for split, own in splits(data, raw, by_recording).items()}
-    _, known = _known(found["train"])
-    cells: Iterable[tuple[int, float]]
+def _cells(how: TruckOptions) -> list[NetworkCell]:
+    """What is trained, what matters most first: a run that is cut short has that."""
+    smallest, largest, last = SIZES[0], SIZES[-1], HORIZONS[-1]
     if how.quick:
-        cells = [(SIZES[0], HORIZONS[-1])]
-    elif by_recording:
-        cells = [(SIZES[-1], HORIZONS[-1])]
-    else:
-        cells = [*((size, horizon) for horizon in HORIZONS for size in SIZES), (SIZES[1], WHOLE)]
-    seeds = range(1 if how.quick else how.seeds)
-    trainings = []
-    for units, horizon in cells:
-        for method in METHODS:
-            say(f"{method}, 4 x {units}, {horizon:g} s{', by recording' if by_recording else ''}")
-            trainings.append(trained(method, units, horizon, found, known, seeds, say))
-    return trainings
+        return [NetworkCell(split, m, smallest, last) for split in (AS_PUBLISHED, BY_RECORDING) for m in METHODS]
+    curves = [
+        NetworkCell(AS_PUBLISHED if share == 1.0 else f"{share:g}", method, smallest, last)
+        for share in SHARES for method in ("learning", "transfer")
+    ]  # fmt: skip
+    curves += [
+        NetworkCell(AS_PUBLISHED if share == 1.0 else f"{share:g}", "transfer", smallest, last, taught)
+        for share in TAUGHT_ON for taught in LESSONS if taught != BICYCLE
+    ]  # fmt: skip
+    if how.curves_alone:
+        return curves
+    wanted = [NetworkCell(AS_PUBLISHED, method, units, last) for units in SIZES for method in METHODS]
+    wanted += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
+    wanted += curves
+    wanted += [
+        NetworkCell(AS_PUBLISHED, method, units, horizon)
+        for units, horizon in (*((u, h) for h in HORIZONS[-2::-1] for u in SIZES), (SIZES[1], WHOLE))
+        for method in METHODS
+    ]
+    return list(dict.fromkeys(wanted))
 
 
-def _name(one: NetworkTraining) -> str:
-    words = {"learning": "MLP", "discrepancy": "bicycle and MLP", "transfer": "MLP, transfer learning"}[one.method]
-    return f"{words}, 4 x {one.units}, {one.horizon:g} s"
+def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> list[NetworkTraining]:
+    """All cells from one seed before any from the next; those of which there is a training."""
+    cells = _cells(how)
+    found: dict[NetworkCell, list[Mapping[str, Any]]] = {cell: [] for cell in cells}
+    for seed in range(1 if how.quick else how.seeds):
+        for cell in cells:
+            own = {split: sets.recordings(cell.data)[split] for split in SPLITS[:2]}
+            name = f"{cell.name}, {_of_data(cell.data)}, seed {seed}"
+
+            def train(cell: NetworkCell = cell, own: Any = own, seed: int = seed, name: str = name) -> Any:
+                say(name)
+                return trained(cell, own, sets.bicycle(cell.data), seed, say)
+
+            try:
+                one = store.training(about(cell, own, seed), train)
+            except KeyboardInterrupt:
+                if store.file is not None:
+                    say(f"trainings so far are in {store.file}; the same command goes on")
+                raise
+            if one is not None:
+                found[cell].append(one)
+    if store.left_out:
+        say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
+    return [
+        scored(cell, sets.recordings(cell.data), sets.bicycle(cell.data), own) for cell, own in found.items() if own
+    ]
 
 
-def _rows(one: NetworkTraining, data: Path, by_recording: bool) -> list[dict[str, Any]]:
-    pieces = {split: own.piece_of for split, own in splits(data, raw, by_recording).items()}
-    table = "III" if one.horizon in HORIZONS else "own"
+def _of_data(data: str) -> str:
+    return data if data in (AS_PUBLISHED, BY_RECORDING) else f"{100 * float(data):g} % of train"
+
+
+def _rows(one: NetworkTraining, sets: TruckSets) -> list[dict[str, Any]]:
+    by_recording, cell = one.cell.data == BY_RECORDING, one.cell
+    table = "III" if cell.horizon in HORIZONS else "own"
     found = []
     for split, runs in one.runs.items():
-        own = _row(table, _name(one), "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), pieces[split],
+        piece_of = sets.chunks(cell.data)[split].piece_of
+        own = _row(table, cell.name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
                    one.parameters, one.cpu_seconds)  # fmt: skip
         spread = np.std(np.mean(runs, axis=1), axis=0, ddof=1) if len(runs) > 1 else np.full(len(OUTPUTS), np.nan)
+        own |= {"seeds": one.seeds}
         found.append(own | {f"{name}_sd_over_seeds": float(sd) for name, sd in zip(OUTPUTS, spread, strict=True)})
         if len(runs) > 1:
             found.append(
-                _row("own", f"{_name(one)}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
-                     one.together[split], pieces[split], one.parameters * len(runs), one.cpu_seconds * len(runs))
+                _row("own", f"{cell.name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
+                     one.together[split], piece_of, one.parameters * len(runs), one.cpu_seconds * len(runs))
             )  # fmt: skip
     return found
 
@@ -267,64 +379,128 @@ def _redrawn(values: Array, piece_of: Array) -> Array:
     return np.asarray(np.sum(sums[drawn], axis=1) / np.sum(counts[drawn], axis=1)[:, None])
 
 
-def _compared(found: Sequence[NetworkTraining], data: Path, by_recording: bool) -> list[dict[str, Any]]:
-    """Transfer and discrepancy beside learning alone, trajectory by trajectory."""
-    pieces = {split: own.piece_of for split, own in splits(data, raw, by_recording).items()}
-    alone = {(one.units, one.horizon): one for one in found if one.method == "learning"}
+def _pairs(one: NetworkTraining, base: NetworkTraining, split: str, piece_of: Array) -> Iterator[dict[str, Any]]:
+    """By output, a network's error less another's, trajectory by trajectory, with its 95 % interval."""
+    away = np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0)
+    low, high = np.quantile(_redrawn(away, piece_of), [0.025, 0.975], axis=0)
+    for k, output in enumerate(OUTPUTS):
+        yield {
+            "output": output, "difference": float(np.mean(away[:, k])), "low": float(low[k]), "high": float(high[k]),
+            "distinguished": bool(low[k] > 0 or high[k] < 0),
+        }  # fmt: skip
+
+
+def _compared(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+    """Transfer and discrepancy beside learning alone, of the same size and windows."""
+    alone = {(one.cell.units, one.cell.horizon): one for one in found if one.cell.method == "learning"}
     compared = []
     for one in found:
-        if one.method == "learning":
+        base = alone.get((one.cell.units, one.cell.horizon))
+        if one.cell.method == "learning" or base is None:
             continue
-        base = alone[(one.units, one.horizon)]
-        for split in one.runs:
-            if split == "train":
+        for split in SPLITS[1:]:
+            if split not in one.errors:
                 continue
-            away = np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0)
-            low, high = np.quantile(_redrawn(away, pieces[split]), [0.025, 0.975], axis=0)
-            for k, output in enumerate(OUTPUTS):
-                compared.append(
-                    {
-                        "model": _name(one), "against": _name(base), "split": split, "by_recording": by_recording,
-                        "output": output, "difference": float(np.mean(away[:, k])), "low": float(low[k]),
-                        "high": float(high[k]), "distinguished": bool(low[k] > 0 or high[k] < 0),
-                    }
-                )  # fmt: skip
+            head = {"model": one.cell.name, "against": base.cell.name, "split": split,
+                    "by_recording": one.cell.data == BY_RECORDING}  # fmt: skip
+            pieces = sets.chunks(one.cell.data)[split].piece_of
+            compared += [head | pair for pair in _pairs(one, base, split, pieces)]
     return compared
 
 
-def _along(one: NetworkTraining, by_recording: bool) -> dict[str, Any]:
-    """RMSE over all trajectories from their start to so many seconds (Table IV)."""
-    split = "test" if "test" in one.along else "val"
-    own = np.mean(one.along[split], axis=0)
+def _durations(model: str, split: str, errors: Mapping[str, Array]) -> dict[str, Any]:
+    """RMSE over all trajectories from their start to so many seconds (Fig. 3); of several seeds the mean."""
+    scored_on = "test" if "test" in errors else "val"
+    own = np.mean([along(each) for each in errors[scored_on]], axis=0)
     rows = [min(round(seconds / 0.05), len(own) - 1) for seconds in DURATIONS]
     told: Mapping[str, list[float]] = {name: own[rows, k].tolist() for k, name in enumerate(OUTPUTS)}
-    return {"model": _name(one), "split": split, "by_recording": by_recording, "seconds": list(DURATIONS), **told}
+    by_recording = split == BY_RECORDING
+    return {"model": model, "split": scored_on, "by_recording": by_recording, "seconds": list(DURATIONS), **told}
 
 
-def _curves(data: Path, how: TruckOptions, say: Say) -> list[dict[str, Any]]:
+def _of_share(share: float) -> str:
+    return AS_PUBLISHED if share == 1.0 else f"{share:g}"
+
+
+def _curves(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Learning alone and after a bicycle, on shares of the training recordings, scored on val."""
-    found = splits(data, raw, by_recording=False)
-    train = found["train"]
-    names = np.unique(train.piece_of)
+    at = {one.cell: one for one in found}
     curves = []
     for share in SHARES:
-        order = np.random.default_rng(77).permutation(names)
-        some = train.of(np.isin(train.piece_of, order[: max(2, round(share * len(names)))]), f"{share:g} of train")
-        recordings = {"train": some.recording, "val": found["val"].recording}
-        _, known = _known(some.recording)
-        own = {}
-        for method in ("learning", "transfer"):
-            say(f"{method} on {100 * share:g} % of the training recordings")
-            own[method] = trained(method, SIZES[1], HORIZONS[-1], recordings, known, range(how.seeds), say)
+        cells = [NetworkCell(_of_share(share), method, SIZES[0], HORIZONS[-1]) for method in ("learning", "transfer")]
+        if not all(cell in at for cell in cells):
+            continue
+        scratch, after = (np.mean(at[cell].runs["val"], axis=0) for cell in cells)
+        drawn = _redrawn(np.column_stack([scratch, after]), sets.chunks(cells[0].data)["val"].piece_of)
+        low, high = np.quantile(drawn[:, 2:] / drawn[:, :2], [0.025, 0.975], axis=0)
         for k, output in enumerate(OUTPUTS):
-            scratch, after = (np.mean(own[m].runs["val"], axis=0)[:, k] for m in ("learning", "transfer"))
-            drawn = _redrawn(np.column_stack([scratch, after]), found["val"].piece_of)
-            low, high = np.quantile(drawn[:, 1] / drawn[:, 0], [0.025, 0.975])
+            one, other = float(np.mean(scratch[:, k])), float(np.mean(after[:, k]))
             curves.append(
                 {
-                    "share": share, "output": output, "learning": float(np.mean(scratch)),
-                    "transfer": float(np.mean(after)), "ratio": float(np.mean(after) / np.mean(scratch)),
-                    "low": float(low), "high": float(high),
+                    "share": share, "output": output, "learning": one, "transfer": other, "ratio": other / one,
+                    "low": float(low[k]), "high": float(high[k]), "seeds": min(at[cell].seeds for cell in cells),
                 }
             )  # fmt: skip
     return curves
+
+
+def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+    """Which effect of transfer is distinguished: every lesson against none, and against the fitted bicycle, on val."""
+    at = {one.cell: one for one in found}
+    lessons = []
+    for share in TAUGHT_ON:
+        none = at.get(NetworkCell(_of_share(share), "learning", SIZES[0], HORIZONS[-1]))
+        best = at.get(NetworkCell(_of_share(share), "transfer", SIZES[0], HORIZONS[-1]))
+        for taught in LESSONS:
+            one = at.get(NetworkCell(_of_share(share), "transfer", SIZES[0], HORIZONS[-1], taught))
+            for against, base in (("no lesson", none), (BICYCLE, best)):
+                if one is None or base is None or one is base:
+                    continue
+                pieces = sets.chunks(one.cell.data)["val"].piece_of
+                head = {"share": share, "taught": taught, "against": against, "seeds": min(one.seeds, base.seeds)}
+                means = np.mean(one.runs["val"], axis=(0, 1))
+                lessons += [
+                    head | {"error": float(means[OUTPUTS.index(pair["output"])])} | pair
+                    for pair in _pairs(one, base, "val", pieces)
+                ]
+    return lessons
+
+
+def _traces(found: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]:
+    """A slalom, measured and predicted by each method with a 95 % band (Fig. 4).
+
+    The band is as wide as errors on train spread so many seconds after a start, and as seeds part; the share of all
+    readings of the split within it is told.
+    """
+    wide = [one for one in found if one.cell.horizon == HORIZONS[-1]]
+    if not wide:
+        return {}
+    units = max(one.cell.units for one in wide)
+    own = [one for one in wide if one.cell.units == units]
+    split = "test" if "test" in own[0].errors else "val"
+    recording = sets.recordings(AS_PUBLISHED)[split]
+    rows = own[0].errors[split].shape[2]
+    read = np.array([np.column_stack([recording[n][b - rows : b] for n in OUTPUTS]) for _, b in recording.runs])
+    yaw_rate = read[:, :, OUTPUTS.index("yaw_rate")]
+    turning = [np.sign(one[np.abs(one) > np.std(yaw_rate)]) for one in yaw_rate]
+    turns = np.array([np.sum(np.diff(one) != 0) for one in turning])  # from one side well to the other
+    chosen = int(np.lexsort((np.std(yaw_rate, axis=1), turns))[-1])
+    lines = []
+    for one in own:
+        mean = np.mean(one.errors[split], axis=0)
+        among = np.var(one.errors[split], axis=0, ddof=1) if one.seeds > 1 else 0.0
+        within = np.mean(one.errors["train"] ** 2, axis=(0, 1))[: mean.shape[1]]
+        reach = LEVEL * np.sqrt(np.zeros(mean.shape) + within + among)
+        lines.append(
+            {
+                "model": one.cell.name, "coverage": np.mean(np.abs(mean) <= reach, axis=(0, 1)).tolist(),
+                **{name: (read[chosen] + mean[chosen])[:, k].tolist() for k, name in enumerate(OUTPUTS)},
+                **{f"{name}_reach": reach[chosen][:, k].tolist() for k, name in enumerate(OUTPUTS)},
+            }
+        )  # fmt: skip
+    start, stop = recording.runs[chosen]
+    return {
+        "split": split, "trajectory": chosen,
+        "seconds": (recording.time[stop - rows : stop] - recording.time[start]).tolist(),
+        "measured": {name: read[chosen][:, k].tolist() for k, name in enumerate(OUTPUTS)}, "lines": lines,
+    }  # fmt: skip

@@ -34,7 +34,7 @@ from ..engine.motion.simulator import Simulator
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from ..solvers.gauss_newton import Solution, gauss_newton
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..uncertainty import uncertainty
 from .truck_inputs import prepared, published_signs, raw
 from .truck_models import BOTH_ANGLES, LEVER_ARM, ONE_ANGLE, PUBLISHED, bank_map, spread_over, truck
@@ -140,7 +140,7 @@ class MeanError:
 
 
 def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) -> tuple[MeanError, Solution]:
-    """Fit a model to the metric, from where its parameters are believed to be."""
+    """Fit a model to the metric, from where its parameters are believed to be. Raises `KeyboardInterrupt` on Ctrl-C."""
     noise = TYPICAL * np.sqrt(ROWS_PER_READING)
     problem = MeanError(MotionProblem(Simulator(model, compiled=True), [train], noise=noise, starts="measured"))
     solution = gauss_newton(
@@ -151,14 +151,21 @@ def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) ->
         negligible=NEGLIGIBLE,
         search="levenberg_marquardt",
     )
+    if solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
     return problem, solution
 
 
 def errors(simulator: Simulator, recording: Recording, p: Array) -> Array:
     """(trajectories, outputs) RMSE of free runs."""
+    return np.sqrt([np.mean(own**2, axis=0) for own in deviations(simulator, recording, p)])
+
+
+def deviations(simulator: Simulator, recording: Recording, p: Array) -> list[Array]:
+    """Of every trajectory (rows, outputs): a free run's predictions less what was read."""
     found = Predictor(simulator, recording, p).free_run()
-    squares = (found.predicted - found.measured) ** 2
-    return np.sqrt([np.mean(squares[found.run == run], axis=0) for run in np.unique(found.run)])
+    away = found.predicted - found.measured
+    return [away[found.run == run] for run in np.unique(found.run)]
 
 
 def identified(problem: MeanError, solution: Solution) -> dict[str, Any]:

@@ -11,7 +11,7 @@ UNITS = {"v_y": "m/s", "yaw_rate": "rad/s"}
 
 
 def tables(found: Mapping[str, Any]) -> list[Any]:
-    """Parts to print: the models, what is distinguished from what, the paper's figures."""
+    """Parts to print: models beside the paper's figures, what is distinguished from what, learning curves, lessons."""
     models = plain_table("table", "model", "inputs", "numbers", "split", "v_y, m/s", "yaw rate, rad/s", "CPU s")
     for row in found["rows"]:
         split = f"{row['split']}{', by recording' if row['by_recording'] else ''}"
@@ -33,4 +33,24 @@ def tables(found: Mapping[str, Any]) -> list[Any]:
     head = (
         "10 s of free run from the first reading: RMSE, mean over trajectories, with standard errors over recordings\n"
     )
-    return [head, models, "\nPaired over trajectories, by recordings\n", pairs]
+    parts = [head, models, "\nPaired over trajectories, by recordings\n", pairs]
+    if found["learning_curves"]:
+        curves = plain_table("share of train", "output", "MLP", "with transfer", "ratio", "95 % interval")
+        for own in found["learning_curves"]:
+            curves.add_row(
+                f"{100 * own['share']:g} %", f"{own['output']} [{UNITS[own['output']]}]", f"{own['learning']:.4f}",
+                f"{own['transfer']:.4f}", f"{own['ratio']:.2f}", f"[{own['low']:.2f}, {own['high']:.2f}]",
+            )  # fmt: skip
+        parts += ["\nErrors on val, trained on shares of the training recordings\n", curves]
+    if found["lessons"]:
+        lessons = plain_table("share", "taught", "against", "output", "difference", "95 % interval", "")
+        for own in found["lessons"]:
+            lessons.add_row(
+                f"{100 * own['share']:g} %", own["taught"], own["against"], f"{own['output']} [{UNITS[own['output']]}]",
+                f"{own['difference']:+.5f}", f"[{own['low']:+.5f}, {own['high']:+.5f}]",
+                "" if own["distinguished"] else "not distinguished",
+            )  # fmt: skip
+        parts += ["\nWhat a network learns before it sees a recording\n", lessons]
+    if found["left_out"]:
+        parts.append(f"\n{found['left_out']} trainings are left out: run it again with the same ‹out› to go on.")
+    return parts

@@ -41,61 +41,68 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     \b
     greybox bench msnn --data roboracer --quick --report msnn
     """  # fmt: skip
-    from ..bench.msnn import BENCH, measure
-    from ..bench.msnn_report import NAME, write_report
+    from ..bench.kept import KeptBench, page_folder, write_pages
+    from ..bench.msnn import measure
+    from ..bench.msnn_report import msnn_report
     from ..bench.msnn_words import tables
-    from ..files import ensure_writable, write_atomically
-    from ..guard import claim
 
-    target = None if out is None else claim(out, becomes="a bench")
-    folder = None if report is None else Path(report)
-    if folder is not None:
-        for kind in ("html", "pdf"):
-            claim(folder / f"{NAME}.{kind}", becomes="the report of a bench")
-        ensure_writable(folder)
-
-    def keep(rows: list[dict[str, object]]) -> None:
-        if target is not None:
-            write_atomically(target, BENCH.text({"paper": "msnn", "quick": quick, "rows": rows}), continued=True)
-
+    kept = KeptBench("msnn", out)
+    folder = None if report is None else page_folder(report, "msnn")
     with progress() as say:
-        found = measure(data, quick=quick, say=say, keep=keep)
-        keep(found.rows)
-        pages = [] if folder is None else [str(own) for own in write_report(found, folder)]
-    if as_json:
-        told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
-        print_json(told | ({"written": str(target)} if target else {}) | ({"report": pages} if pages else {}))
-        return
-    show(tables(found.rows))
-    for path in [*([] if target is None else [str(target)]), *pages]:
-        console().print(f"written  {path}")
+        found = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
+        kept.keep(quick=quick, rows=found.rows)
+        pages = [] if folder is None else write_pages(msnn_report(found), folder, "msnn")
+    told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
+    _say(told, tables(found.rows), kept.file, pages, as_json)
 
 
 @bench.command("truck")
 @click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
+@click.option("--curves", is_flag=True, help="Learning curves and what is learnt before training; no other networks.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
+@click.option("--out", default=None, metavar="FILE|FOLDER", help="Keep trainings there; the next run goes on from it.")
+@click.option("--minutes", type=click.FloatRange(min=0), help="Begin no training after so many; see --out.")
+@click.option("--report", default=None, metavar="FOLDER", help="Write tables and figures there: truck.html, truck.pdf.")
 @json_option
-def truck_command(data: Path, quick: bool, seeds: int, as_json: bool) -> None:
+def truck_command(
+    data: Path,
+    quick: bool,
+    curves: bool,
+    seeds: int,
+    out: str | None,
+    minutes: float | None,
+    report: str | None,
+    as_json: bool,
+) -> None:
     """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
 
-    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted.
+    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted. Every
+    training is kept in --out as it comes, by what it was trained on; Ctrl-C loses the one under way.
 
     \b
     greybox bench truck --data truck --quick --json
+    greybox bench truck --data truck --out truck.json --minutes 60 --report truck
     """  # fmt: skip
+    from ..bench.kept import KeptBench, page_folder, write_pages
     from ..bench.truck import TruckOptions, truck_tables
-
-    with progress() as say:
-        found = truck_tables(data, TruckOptions(quick, seeds), say)
-    if as_json:
-        print_json(found)
-    else:
-        show(parts(found))
-
-
-def parts(found: Mapping[str, Any]) -> list[Any]:
-    """The tables for people."""
+    from ..bench.truck_report import truck_report
     from ..bench.truck_words import tables
 
-    return tables(found)
+    kept = KeptBench("truck", out, minutes)
+    folder = None if report is None else page_folder(report, "truck")
+    with progress() as say:
+        found = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
+        pages = [] if folder is None else write_pages(truck_report(found), folder, "truck")
+    _say(found, tables(found), kept.file, pages, as_json)
+
+
+def _say(told: Mapping[str, Any], parts: list[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
+    """What was measured, and where it was written."""
+    if as_json:
+        written = {"written": str(file)} if file else {}
+        print_json({**told, **written} | ({"report": [str(own) for own in pages]} if pages else {}))
+        return
+    show(parts)
+    for path in [*([] if file is None else [file]), *pages]:
+        console().print(f"written  {path}")

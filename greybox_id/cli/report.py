@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
 @click.option("--format", "kind", type=click.Choice(["pdf", "html"]), help="As the name of --out says; else pdf.")
 @click.option("--out", metavar="FILE", help="File to write; beside the first file unless given.")
+@click.option("--posterior", metavar="FILE", help="Of one FIT: draws of greybox sample, as bands and a corner plot.")
 @click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
 @own_option
 @json_option
@@ -41,6 +42,7 @@ def report(
     columns: str | None,
     kind: str | None,
     out: str | None,
+    posterior: str | None,
     figures: str | None,
     as_json: bool,
 ) -> None:
@@ -50,6 +52,7 @@ def report(
     \b
     greybox report run/fit.json
     greybox report run/fit.json --format html
+    greybox report run/fit.json --posterior posterior.parquet
     greybox report gap/gap.json --out gap.html
     greybox report estimates.json
     greybox report run/fit.json other/fit.json --out comparison.pdf
@@ -65,7 +68,7 @@ def report(
     kind = kind_of(target, kind)
     claim(target, becomes="a report")
     with working(f"writing {target}"):
-        document = _document([Path(file) for file in files], train, validate, columns)
+        document = _document([Path(file) for file in files], train, validate, columns, posterior)
         with at_once():
             target = write(document, target, kind)
             written = write_drawings(document.drawings, figures) if figures else []
@@ -83,20 +86,26 @@ def _beside(files: Sequence[Path], kind: str) -> Path:
     return files[0].with_suffix(f".{kind}") if len(files) == 1 else files[0].with_name(f"comparison.{kind}")
 
 
-def _document(files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None) -> Document:
+def _document(
+    files: Sequence[Path], train: Sequence[str], validate: str | None, columns: str | None, posterior: str | None
+) -> Document:
     """The report of what the files hold."""
     kinds = {file: format_of(file) for file in files}
     others = [file for file, kind in kinds.items() if kind in OTHERS]
+    if posterior is not None and (others or len(files) > 1):
+        raise BadInput("‹posterior› belongs to one fit; name that fit alone.")
     if len(files) > 1:
         if others:
             raise BadInput(f"{others[0]} is no fit; only fits are compared side by side. Name it alone.")
         return _side_by_side(files, train, validate, columns)
     if others:
         return OTHERS[kinds[files[0]]](files[0])
+    from ..posterior.posterior import load_posterior
     from ..reports.report import prepared
 
     fit = load(files[0], build)
-    return prepared(fit, recordings_of(fit, files[0], train, validate, columns))
+    draws = None if posterior is None else load_posterior(posterior)
+    return prepared(fit, recordings_of(fit, files[0], train, validate, columns), draws)
 
 
 def _of_gap(file: Path) -> Document:

@@ -1,7 +1,7 @@
 """Draws from the normal distribution that a fit's covariance describes: free of cost, and blind to a bent posterior.
 
-Positive numbers are drawn in their logarithm, in which fits of vehicles are closer to normal; what falls beyond a bound
-is drawn again.
+Positive numbers but lengths, times, masses and inertias are drawn in their logarithm, in which fits of vehicles are
+closer to normal; what falls beyond a bound is drawn again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ Mask = NDArray[np.bool_]
 
 MOST_TRIES = 1000
 """Times as many draws as are wanted may fall beyond bounds."""
+ADDING = ("m", "s", "kg", "kg m^2")
+"""Units of numbers that make up sums, as wheelbases and delays do: along these a valley is straight in the numbers
+themselves, along products of the others in their logarithms."""
 RIDGE = 1e-10
 """Of a covariance in units of its standard deviations: rounding must not make it indefinite."""
 
@@ -67,7 +70,8 @@ def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Arra
     correlation = covariance / np.outer(unit, unit)
     correlation[np.diag_indices_from(correlation)] = np.where(sd > 0, 1.0 + RIDGE, RIDGE)
     values, vectors = la.eigh(correlation)
-    logarithmic = (density.bounds[0] >= 0) & (density.centre > 0)
+    adds = np.array([own.unit in ADDING for own in density.coordinates])
+    logarithmic = (density.bounds[0] >= 0) & (density.centre > 0) & ~adds
     return unit, np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))), logarithmic
 
 

@@ -1,16 +1,24 @@
 """Markov chains of many walkers, all simulated side by side in lanes.
 
-Three kinds of steps take turns. Half of them lead towards the normal distribution about the fit and are accepted by how
-the posterior differs from it: where it hardly does, one step forgets all. The others go by the differences between
-walkers, which know how the posterior is bent where the fit does not. Positive numbers move by their logarithm: valleys
-along which a product stays the same are straight there.
+What they draw from is the posterior as wide as the fit's covariance has it. Errors of a model last, for a whole run at
+times, and a likelihood that counts readings as independent then is too narrow along some directions, by different
+factors. Deviations from the fit are mapped so that its second derivatives there are those of the covariance that errors
+which last have widened; bends and priors are mapped along. No direction gets narrower than the likelihood has it.
 
-Sources: Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28 (2013), preconditioned
-Crank-Nicolson; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer chains, Statistics
-and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
+Three kinds of steps take turns. Most lead towards a Student t distribution about the middle, at first the fit's, later
+that of the walkers themselves, and are accepted by how the posterior differs from it: where it hardly does, one step
+forgets all. The others go by the differences between walkers, which know how the posterior is bent. Positive numbers
+but lengths, times, masses and inertias move by their logarithm: valleys along which a product stays the same are
+straight there.
 
-Every block of steps draws its random numbers from (seed, number of the block): what a run finds does not depend on
-where it was interrupted.
+Sources: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012),
+Sec. 2.3, the curvature adjustment; Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
+(2013), preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems
+40 (2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
+chains, Statistics and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
+
+Every block of steps draws its random numbers from (seed, number of the block), and what the walkers are told to be like
+is taken from the burn-in, which is kept: what a run finds does not depend on where it was interrupted.
 """
 
 from __future__ import annotations
@@ -25,19 +33,21 @@ from ..datasets.formats.contents import needed
 from ..errors import BadInput
 from ..parameter import Array
 from .density import PosteriorDensity
-from .laplace import whitening
+from .laplace import RIDGE, whitening
 
 FEWEST_WALKERS = 16
 BURN_IN = 20
 """Blocks that are not kept. From draws of the fit's normal distribution chains have little to forget."""
+FORGET, LEARN = 5, (10, 20)
+"""Blocks of the burn-in that say nothing; blocks after which steps lead towards what the walkers have been like."""
 THIN = 10
 """Steps a block, of which the last is kept."""
-TOWARDS_FIT, DIFFERENCES, SNOOKER = 0.5, 0.4, 0.1
-"""Shares of steps towards the fit's normal distribution, by differences, and along the line to another walker."""
-REACH = (0.1, 1.0)
-"""How far a step towards the fit's distribution goes, drawn in its logarithm: 1 forgets where it was."""
-WIDER = 1.1
-"""That distribution is so much wider than the fit's covariance: a narrower one would hold walkers in tails."""
+TOWARDS_MIDDLE, DIFFERENCES, SNOOKER = 0.8, 0.15, 0.05
+"""Shares of steps towards the middle, by differences, and along the line to another walker."""
+REACH = (0.3, 1.0)
+"""How far a step towards the middle goes, drawn in its logarithm: 1 forgets where it was."""
+TAIL = 6.0
+"""Degrees of freedom of the distribution that steps lead towards: a normal one would hold walkers in tails."""
 STANDING = 20
 """Blocks after which a run in which no walker has moved is given up."""
 
@@ -52,6 +62,7 @@ class Ensemble:
     at : (walkers, d) in the coordinates in which they move.
     log_posterior : (walkers,).
     accepted, proposed : steps so far.
+    burnt : (blocks, walkers, d) where they were after each block of the burn-in.
     """
 
     block: int
@@ -59,6 +70,7 @@ class Ensemble:
     log_posterior: Array
     accepted: int
     proposed: int
+    burnt: Array
 
 
 def walkers_for(dimensions: int) -> int:
@@ -67,21 +79,28 @@ def walkers_for(dimensions: int) -> int:
 
 
 class Target:
-    """The density in the coordinates in which walkers move, u = log(theta) of positive numbers, theta of others.
+    """The density in the coordinates in which walkers move, u = log(theta) or theta, as `laplace.whitening` tells.
 
     Parameters
     ----------
     density : in theta.
-    covariance : (d, d) of theta about the fit.
+    independent : (d, d) covariance of theta about the fit, as the density has it.
+    lasting : (d, d) that covariance with what errors that last add.
     """
 
-    def __init__(self, density: PosteriorDensity, covariance: Array) -> None:
+    def __init__(self, density: PosteriorDensity, independent: Array, lasting: Array) -> None:
         self.density = density
-        unit, factor, self.logarithmic = whitening(density, covariance)
+        unit, factor, self.logarithmic = whitening(density, independent)
         size = np.where(self.logarithmic, density.centre, 1.0)
         self.centre = self.to_u(density.centre[None])[0]
-        self.factor = WIDER * factor * (unit / size)[:, None]
-        self.inverse = np.linalg.inv(self.factor)
+        L = factor * (unit / size)[:, None]
+        inward = np.linalg.inv(L)
+        wider, Q = np.linalg.eigh(inward @ (lasting / np.outer(size, size)) @ inward.T)
+        growth = np.sqrt(np.maximum(wider, 1.0))
+        self.factor = L @ (Q * growth)
+        """(d, d) of the covariance about the fit, in u."""
+        self.narrowed = L @ (Q / growth) @ Q.T @ inward
+        """(d, d) deviations from the fit to those at which the density is looked up."""
 
     def to_u(self, theta: Array) -> Array:
         """(n, d) -> (n, d)."""
@@ -94,16 +113,52 @@ class Target:
 
     def __call__(self, u: Array) -> Array:
         """(n, d) -> (n,) logarithm of the density of u."""
-        found = self.density(self.to_theta(u)) + np.sum(u[:, self.logarithmic], axis=1)
+        found = np.full(len(u), -np.inf)
+        inside = self.density.within(self.to_theta(u))
+        looked_up = self.centre + (u[inside] - self.centre) @ self.narrowed.T
+        found[inside] = self.density(self.to_theta(looked_up)) + np.sum(looked_up[:, self.logarithmic], axis=1)
         return np.asarray(np.where(np.isfinite(found), found, -np.inf))
 
-    def towards_fit(self, u: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Proposals (n, d) that leave the fit's normal distribution as it is, and what corrects for that (n,)."""
-        low, high = np.log(REACH)
-        beta = np.exp(random.uniform(low, high, len(u)))[:, None]
+
+class TowardsMiddle:
+    """Steps that leave a multivariate t distribution as it is.
+
+    Parameters
+    ----------
+    centre : (d,).
+    factor : (d, d) of its scale.
+    """
+
+    def __init__(self, centre: Array, factor: Array) -> None:
+        self.centre, self.factor, self.inverse = centre, factor, np.linalg.inv(factor)
+
+    def __call__(self, u: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Proposals (n, d), and what corrects for the t distribution (n,)."""
+        count, d = u.shape
+        beta = np.exp(random.uniform(np.log(REACH[0]), np.log(REACH[1]), count))[:, None]
         z = (u - self.centre) @ self.inverse.T
-        other = np.sqrt(1.0 - beta**2) * z + beta * random.standard_normal(u.shape)
-        return self.centre + other @ self.factor.T, 0.5 * (np.sum(other**2, axis=1) - np.sum(z**2, axis=1))
+        far = np.sum(z**2, axis=1)
+        scale = (TAIL + far) / (2.0 * random.standard_gamma((TAIL + d) / 2, count))
+        other = np.sqrt(1.0 - beta**2) * z + beta * np.sqrt(scale)[:, None] * random.standard_normal(u.shape)
+        beyond = np.log1p(np.sum(other**2, axis=1) / TAIL) - np.log1p(far / TAIL)
+        return self.centre + other @ self.factor.T, 0.5 * (TAIL + d) * beyond
+
+
+def middle(target: Target, own: Ensemble) -> TowardsMiddle:
+    """What steps lead towards after so many blocks: the fit, then what the walkers of the burn-in have been like.
+
+    The fit's covariance counts as many walkers as there are coordinates: so few cannot tell one.
+    """
+    known = max((blocks for blocks in LEARN if blocks <= own.block), default=0)
+    if known == 0:
+        return TowardsMiddle(target.centre, target.factor)
+    been = own.burnt[FORGET:known].reshape(-1, len(target.centre))
+    centre = np.mean(been, axis=0)
+    off, d = been - centre, len(centre)
+    covariance = (off.T @ off + d * target.factor @ target.factor.T) / (len(been) + d)
+    unit = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return TowardsMiddle(centre, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None])
 
 
 def begun(target: Target, seed: int) -> Ensemble:
@@ -122,7 +177,7 @@ def begun(target: Target, seed: int) -> Ensemble:
         good = np.isfinite(told)
         at, logs = np.concatenate([at, own[good]]), np.concatenate([logs, told[good]])
         if len(at) >= count:
-            return Ensemble(0, at[:count], logs[:count], 0, 0)
+            return Ensemble(0, at[:count], logs[:count], 0, 0, np.empty((0, count, d)))
     raise BadInput(
         "The model is finite at hardly any draw about the fit: the recordings do not determine its parameters. Fix "
         "some, or give them priors, and fit again."
@@ -145,15 +200,15 @@ def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble]
     """
     emcee: Any = needed("emcee", "sample", "mcmc", "what emcee samples")
     count, dimensions = start.at.shape
-    moves = [
-        (emcee.moves.MHMove(target.towards_fit, ndim=dimensions), TOWARDS_FIT),
-        (emcee.moves.DEMove(), DIFFERENCES),
-        (emcee.moves.DESnookerMove(), SNOOKER),
-    ]
-    sampler = emcee.EnsembleSampler(count, dimensions, target, moves=moves, vectorize=True)
-    sampler.log_prob_fn = target  # what emcee wraps it in prints to standard output where Ctrl-C arrives
     own = start
     while True:
+        moves = [
+            (emcee.moves.MHMove(middle(target, own), ndim=dimensions), TOWARDS_MIDDLE),
+            (emcee.moves.DEMove(), DIFFERENCES),
+            (emcee.moves.DESnookerMove(), SNOOKER),
+        ]
+        sampler = emcee.EnsembleSampler(count, dimensions, target, moves=moves, vectorize=True)
+        sampler.log_prob_fn = target  # what emcee wraps it in prints to standard output where Ctrl-C arrives
         random = np.random.RandomState(np.random.SeedSequence((seed, own.block + 1)).generate_state(8)).get_state()
         state = emcee.State(own.at, log_prob=own.log_posterior, random_state=random)
         accepted, before = own.accepted, own.at
@@ -161,7 +216,8 @@ def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble]
             accepted += int(np.sum(np.any(found.coords != before, axis=1)))
             state, before = found, found.coords.copy()
         proposed = own.proposed + THIN * count
-        own = Ensemble(own.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed)
+        burnt = own.burnt if own.block >= BURN_IN else np.concatenate([own.burnt, state.coords[None]])
+        own = Ensemble(own.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed, burnt)
         if own.block >= STANDING and own.accepted == 0:
             raise BadInput("No walker has moved: the posterior has no width here. Is a parameter at its bound?")
         if until(own):

@@ -31,7 +31,7 @@ from .diagnostics import effective_sample_size, r_hat, weighted_quantile
 
 Method = Literal["laplace", "mcmc", "abc-smc"]
 METADATA, SOURCE = b"greybox-posterior", b"greybox-fit"
-VERSION = 1
+VERSION = 2
 LEVEL = 0.95
 """Of the intervals `low` to `high`."""
 MET, FEW = 1.05, 100.0

@@ -170,12 +170,13 @@ class _Run:
 
     def mcmc(self) -> Posterior:
         kept: list[tuple[Array, Array]] = []
-        target = mcmc.Target(self.density, self._covariance(independent=True))
+        target = mcmc.Target(self.density, self._covariance(independent=True), self._covariance())
         if self.before is not None and self.before.state:
             state = self.before.state
             start = Ensemble(
                 int(state["block"]), np.array(state["at"], dtype=float), np.array(state["log_posterior"], dtype=float),
                 int(state["accepted"]), int(state["proposed"]),
+                np.array(state["burnt"], dtype=float).reshape(-1, *np.shape(state["at"])),
             )  # fmt: skip
             walkers = len(start.at)
             values, logs = target.to_u(self.before.values), self.before.measure
@@ -224,6 +225,7 @@ class _Run:
         state = {
             "block": reached.block, "at": reached.at.tolist(), "log_posterior": reached.log_posterior.tolist(),
             "accepted": reached.accepted, "proposed": reached.proposed, "whole": count // walkers,
+            "burnt": reached.burnt.tolist(),
         }  # fmt: skip
         share = reached.accepted / max(reached.proposed, 1)
         weight = np.full(count, 1 / max(count, 1))

@@ -10,6 +10,8 @@ from ..fit import Fit
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
+from ..posterior.posterior import Posterior
+from ..posterior.verb import must_suit_sampling
 from ..recording import Recording
 from .document import Document
 from .html import write_html
@@ -40,13 +42,21 @@ def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
     return write(prepared(fit, recordings), out)
 
 
-def prepared(fit: Fit, recordings: Sequence[Recording]) -> Document:
-    """What the report of a fit says and shows. Raises `BadInput` as `report` does."""
+def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
+    """What the report of a fit says and shows, of equations of motion with draws of its posterior.
+
+    Raises
+    ------
+    BadInput : as `report` does, or the posterior is of another fit, or the fit can have none.
+    """
     if not fit.data:
         raise BadInput(
             f"This fit of {fit.model.name} was imported and has seen no recording that a report could tell of. See how "
             "far it is from one with greybox validate."
         )
+    if posterior is not None:
+        must_suit_sampling(fit)
+        return motion_report(fit, recordings, posterior)
     for kind, made in KINDS.items():
         if isinstance(fit.model, kind):
             return made(fit, recordings)

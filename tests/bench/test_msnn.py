@@ -6,9 +6,10 @@ from calling import refused
 from toys import drive
 
 from greybox_id.adaptation.verb import adapt
+from greybox_id.bench.kept import write_pages
 from greybox_id.bench.msnn import ENTRIES, PAPER, MsnnBench, as_the_authors, compared, measure
 from greybox_id.bench.msnn_figures import WHEELBASE, quasi_steady
-from greybox_id.bench.msnn_report import msnn_report, write_report
+from greybox_id.bench.msnn_report import msnn_report
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.fitting.grid import fit_grid
@@ -91,7 +92,7 @@ def test_models_are_compared_at_the_same_rows(found):
 
 
 def test_the_report_holds_tables_and_figures_beside_the_papers(found, tmp_path):
-    page, paper = write_report(found, tmp_path)
+    page, paper = write_pages(msnn_report(found), tmp_path, "msnn")
     text = page.read_text(encoding="utf-8")
     for words in ("Table 1", "Table 2", "Table 3", "0.200", "0.100 (0.020)", "0.100 ± 0.010", "yaw rate"):
         assert words in text

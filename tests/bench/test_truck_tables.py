@@ -1,11 +1,21 @@
 """The truck's tables: chunks of a recording stay together, intervals are over recordings, bad folders are sentences."""
 
-import numpy as np
-import pytest
-from calling import refused
+import json
 
-from greybox_id.bench.truck import Chunks, _redrawn, _spread, chunks, splits
+import numpy as np
+import pandas as pd
+import pytest
+from calling import greybox, refused
+from json_pages import PAGE, agree
+from scipy.signal import lfilter
+
+from greybox_id.bench import truck as bench
+from greybox_id.bench.kept import KeptBench
+from greybox_id.bench.truck import Chunks, TruckOptions, _redrawn, _spread, chunks, splits, truck_tables
 from greybox_id.bench.truck_inputs import raw
+from greybox_id.errors import BadInput
+from greybox_id.fitting import networks, pretraining
+from greybox_id.json_data import finite
 from greybox_id.recording import Recording
 
 
@@ -48,3 +58,110 @@ def test_folders_without_the_recordings_are_refused(tmp_path):
     for split in ("train", "val"):
         (tmp_path / f"{split}.parquet").write_bytes(b"no parquet")
     assert "train.parquet" in refused("bench", "truck", "--data", tmp_path, "--quick")
+
+
+def truck_file(path, chunks, seed):
+    """A made-up file of the truck's kind: 200 Hz, 10 s a trajectory, signs mixed as there."""
+    rng, time, tables = np.random.default_rng(seed), np.arange(2000) / 200, []
+    for number in range(chunks):
+        steer = 0.03 * np.sin(2 * np.pi * rng.uniform(0.1, 0.4) * time + rng.uniform(0, 6)) + 0.01
+        v_x = 12.0 + rng.uniform(-3, 3) + 0.3 * np.sin(time)
+        yaw_rate = lfilter([0.02], [1, -0.98], v_x * steer / (4.8 + 0.02 * v_x**2))
+        v_y = lfilter([0.05], [1, -0.95], (1.0 - 0.02 * v_x**2) * yaw_rate)
+        noise = 0.01 * rng.standard_normal((2, 2000))
+        tables.append(
+            pd.DataFrame(
+                {
+                    "trajectory": 10 * number, "time": time, "vx": v_x, "vy": v_y + noise[0],
+                    "psidt": -yaw_rate + 0.1 * noise[1], "alpha1": -steer, "alpha2": -steer, "alpha": -steer,
+                    "long": -0.6355 + 1e-4 * time, "lat": 47.5342 + 1e-4 * time,
+                }
+            )
+        )  # fmt: skip
+    pd.concat(tables, ignore_index=True).to_parquet(path)
+
+
+@pytest.fixture
+def made_up(tmp_path, monkeypatch):
+    """A folder of small recordings, and a bench of small networks that are hardly trained."""
+    for k, split in enumerate(("train", "val")):
+        truck_file(tmp_path / f"{split}.parquet", 4, k)
+    monkeypatch.setattr(bench, "CANDIDATES", bench.CANDIDATES[:2])
+    monkeypatch.setattr(bench, "SIZES", (2, 2, 2))
+    for name in ("ADAM", "SHORT_STEPS", "STEPS"):
+        monkeypatch.setattr(networks, name, 3)
+        monkeypatch.setattr(pretraining, name, 3, raising=False)
+    return tmp_path
+
+
+def told_but_for_time(found):
+    return finite([{name: own for name, own in row.items() if name != "cpu_seconds"} for row in found["rows"]])
+
+
+def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
+    """Altering test.parquet alters what is said of test, and nothing else."""
+    monkeypatch.setattr(bench, "METHODS", ("learning", "transfer"))
+    without = truck_tables(made_up, TruckOptions(quick=True))
+    found = []
+    for seed in (7, 8):
+        truck_file(made_up / "test.parquet", 3, seed)
+        found.append(truck_tables(made_up, TruckOptions(quick=True)))
+    one, other = map(told_but_for_time, found)
+    assert [row for row in one if row["split"] != "test"] == told_but_for_time(without)
+    assert len([row for row in one if row["split"] == "test"]) == 4
+    for before, after in zip(one, other, strict=True):
+        assert (before == after) == (before["split"] != "test")
+    for name in ("identified", "learning_curves", "lessons"):
+        assert found[0][name] == found[1][name] == without[name]
+    pairs = [[own for own in each["comparisons"] if own["split"] != "test"] for each in (without, *found)]
+    assert pairs[0] == pairs[1] == pairs[2] != []
+
+
+def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
+    """Ctrl-C loses the training under way; the next run makes what is missing, and says what one run would."""
+    count, real = 0, bench.trained
+
+    def counted(*given):
+        nonlocal count
+        count += 1
+        if count == 3:
+            raise KeyboardInterrupt
+        return real(*given)
+
+    monkeypatch.setattr(bench, "trained", counted)
+    file = tmp_path / "kept" / "truck.json"
+    with pytest.raises(KeyboardInterrupt):
+        truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", tmp_path / "kept"))
+    assert len(json.loads(file.read_text())["trainings"]) == 2
+    nothing = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file, minutes=0.0))
+    assert (count, nothing["left_out"]) == (3, 4)
+    found = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
+    assert (count, found["left_out"]) == (7, 0)
+    again = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
+    whole = truck_tables(made_up, TruckOptions(quick=True))
+    assert told_but_for_time(again) == told_but_for_time(found) == told_but_for_time(whole)
+    with pytest.raises(BadInput, match="bench of 'truck'"):
+        KeptBench("msnn", file)
+    truck_file(made_up / "train.parquet", 4, 9)  # other data: nothing that is kept is of them
+    before = count
+    truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
+    assert count == before + 6
+
+
+def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
+    monkeypatch.setattr(bench, "TAUGHT_ON", (0.5,))
+    page = tmp_path / "page"
+    told = greybox(
+        "bench", "truck", "--data", made_up, "--curves", "--seeds", 2, "--report", page, "--out", tmp_path / "own.json",
+        "--json",
+    ).told  # fmt: skip
+    agree(told, PAGE["bench truck"], "bench truck")
+    assert told["report"] == [str(page / "truck.html"), str(page / "truck.pdf")]
+    assert {own["share"] for own in told["learning_curves"]} == {0.5, 1.0}
+    assert {own["taught"] for own in told["lessons"]} == set(bench.LESSONS)
+    assert all(0 <= share <= 1 for own in told["traces"]["lines"] for share in own["coverage"])
+    text = (page / "truck.html").read_text()
+    for words in ("As Fig. 3", "As Fig. 4", "Table IV", "a passenger car", "Seeds: 2", "tyres half as stiff"):
+        assert words in text
+    assert (page / "truck.pdf").read_bytes().startswith(b"%PDF")

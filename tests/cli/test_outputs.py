@@ -58,6 +58,7 @@ CALLS = {
     "loop agent": ("loop agent http://127.0.0.1:1 --token-file {lap}", {"--out": ""}),
     "serve": ("serve --token-file {lap} --port 0", {"--out": ""}),
     "bench msnn": ("bench msnn --data {lap}", {"--out": ".json", "--report": ""}),
+    "bench truck": ("bench truck --data {lap}", {"--out": ".json", "--report": ""}),
 }  # fmt: skip
 """Command -> a call of it, and how a file that each of its outputs names has to end."""
 SPELLINGS = ("as it is", "relative", "missing folder", "symbolic link", "hard link", "folder behind a link")
@@ -218,6 +219,7 @@ SLOW = (
     "fleet run",
     "fleet report",
     "bench msnn",
+    "bench truck",
     "loop agent",
     "loop demo",
     "serve",

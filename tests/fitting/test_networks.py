@@ -8,6 +8,7 @@ import pytest
 from calling import greybox, refused
 from driven import driven, written
 
+from greybox_id.engine.hybrid.cell import Cell
 from greybox_id.fit import load
 from greybox_id.fitting.how import How
 from greybox_id.fitting.pretraining import Pretraining, known_physics, taught
@@ -50,8 +51,6 @@ def test_rates_taught_are_the_vehicle_s(laps, vehicle):
     model = prepared("bicycle_mlp", laps, {"hidden": [4]})
     model = known_physics(model, vehicle)
     x, u, rates, scale = taught(model, [laps], vehicle, seed=0)
-    from greybox_id.engine.hybrid.cell import Cell
-
     own = np.array(Cell(model).rates(cs.DM(x), cs.DM(u), cs.DM(model.values)))  # weights of zero: the bicycle
     assert np.max(np.abs(own - rates) / np.std(rates, axis=1, keepdims=True)) < 0.005
     assert np.all(scale > 0)
@@ -62,6 +61,31 @@ def test_the_box_is_wider_than_the_recording(laps, vehicle):
     inside = taught(model, [laps], vehicle, seed=0)[0]
     wide = taught(model, [laps], replace(vehicle, span="box"), seed=0)[0]
     assert np.all(np.max(np.abs(wide), axis=1) > 1.1 * np.max(np.abs(inside), axis=1))
+
+
+def test_bands_of_several_seeds_open_where_nothing_was_trained(laps):
+    """At speeds and yaw rates that were driven trainings agree; at twice as far from their middle they part."""
+    model = prepared("mlp_lateral", laps, {"hidden": [6], "integrator": "euler", "window": 11})
+    names = ("v_y", "yaw_rate", "v_x", "steer")
+    driven_at = np.array([laps[name] for name in names])[:, ::7]
+    middle, half = (np.quantile(driven_at, share, axis=1)[:, None] for share in (0.5, 0.99))
+    places = {"inside": driven_at, "outside": middle + 2.5 * (half - middle) * np.sign(driven_at - middle)}
+    told = {where: [] for where in places}
+    for seed in range(4):
+        trained = fit(model, [laps], how=How(seed=seed)).model
+        for where, at in places.items():
+            told[where].append(np.array(Cell(trained).rates(cs.DM(at[:2]), cs.DM(at[2:]), cs.DM(trained.values))))
+    inside, outside = (np.median(np.std(told[where], axis=0), axis=1) for where in ("inside", "outside"))
+    assert np.all(outside > 3 * inside)
+    assert np.all(np.isfinite(told["outside"]))
+
+
+def test_the_gap_of_a_network_is_refused(laps, tmp_path):
+    lap = written(laps, tmp_path / "laps.csv")
+    for name in ("mlp_lateral", "bicycle_mlp"):
+        said = refused("gap", lap, "--vehicle", "full_size_car", "--model", name, "--out", tmp_path / "gap")
+        assert f"The gap of {name} is not diagnosed" in said
+        assert "Name equations of motion" in said
 
 
 def test_commands_pretrain_save_predict_and_export(laps, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+from calling import greybox, refused
 from click.testing import CliRunner
 from driven import written
 from made_gaps import clear
@@ -17,6 +18,7 @@ from greybox_id.fit import load
 from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
+from greybox_id.posterior.verb import SampleOptions, sample
 from greybox_id.provenance import data_record
 from greybox_id.reports.gap.content import Made
 from greybox_id.reports.gap.saved import as_text
@@ -109,3 +111,30 @@ def test_a_report_of_another_name_is_refused_before_anything_is_read(out, fitted
     with pytest.raises(BadInput, match=r"a \.pdf or a \.html file"):
         CliRunner().invoke(report, [str(fitted), "--out", str(fitted.parent / out)], catch_exceptions=False)
     assert fitted.is_file()
+
+
+def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_path):
+    names = [f"lap{k}.csv" for k in range(3)]
+    read_again = [read(written(lap, tmp_path / name), "canonical") for lap, name in zip(laps[:3], names, strict=True)]
+    how = How(horizon=2.0, start_from="measured", solver="gauss-newton")
+    free = ("I_z", "B_f", "B_r")
+    model = motion_fit.model.with_parameters(
+        *(replace(p, fixed=p.name not in free) for p in motion_fit.model.parameters)
+    )
+    found = fit(model, read_again[:2], validate=read_again[2], how=how)
+    found.save(tmp_path / "fit.json")
+    drawn = sample(found, read_again[:2], SampleOptions("laplace", 200))
+    drawn.save(tmp_path / "posterior.parquet")
+    told = greybox(
+        "report", tmp_path / "fit.json", "--posterior", tmp_path / "posterior.parquet", "--out", tmp_path / "own.html",
+        "--figures", tmp_path / "figures", "--json",
+    ).told  # fmt: skip
+    assert {str(tmp_path / "figures" / f"{name}.svg") for name in ("corner", "bands")} < set(told["figures"])
+    page = (tmp_path / "own.html").read_text()
+    assert "200 draws of the normal distribution" in page
+    assert "of the readings are expected" in page
+    fit(model, read_again[1:2], how=how).save(tmp_path / "other.json")
+    arguments = ("--posterior", tmp_path / "posterior.parquet", "--out", tmp_path / "none.pdf")
+    assert "another fit" in refused("report", tmp_path / "other.json", *arguments)
+    two = (tmp_path / "fit.json", tmp_path / "other.json")
+    assert "belongs to one fit" in refused("report", *two, *arguments)

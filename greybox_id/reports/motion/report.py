@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...fit import Fit
+from ...posterior.posterior import Posterior
 from ...recording import Recording
 from ...scores.metrics import HORIZONS
 from ..content import OBJECTIVE, opening, provenance, told_together
@@ -19,6 +20,7 @@ from ..figures.style import NEAR
 from ..noise import noise
 from .content import MotionContent, motion_content
 from .drawings import motion_drawings, recorded_inputs
+from .posterior import posterior_parts
 
 DRAWN = (HORIZONS[0], NEAR)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
@@ -39,8 +41,15 @@ EQUATIONS = (
 )
 
 
-def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
-    """The report of a fit. Raises `BadInput` where a recording that it saw is missing or is another file."""
+def motion_report(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
+    """The report of a fit, with draws of its posterior.
+
+    Raises
+    ------
+    BadInput : a recording that it saw is missing or is another file, or the posterior is of another fit.
+    """
+    if posterior is not None:
+        posterior.must_be_of(fit)
     drives = driven(fit, recordings, DRAWN)
     heard = noise([one.recording for one in drives])
     said = motion_content(fit, drives, heard)
@@ -50,6 +59,7 @@ def motion_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
         *opening(fit, said, ("How good", "Against what", "How sure")),
         *provenance(said),
         *_parameters(said, made),
+        *(() if posterior is None else posterior_parts(fit, posterior, drives)),
         *titled("Errors by horizon", *_of(made, "horizons"), said.errors, Text(ERRORS)),
         *titled("Measured and predicted", *_of(made, "traces", "traces_training")),
         *titled("Residual analysis", *_of(made, "residuals", "spectrum"), Text(said.noise)),
