@@ -14,7 +14,8 @@ from ..datasets.readers.child import limit
 from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import finite
-from .adapting import adapted, foretold, last_rows, stated_model, world_of
+from .adapting import adapted, foretold, last_rows, world_of
+from .arms import stated_model
 from .buffer import ROWS
 from .store import Job, ServerStore
 from .swap import read_learned
@@ -59,14 +60,14 @@ def done(store: ServerStore, job: Job, say: Any) -> None:
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
-    before = foretold(found.model, vehicle, start.policy.act, units, job.cap)
-    after = foretold(found.model, vehicle, found.learned.policy.act, units, job.cap)
+    before = foretold(found.twin.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(found.twin.model, vehicle, found.learned.policy.act, units, job.cap)
     folder = store.job_folder(job.id)
     write_atomically(folder / "policy.json", found.learned.text(), continued=True)
     result = {
-        "detected": found.detected,
-        "named": [dict(own) for own in found.named],
-        "applied": dict(found.applied),
+        "detected": found.twin.detected,
+        "named": [dict(own) for own in found.twin.named],
+        "applied": dict(found.twin.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
         "path_error_worst": after.worst,
