@@ -18,21 +18,25 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .. import __version__
-from ..errors import BadInput
+from ..datasets.read import read
+from ..datasets.vehicle_file import parse_vehicle
+from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
 from ..files import ensure_writable, write_atomically
 from ..json_data import plain, read_json, without_nan
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
 from ..racing.world import World
-from .adapting import Say, foretold, stated_model, used_to, world_of
+from .adapting import Say, foretold, used_to, world_of
+from .arms import stated_model
 from .client import Client, Unanswered
 from .demo import CAP, Watched, joined
+from .protocol import ARMS
 from .safety import Cap, Log
 from .scene import Scene, driven
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat, read_learned
-from .triggers import LEAST, RowCounts, path_error_beyond
+from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond
 
 FORMAT = "greybox-loop-agent"
 ROWS = LEAST
@@ -53,7 +57,7 @@ class AgentOptions:
     ----------
     case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
     session : name at the server.
-    arm : "named": learned on what `greybox gap` names; "nominal": on the vehicle file alone.
+    arm : what the server makes of rows, one of `protocol.ARMS`.
     trainings : policies that are asked for before it ends.
     steps, seconds : of a training: periods driven, and the budget of the server's processor.
 
@@ -73,6 +77,8 @@ class AgentOptions:
     def __post_init__(self) -> None:
         if not 1 <= self.trainings <= 20:
             raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
+        if self.arm not in ARMS:
+            raise BadInput(f"There is no arm {self.arm!r}.{near_or_all(self.arm, ARMS)}")
 
 
 @dataclass(frozen=True)
@@ -145,6 +151,7 @@ class _Agent:
         self.nominal = stated_model(self.vehicle)
         self.state = self._begun()
         self.log = Log(folder / "log.jsonl")
+        self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
     def run(self) -> AgentOutcome:
         """All that is not done yet."""
@@ -178,7 +185,7 @@ class _Agent:
             raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
         ensure_writable(self.folder)
         state = {"format": FORMAT, "format_version": 1, "asked": asked, "drives": [], "trainings": [], "cap": CAP,
-                 "clean": 0, "due": "", "foretold": None, "learned_at": 0}  # fmt: skip
+                 "clean": 0, "due": "", "foretold": [], "learned_at": 0, "twin": None}  # fmt: skip
         write_atomically(file, json.dumps(state) + "\n")
         return state
 
@@ -229,9 +236,7 @@ class _Agent:
         """Drive and send the rows; why it is time to learn, "" where it is not."""
         k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
         driven_at, units = cap.share, self._units(cap.share)
-        if self.state["foretold"] is None:
-            self.state["foretold"] = self._foretold(seat.now.policy, driven_at)
-        expected = self.state["foretold"]
+        expected = self._expected(seat.now.policy, driven_at)
         self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
         hands = Watched(units, seat, good, cap, self._units, expected["worst"], self.log)
         drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
@@ -263,6 +268,7 @@ class _Agent:
         reason = counts.due(rows)
         if not reason and recordings and counts.allowed(rows):
             reason = path_error_beyond(drive.path_error, expected["path_error_rms"])
+            reason = reason or ("" if (band := self._band()) is None else band.beyond(recordings))
         self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
         self._keep()
         return reason
@@ -285,7 +291,8 @@ class _Agent:
             refused = self._swapped(seat, body, sha, result)
             if not refused:
                 self._hello(sha, body)
-                self.state["foretold"] = {"path_error_rms": result["path_error"], "worst": result["path_error_worst"]}
+                self.state["foretold"] = result["foretold"]
+                self.state["twin"] = {"vehicle": result["vehicle"], "drives": len(self.state["drives"])}
                 cap = Cap(self.state["cap"], clean=self.state["clean"])
                 cap.next_cycle()
                 self.state["cap"], self.state["clean"] = cap.share, cap.clean
@@ -316,7 +323,32 @@ class _Agent:
             return str(error)
         return ""
 
-    def _foretold(self, policy: Policy, cap: float) -> dict[str, Any]:
-        """How the vehicle is driven before anything of it is known: it may be anything in the ranges of `by_hand`."""
-        found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
-        return {"path_error_rms": found.path_error, "worst": found.worst}
+    def _expected(self, policy: Policy, cap: float) -> Mapping[str, float]:
+        """Path errors that are foretold at a cap: in the last twin, or at the nearest cap above that was driven there.
+
+        Before anything of the vehicle is known it may be anything in the ranges of `by_hand`.
+        """
+        said = self.state["foretold"]
+        if not said:
+            found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
+            return {"path_error_rms": found.path_error, "worst": found.worst}
+        above = [own for own in said if own["cap"] >= cap - 1e-9]
+        return min(above or said, key=lambda own: abs(own["cap"] - cap))
+
+    def _band(self) -> InnovationBand | None:
+        """What innovations of the last twin were like on the rows that it was made of.
+
+        None before the first one, where networks act in it, which stay at the server, and where those rows are too few.
+        """
+        made = self.state["twin"]
+        if made is None or made["vehicle"] is None:
+            return None
+        if self._known[0] != made:
+            files = [self.folder / f"rows_{k}.csv" for k in range(1, made["drives"] + 1)]
+            model = stated_model(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
+            try:
+                self._known = (made, InnovationBand.of(model, [read(own) for own in files if own.is_file()]))
+            except BadInput as error:
+                self.log.write("no band", reason=str(error))
+                self._known = (made, None)
+        return self._known[1]

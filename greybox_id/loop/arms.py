@@ -84,9 +84,10 @@ def twin(arm: str, vehicle: Vehicle, recordings: Sequence[Recording], seed: int 
         case "hand":
             return replace(stated, draws=by_hand())
         case "refit":
-            found = fit(stated.model.name, given, vehicle=vehicle)
-            values = {**vehicle.values, **fitted_vehicle(found, vehicle.name).values}
-            return Twin(replace(vehicle, name=f"{vehicle.name}, fitted", values=values, path=None), moving(found.model))
+            fitted = fit(stated.model.name, given, vehicle=vehicle)
+            values = {**vehicle.values, **fitted_vehicle(fitted, vehicle.name).values}
+            known = replace(vehicle, name=f"{vehicle.name}, fitted", values=values, path=None)
+            return Twin(known, moving(fitted.model))
         case "actuator_net" | "abstract":
             variant = {"actuator_net": "paper"}.get(arm, arm)
             net = train_actuator_net(given, variant=variant, sample_time=PERIOD, seed=seed)
@@ -118,11 +119,14 @@ def corrected(found: Twin, recordings: Sequence[Recording], seed: int) -> Twin:
 def named(vehicle: Vehicle, recordings: Sequence[Recording]) -> Twin:
     """What `greybox gap` says of rows, and the model that closes the gap."""
     gap = diagnose(vehicle, list(recordings), vehicle=vehicle)
-    told = {"detected": gap.gap_detected, "named": causes(gap), "unknown_probability": gap.unknown_probability}
+    found = Twin(
+        vehicle, stated_model(vehicle), detected=gap.gap_detected, named=causes(gap),
+        unknown_probability=gap.unknown_probability,
+    )  # fmt: skip
     if not gap.applied or not isinstance(gap.closed, MotionModel):
-        return Twin(vehicle, stated_model(vehicle), **told)
+        return found
     applied = {name: float(gap.closed[name].array) for name in gap.applied}
-    found = Twin(closed_vehicle(vehicle, gap), gap.closed, applied=applied, **told)
+    found = replace(found, vehicle=closed_vehicle(vehicle, gap), model=gap.closed, applied=applied)
     return replace(found, draws=randomised(found))
 
 

@@ -32,7 +32,7 @@ from ..parameter import Array
 from ..racing.draws import Draws, by_hand
 from ..racing.learner import Learned
 from ..racing.policy import Policy
-from ..racing.world import World
+from ..racing.world import Observations, World
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .adapting import (
@@ -48,7 +48,7 @@ from .adapting import (
 from .arms import Twin, oracle, stated_model, twin
 from .page import page
 from .protocol import ARMS, digest_of
-from .safety import Cap, Envelope, Log, limits_of
+from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
 from .swap import WORSE, NotSwapped, Seat, read_learned
 
@@ -255,8 +255,8 @@ class _Running:
         write_recording(joined(recordings), folder / "rows.csv")
         self.say(f"cycle {k}: making a model of what was driven, and learning anew")
         found = adapted(
-            self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at, seed=self.seed + k,
-            say=lambda sentence: None,
+            self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at,
+            seed=self.seed + k,
         )  # fmt: skip
         write_vehicle(found.twin.vehicle, folder / "closed.toml")
         if isinstance(found.twin.model, InjectedModel):
@@ -345,7 +345,10 @@ class _Running:
 
 
 class Watched(Hands):
-    """A seat, with limits and an envelope: once it is left, the last good policy drives under a lower cap.
+    """A seat, with limits, a watchdog and an envelope.
+
+    A command that takes a policy more than `LATE` periods does not come: the vehicle brakes, and steers as before. Once
+    the envelope is left, the last good policy drives under a lower cap.
 
     Parameters
     ----------
@@ -365,11 +368,22 @@ class Watched(Hands):
         self._seat, self._good, self._cap, self._units, self._log = seat, good, cap, units, log
         self._limits = limits_of(world.steer_max, *world.drives, period)
         self._envelope = Envelope(world.track.half_width, worst, period)
+        self._late, self._brake = False, world.drives[0]
         self.events = 0
 
+    def acted(self, seen: Observations) -> Array:
+        """Actions; the watchdog looks at how long they take."""
+        begun = time.thread_time()
+        done = self.act(seen)
+        took = time.thread_time() - begun
+        self._late = took > LATE * self.world.rules.period
+        if self._late:
+            self._log.write("watchdog", seconds=took)
+        return done
+
     def limited(self, wanted: Array) -> Array:
-        """Limited in size and rate."""
-        return self._limits(wanted)
+        """Limited in size and rate; braking where a command came too late."""
+        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else wanted)
 
     def watch(self, row: Mapping[str, float]) -> None:
         """Look whether the envelope is left."""

@@ -62,6 +62,10 @@ class Hands:
     def __init__(self, world: World, act: Callable[[Observations], Array]) -> None:
         self.world, self.act = world, act
 
+    def acted(self, seen: Observations) -> Array:
+        """(1, 2) actions."""
+        return self.act(seen)
+
     def limited(self, wanted: Array) -> Array:
         """What is given, (2,) steer and drive, of what is wanted."""
         return wanted
@@ -211,7 +215,7 @@ def _episode(scene: Scene, hands: Hands, rows: int, seed: int) -> Episode:
         s, e_y, e_psi = track.project(now["x"], now["y"], now["yaw"], s)
         motion = np.array([[now["v_x"], now["v_y"], now["yaw_rate"]]]) + noise[done]
         if done:  # with commands of zero it began, as `replay` takes it
-            last = np.clip(hands.act(world.seen(motion, np.array([[s, e_y, e_psi]]), last)), -1.0, 1.0)
+            last = np.clip(hands.acted(world.seen(motion, np.array([[s, e_y, e_psi]]), last)), -1.0, 1.0)
             wanted = world.commanded(last, motion[:, 0], np.array([s]))[0][list(world.inputs)]
             commands[done] = hands.limited(wanted)
         places[done] = s, e_y

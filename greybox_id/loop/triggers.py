@@ -1,9 +1,9 @@
 """When it is time to learn anew: by counts of rows, as published, or by evidence that the vehicle is another one.
 
-Evidence is a path error that was not foretold, and innovations of the model that is driven in: what is read half a second
-later less what the model foretells. Normalised by their covariance and squared (NIS, normalised innovation squared;
-Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are
-distributed as chi-square where the vehicle is still the one that the model was made of.
+Evidence is a path error that was not foretold, and innovations of the model that was made of the vehicle: what is read
+half a second later less what it foretells. Normalised by their covariance and squared (NIS, normalised innovation
+squared; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are
+distributed as chi-square where the vehicle is still that one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FIRST, EVERY, LEAST = 5_000, 10_000, 2_000
 EXCESS = 1.5
 """How many times the foretold path error is too much."""
 
-HORIZON, EVERY = 0.5, 0.1
+HORIZON, APART = 0.5, 0.1
 """s that are foretold, the middle one of the horizons of a diagnosis; s between two predictions. A single row ahead
 sensors' noise is all that is seen."""
 LEVEL = 0.99
@@ -78,8 +78,8 @@ class InnovationBand:
 
     Predictions overlap, and errors of a model last longer than a horizon, so that innovations are correlated, and their
     tails are not those of a normal distribution. A mean NIS over a window is therefore taken as chi-square with as many
-    degrees of freedom as its variance says (Satterthwaite 1946), with the sum of autocorrelations in it. The covariance is estimated itself, which
-    makes the ratio of two of them one of Fisher's.
+    degrees of freedom as its variance says (Satterthwaite 1946), with the sum of autocorrelations in it. The covariance
+    is estimated itself, which makes the ratio of two of them one of Fisher's.
 
     Attributes
     ----------
@@ -110,10 +110,11 @@ class InnovationBand:
         kept = [own[:, channels] for own in parts]
         kept = [own[np.all(np.isfinite(own), axis=1)] for own in kept]
         count = sum(len(own) for own in kept)
-        if not channels or count < SHORTEST / EVERY:
-            raise BadInput(f"{count * EVERY:.0f} s of rows tell too little of a model's errors; {SHORTEST:g} s are needed.")
+        if not channels or count < SHORTEST / APART:
+            told = f"{count * APART:.0f} s of rows tell too little of a model's errors"
+            raise BadInput(f"{told}; {SHORTEST:g} s are needed.")
         joined = np.concatenate(kept)
-        inverse = np.linalg.inv(joined.T @ joined / count)
+        inverse = np.asarray(np.linalg.inv(joined.T @ joined / count), dtype=np.float64)
         runs = [_squared(own, inverse) / len(channels) for own in kept]
         return cls(model, channels, inverse, _freedom(runs), count)
 
@@ -130,7 +131,7 @@ class InnovationBand:
     def beyond(self, recordings: Sequence[Recording]) -> str:
         """Why rows are not those of the vehicle that the model was made of; "" where they may be, or are too few."""
         nis, count = self.mean(recordings)
-        if count * EVERY < SHORTEST or nis <= self.limit(count):
+        if count * APART < SHORTEST or nis <= self.limit(count):
             return ""
         return f"innovations squared are {nis:.2f} times what they were, {self.limit(count):.2f} at most are by chance"
 
@@ -141,7 +142,7 @@ def _innovations(model: MotionModel, recordings: Sequence[Recording]) -> list[Ar
     for recording in recordings:
         ahead = OpenLoop(model, recording)
         try:
-            own = ahead.ahead(HORIZON, EVERY)
+            own = ahead.ahead(HORIZON, APART)
         except BadInput:  # too short for a prediction
             continue
         found.append(own.measured - own.predicted)
@@ -162,13 +163,13 @@ def _freedom(runs: Sequence[Array]) -> float:
     joined = np.concatenate(runs)
     level = float(np.mean(joined))
     variance = float(np.mean((joined - level) ** 2))
-    total, lag = 1.0, 1
+    total, lag = np.float64(1.0), 1
     while lag + 1 < max(len(own) for own in runs):
         pair = sum(_correlated(runs, level, own) / variance for own in (lag, lag + 1))
         if pair <= 0:
             break
         total, lag = total + 2.0 * pair, lag + 2
-    return 2.0 * level**2 / (variance * total)
+    return float(2.0 * level**2 / (variance * total))
 
 
 def _correlated(runs: Sequence[Array], level: float, lag: int) -> float:
