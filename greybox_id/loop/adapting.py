@@ -97,10 +97,11 @@ def adapted(
 
 def learned_on(
     found: Twin, vehicle: Vehicle, start: Learned, units: World, *, steps: int, cap: float, seed: int = 0,
-    say: Say = lambda sentence: None, stopped: Callable[[], bool] = lambda: False,
+    usage: tuple[float, float] | None = None, say: Say = lambda sentence: None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Learned:  # fmt: skip
-    """Go on learning in a twin; parameters as of `adapted`."""
-    world = world_of(found.model, vehicle, LANES, cap, like=units, draws=found.draws)
+    """Go on learning in a twin; parameters as of `adapted`, and shares of the grip that are asked for, see `Rules`."""
+    world = world_of(found.model, vehicle, LANES, cap, like=units, draws=found.draws, usage=usage)
     return learn(world, steps, start=start, seed=seed, settings=FINE_TUNING, say=say, stopped=stopped)
 
 
@@ -123,10 +124,10 @@ def last_rows(recordings: list[Recording], rows: int) -> list[Recording]:
 
 def world_of(
     model: MotionModel, vehicle: Vehicle, lanes: int, cap: float, *, like: World | None = None,
-    draws: Draws | None = None, seconds: float = 30.0, noise: bool = True,
+    draws: Draws | None = None, seconds: float = 30.0, usage: float | tuple[float, float] | None = None,
 ) -> World:  # fmt: skip
-    """The world of a vehicle's model, driven at a share of the grip; `like`: see `World`."""
-    rules = Rules(action="speed", reward="path", usage_cap=cap, noise=noise, seconds=seconds)
+    """The world of a vehicle's model, driven at a share of the grip; `like`: see `World`, `usage`: see `Rules`."""
+    rules = Rules(action="speed", reward="path", usage_cap=cap, usage=usage, noise=True, seconds=seconds)
     sd = {"v_y": vehicle.noise.get("v_x", 0.0), **vehicle.noise}
     return World(model, lanes, rules, draws=draws, sd=sd, steer_max=vehicle.steer_max or STEER_MAX, like=like)
 

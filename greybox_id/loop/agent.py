@@ -10,7 +10,6 @@ DIR/log.jsonl          every event
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,8 +21,8 @@ from ..datasets.read import read
 from ..datasets.vehicle_file import parse_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import ensure_writable, write_atomically
-from ..json_data import plain, read_json, without_nan
+from ..files import write_atomically
+from ..json_data import plain
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
 from ..racing.world import World
@@ -34,11 +33,11 @@ from .demo import CAP, Watched, joined
 from .protocol import ARMS
 from .safety import Cap, Log
 from .scene import Scene, driven
+from .state import begun, keep
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat, read_learned
 from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond
 
-FORMAT = "greybox-loop-agent"
 ROWS = LEAST
 """Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
 BASE = 150_000
@@ -149,7 +148,9 @@ class _Agent:
         self.scene = Scene(options.case)
         self.vehicle = self.scene.vehicle
         self.nominal = stated_model(self.vehicle)
-        self.state = self._begun()
+        asked = vars(self.options) | {"version": __version__}
+        fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0}
+        self.state = begun(folder / "agent.json", "agent", asked, fresh | {"twin": None})
         self.log = Log(folder / "log.jsonl")
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
@@ -173,25 +174,8 @@ class _Agent:
         done = self.state["drives"], self.state["trainings"]
         return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
 
-    def _begun(self) -> dict[str, Any]:
-        """The state of the folder, new or carried on."""
-        asked = plain(vars(self.options)) | {"version": __version__}
-        file = self.folder / "agent.json"
-        held = read_json(file) if file.is_file() else None
-        if isinstance(held, dict) and held.get("format") == FORMAT and held.get("asked") == asked:
-            ensure_writable(self.folder)
-            return held
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
-        ensure_writable(self.folder)
-        state = {"format": FORMAT, "format_version": 1, "asked": asked, "drives": [], "trainings": [], "cap": CAP,
-                 "clean": 0, "due": "", "foretold": [], "learned_at": 0, "twin": None}  # fmt: skip
-        write_atomically(file, json.dumps(state) + "\n")
-        return state
-
     def _keep(self) -> None:
-        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
-        write_atomically(self.folder / "agent.json", text, continued=True)
+        keep(self.folder / "agent.json", self.state)
 
     def _units(self, cap: float) -> World:
         """The world that the vehicle's own driver sees."""

@@ -11,7 +11,6 @@ DIR/index.html
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +23,7 @@ from .. import __version__
 from ..datasets.vehicle_text import write_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import ensure_writable, write_atomically
-from ..json_data import plain, read_json, without_nan
+from ..files import write_atomically
 from ..learned.injection import InjectedModel
 from ..motion_model import MotionModel
 from ..parameter import Array
@@ -50,9 +48,9 @@ from .page import page
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
+from .state import begun, keep
 from .swap import WORSE, NotSwapped, Seat, read_learned
 
-FORMAT = "greybox-loop-demo"
 CAP = 0.6
 """Share of the grip at which data are driven first: the moderate speed that was published."""
 
@@ -169,7 +167,7 @@ class _Running:
         self.folder, self.scene, self.size, self.seed, self.count, self.say = folder, scene, size, seed, cycles, say
         self.arm = arm
         asked = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles, "version": __version__}
-        self.state = self._begun(asked)
+        self.state = begun(folder / "demo.json", "demo", asked, {"cycles": [], "arms": {}, "cap": CAP})
         self.log = Log(folder / "log.jsonl")
         self.vehicle = scene.vehicle
         self.nominal = stated_model(self.vehicle)
@@ -189,26 +187,8 @@ class _Running:
         write_atomically(self.folder / "index.html", page(found), continued=True)
         return found
 
-    def _begun(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """The state of the folder, new or carried on."""
-        file = self.folder / "demo.json"
-        held = read_json(file) if file.is_file() else None
-        if isinstance(held, dict) and held.get("format") == FORMAT:
-            if held.get("asked") == dict(asked):
-                ensure_writable(self.folder)
-                return held
-            told = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
-            raise BadInput(f"{self.folder} holds another demo ({told}); name a new folder with ‹out›.")
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
-        ensure_writable(self.folder)
-        state = {"format": FORMAT, "format_version": 1, "asked": dict(asked), "cycles": [], "arms": {}, "cap": CAP}
-        write_atomically(file, json.dumps(state) + "\n")
-        return state
-
     def _keep(self) -> None:
-        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
-        write_atomically(self.folder / "demo.json", text, continued=True)
+        keep(self.folder / "demo.json", self.state)
 
     def _units(self, cap: float) -> World:
         """The world that the vehicle's own driver sees."""
