@@ -57,6 +57,7 @@ CALLS = {
     "loop demo": ("loop demo --quick", {"--out": ""}),
     "loop agent": ("loop agent http://127.0.0.1:1 --token-file {lap}", {"--out": ""}),
     "serve": ("serve --token-file {lap} --port 0", {"--out": ""}),
+    "bench loop": ("bench loop --quick", {"--out": ""}),
     "bench msnn": ("bench msnn --data {lap}", {"--out": ".json", "--report": ""}),
 }  # fmt: skip
 """Command -> a call of it, and how a file that each of its outputs names has to end."""
@@ -217,6 +218,7 @@ SLOW = (
     "design",
     "fleet run",
     "fleet report",
+    "bench loop",
     "bench msnn",
     "loop agent",
     "loop demo",
