@@ -50,7 +50,14 @@ def test_bars_are_met_missed_or_not_measured():
     assert bar([good], "named with 2000")["met"] is None
     bad = case(base=arm(0.1), actuator_net=arm(0.06), named=arm(0.09, last=19.5), oracle=arm(0.05))
     bad["arms"]["named"]["last"]["crashes"] = 2
-    for begins in ("named: share", "the same less", "named: crashes", "named at the last", "named: path", "named: model"):
+    for begins in (
+        "named: share",
+        "the same less",
+        "named: crashes",
+        "named at the last",
+        "named: path",
+        "named: model",
+    ):
         found = [own for own in bars([bad]) if own["bar"].startswith(begins)]
         assert all(own["met"] is False for own in found), begins
     assert bar([bad], "named: lap time at the last")["met"] is False

@@ -37,7 +37,14 @@ class Canned:
 
     def get(self, path):
         said = [{"cap": cap, "path_error_rms": cap / 20, "worst": 0.05} for cap in (0.48, 0.6, 0.66)]
-        done = {"foretold": said, "vehicle": Scene(0).text, "named": [], "applied": {}, "policy": digest_of(self.body), **self.result}
+        done = {
+            "foretold": said,
+            "vehicle": Scene(0).text,
+            "named": [],
+            "applied": {},
+            "policy": digest_of(self.body),
+            **self.result,
+        }
         return {"id": "a" * 16, "status": "done", "sentence": "", "result": done}
 
     def policy(self, sha):
