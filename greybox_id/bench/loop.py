@@ -27,12 +27,12 @@ from ..errors import BadInput, GreyboxError, near_or_all
 from ..files import write_atomically
 from ..json_data import plain, read_json, without_nan
 from ..learned.open_loop import HORIZONS, errors_ahead
-from ..loop.adapting import SETTLED, last_rows, learned_on, used_to, world_of
+from ..loop.adapting import SETTLED, last_rows, learned_on, world_of
 from ..loop.arms import Twin, oracle, stated_model, twin
 from ..loop.scene import CASES, DrivenRows, Hands, Scene, driven
 from ..loop.state import begun
 from ..loop.swap import read_learned
-from ..racing.learner import Learned
+from ..racing.learner import Learned, shipped_learned
 from ..racing.world import World
 from ..recording import Recording
 from .loop_held_out import held_out
@@ -59,7 +59,8 @@ class LoopBenchSize:
     cases : numbers of `scene.CASES` that are run unless others are asked for.
     arms : that are run unless others are asked for.
     cycles : of driving, modelling and learning.
-    base : steps in which a driver is got used to the vehicle as its file states it.
+    base : steps in which the shipped driver is got used to the vehicle as its file states it, give or take the ranges
+        of `hand`.
     rows : of a drive; models are made of the last so many.
     steps : of learning in a cycle.
     judged : rows that an arm is judged by, at each of two caps.
@@ -77,7 +78,7 @@ class LoopBenchSize:
 
 
 QUICK = LoopBenchSize((1,), (BASE, "hand", "actuator_net", "named", ORACLE), 1, 150_000, 1_500, 150_000, 3_500, False)
-FULL = LoopBenchSize(tuple(range(len(CASES))), ARMS, 3, 1_000_000, 5_000, 300_000, 12_000, True)
+FULL = LoopBenchSize(tuple(range(len(CASES))), ARMS, 3, 300_000, 5_000, 300_000, 12_000, True)
 
 
 def loop_tables(
@@ -157,7 +158,7 @@ class _BenchCase:
         about = {"case": self.scene.case, "vehicle": self.scene.seed, "seed": self.seed, "forms": self.scene.forms,
                  "withheld": self.scene.effects, "outside": outside}  # fmt: skip
         self._write("case", about)
-        say(f"{self.name}: learning to drive the vehicle as its file states it")
+        say(f"{self.name}: learning to drive before any data")
         base = self._base()
         held = {f"{share:.0%}": held_out(self.scene, share) for share in SHARES}
         for name in waiting:
@@ -169,10 +170,13 @@ class _BenchCase:
         write_atomically(self.folder / f"{name}.json", text, continued=True)
 
     def _base(self) -> Learned:
-        """The driver before any data."""
-        file = self.folder / "driver.json"
+        """The driver before any data: the shipped one, used to this vehicle within published ranges, at all speeds."""
+        file, last = self.folder / "driver.json", CAPS[self.size.cycles]
         if not file.is_file():
-            made = used_to(self.nominal, self.vehicle, self.size.base, CAPS[0], self.seed)
+            made = learned_on(
+                twin("hand", self.vehicle, ()), self.vehicle, shipped_learned(), self._units(last),
+                steps=self.size.base, cap=last, seed=self.seed, usage=(CAPS[0], last),
+            )  # fmt: skip
             write_atomically(file, made.text(), continued=True)
         return read_learned(file.read_bytes(), self.folder)
 

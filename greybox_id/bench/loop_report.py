@@ -14,7 +14,8 @@ BASE, ORACLE = "base", "oracle"
 ARMS = (
     BASE, "nominal", "hand", "actuator_net", "abstract", "residual", "refit", "named", "named_residual", ORACLE
 )  # fmt: skip
-"""base: the driver before any data; oracle: learned with the true effects; the others: `loop.protocol.ARMS`."""
+"""base: the driver before any data, learned with friction, mass and delay drawn from published ranges; oracle: learned
+with the true effects; the others: `loop.protocol.ARMS`."""
 EXCESS = 0.1
 """Share of the base's path error by which the oracle's has to be less for what is removed to mean something."""
 
@@ -99,7 +100,7 @@ def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
     for when in ("first", "last"):
         for what in ("path_error_rms", "path_error_p95", "lap_time", "steering_rate_rms"):
             found = [own["arms"][name][when][what] for own in done]
-            medians[f"{what}_{when}"] = _median([value for value in found if value is not None])
+            medians[f"{what}_{when}"] = _median([value for value in found if value is not None and np.isfinite(value)])
     crash = {"crashes_last": crashes, "laps_last": laps, "crash_rate_interval": [low, high]}
     return {"arm": name, "cases": len(done), **medians, **crash}
 
