@@ -32,7 +32,7 @@ from .client import Client, Unanswered
 from .demo import CAP, Watched, joined
 from .protocol import ARMS
 from .safety import Cap, Log
-from .scene import Scene, driven
+from .scene import DrivenRows, Scene, driven
 from .state import begun, keep
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat, read_learned
@@ -42,6 +42,8 @@ ROWS = LEAST
 """Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
 BASE = 150_000
 """Steps in which the shipped driver is got used to the vehicle as its file states it."""
+SHOWN = 25
+"""Every so many-th row is shown at the server: two a second."""
 POLL, PATIENCE = 0.5, 60.0
 """s between two questions whether a job is done, and for which a server that does not answer is asked again."""
 
@@ -216,6 +218,16 @@ class _Agent:
         self.log.write(kind, **more)
         self._asked(lambda: self.client.post(f"{self._path}/events", {"events": [plain({"kind": kind, **more})]}))
 
+    def _shown(self, drive: DrivenRows, told: Mapping[str, Any]) -> None:
+        """Telemetry for the server's page."""
+        events = [
+            {"kind": "telemetry", "policy": told["policy"], "cap": told["cap"], "v_x": float(v_x), "e_y": float(e_y)}
+            for own in drive.episodes
+            if own.recording is not None
+            for v_x, e_y in zip(own.recording["v_x"][::SHOWN], own.e_y[::SHOWN], strict=False)  # less before a crash
+        ]
+        self._asked(lambda: self.client.post(f"{self._path}/events", {"events": events}))
+
     def _drive(self, seat: Seat, good: Policy) -> str:
         """Drive and send the rows; why it is time to learn, "" where it is not."""
         k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
@@ -244,6 +256,7 @@ class _Agent:
             "events": hands.events,
             "policy": seat.now.sha,
         }
+        self._shown(drive, told)
         self._event("drive", number=k, **told)
         self.state["drives"].append(told)
         self.state["cap"], self.state["clean"] = cap.share, cap.clean
@@ -261,6 +274,7 @@ class _Agent:
         """Ask for a policy, try it, and let it drive."""
         own, k = self.options, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
+        self._event("trigger", training=k, reason=reason)
         wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
                   "cap": self.state["cap"]}  # fmt: skip
         job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
