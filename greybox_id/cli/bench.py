@@ -8,9 +8,12 @@ from typing import Any
 
 import click
 
+from ..loop.protocol import ARMS as LEARNED_ARMS
 from .commands import CommandGroup
 from .options import json_option
 from .output import console, print_json, progress, show
+
+LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
 
 
 @click.group(name="bench", cls=CommandGroup)
@@ -20,6 +23,7 @@ def bench() -> None:
     \b
     greybox bench msnn --data roboracer --quick
     greybox bench truck --data truck --quick
+    greybox bench loop --quick --out black_box
     """  # fmt: skip
 
 
@@ -95,6 +99,38 @@ def truck_command(
         found = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
         pages = [] if folder is None else write_pages(truck_report(found), folder, "truck")
     _say(found, tables(found), kept.file, pages, as_json)
+
+
+@bench.command("loop")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
+@click.option("--quick", is_flag=True, help="One case, one cycle and five arms: about two CPU minutes, not hours.")
+@click.option(
+    "--case", "cases", type=click.IntRange(0, 7), multiple=True, help="One of those of loop demo; all of them."
+)
+@click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="That is compared; all of them.")
+@click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
+@click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")
+@json_option
+def loop_command(
+    out: Path, quick: bool, cases: tuple[int, ...], arms: tuple[str, ...], vehicles: int, seeds: int, as_json: bool
+) -> None:
+    """Black box against name: drivers that learn on networks or on what is named drive the same changed cars.
+
+    What is done is kept in FOLDER; the same command carries on, and compares all that is there.
+
+    \b
+    greybox bench loop --quick --out black_box
+    greybox bench loop --out black_box --case 1 --case 6 --arm base --arm named --arm oracle --json
+    """  # fmt: skip
+    from ..bench.loop import loop_tables
+    from ..bench.loop_words import tables
+
+    with progress() as say:
+        found = loop_tables(out, quick=quick, cases=cases, arms=arms, vehicles=vehicles, seeds=seeds, say=say)
+    if as_json:
+        print_json(found)
+    else:
+        show(tables(found))
 
 
 def _say(told: Mapping[str, Any], parts: list[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:

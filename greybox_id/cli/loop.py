@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ..loop.protocol import ARMS
 from .commands import CommandGroup
 from .options import json_option
 from .output import console, print_json, progress
@@ -20,6 +21,15 @@ def loop() -> None:
     """
 
 
+arm_option = click.option(
+    "--arm",
+    type=click.Choice(list(ARMS)),
+    default="named",
+    show_default=True,
+    help="What is made of rows, for a driver to learn on: docs/loop.md says what each is.",
+)
+
+
 @loop.command("demo")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the demo.")
 @click.option("--quick", is_flag=True, help="Fewer rows and steps: some minutes.")
@@ -30,20 +40,21 @@ def loop() -> None:
     show_default=True,
     help="What the car has that its file does not state; 6 and 7 are outside what is known.",
 )
+@arm_option
 @click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
 @json_option
-def demo_command(out: Path, quick: bool, case: int, cycles: int, seed: int, as_json: bool) -> None:
+def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
     """Close the loop on a car in simulation; killed at any moment, the same command carries on.
 
     \b
     greybox loop demo --quick --out loop
-    greybox loop demo --out loop --case 1 --json
+    greybox loop demo --out loop --case 1 --arm actuator_net --json
     """  # fmt: skip
     from ..loop.demo import demo
 
     with progress() as say:
-        found = demo(out, quick=quick, case=case, seed=seed, cycles=cycles, say=say)
+        found = demo(out, quick=quick, case=case, arm=arm, seed=seed, cycles=cycles, say=say)
     if as_json:
         print_json(found.to_json())
     else:
@@ -56,8 +67,7 @@ def demo_command(out: Path, quick: bool, case: int, cycles: int, seed: int, as_j
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
 @click.option("--session", default="car", show_default=True, help="Name at the server: letters, digits and dashes.")
 @click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
-@click.option("--arm", type=click.Choice(["named", "nominal"]), default="named", show_default=True,
-              help="Learned on what is named, or on the vehicle file alone.")  # fmt: skip
+@arm_option
 @click.option(
     "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Policies that are asked for."
 )

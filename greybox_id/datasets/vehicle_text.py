@@ -30,12 +30,14 @@ def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
     suffix = file.suffix.lower()
     if suffix not in (".toml", ".json"):
         raise BadInput(f"{file}: a vehicle file ends in .toml or .json; name it so.")
-    plain = as_plain(vehicle)
     if suffix == ".json":
-        text = json.dumps(plain, indent=1, ensure_ascii=False)
-    else:
-        text = "\n".join([f"{VEHICLE_MARK} {__version__}", *_toml(plain)])
-    return write_atomically(file, text.strip() + "\n")
+        return write_atomically(file, json.dumps(as_plain(vehicle), indent=1, ensure_ascii=False) + "\n")
+    return write_atomically(file, vehicle_text(vehicle))
+
+
+def vehicle_text(vehicle: Vehicle) -> str:
+    """The text of its TOML file."""
+    return "\n".join([f"{VEHICLE_MARK} {__version__}", *_toml(as_plain(vehicle))]).strip() + "\n"
 
 
 def as_plain(vehicle: Vehicle) -> dict[str, Any]:

@@ -84,7 +84,8 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     Examples
     --------
     >>> import greybox_id as gb
-    >>> from greybox_id.learned.verbs import injected, train_actuator_net
+    >>> from greybox_id.learned.injection import injected
+    >>> from greybox_id.learned.training import train_actuator_net
     >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> net = train_actuator_net(lap, steps=3)
     >>> model = injected(gb.models.single_track(vehicle="roboracer"), net)

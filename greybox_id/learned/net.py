@@ -162,7 +162,8 @@ def load_actuator_net(path: str | Path) -> ActuatorNet:
     --------
     >>> import tempfile
     >>> import greybox_id as gb
-    >>> from greybox_id.learned.verbs import load_actuator_net, train_actuator_net
+    >>> from greybox_id.learned.net import load_actuator_net
+    >>> from greybox_id.learned.training import train_actuator_net
     >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> file = f"{tempfile.mkdtemp()}/net.json"
     >>> train_actuator_net(lap, steps=3).save(file)

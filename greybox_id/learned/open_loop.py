@@ -182,7 +182,7 @@ def errors_ahead(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> from greybox_id.learned.verbs import errors_ahead
+    >>> from greybox_id.learned.open_loop import errors_ahead
     >>> lap = gb.read(gb.shipped("racer_valid"), columns="roboracer").rows(0, 200)
     >>> sorted(errors_ahead(gb.models.single_track(vehicle="roboracer"), [lap], [0.5])[0.5])
     ['v_x', 'yaw_rate']

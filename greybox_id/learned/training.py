@@ -66,7 +66,7 @@ def train_actuator_net(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> from greybox_id.learned.verbs import train_actuator_net
+    >>> from greybox_id.learned.training import train_actuator_net
     >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> net = train_actuator_net(lap, steps=3)
     >>> net.inputs, net.outputs, net.history

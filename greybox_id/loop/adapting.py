@@ -1,36 +1,25 @@
-"""From rows to a policy: what the vehicle lacks is named, closed, and driven in simulation until that is mastered."""
+"""From rows to a policy: a model of the vehicle is made of them, and driven in simulation until that is mastered."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from ..api.diagnosing import diagnose
-from ..errors import BadInput
-from ..gap.closed_vehicle import NORMAL, closed_vehicle
-from ..gap.gap import Gap
-from ..models.registry import model_of
 from ..motion_model import MotionModel
 from ..parameter import Array
-from ..racing.draws import Draws, nothing_drawn, of_posterior
+from ..racing.draws import Draws
 from ..racing.learner import FINE_TUNING, Learned, learn, shipped_learned
 from ..racing.world import Rules, World
 from ..racing.worlds import STEER_MAX
 from ..recording import Recording
 from ..vehicle import Vehicle
+from .arms import Twin, twin
 
-ARMS = ("named", "nominal")
-"""named: what `greybox gap` names is in the model that is learned on. nominal: the vehicle file alone."""
 LANES = 64
-DRAWN = 256
-"""Draws of what was named, within its uncertainty."""
-WIDEST = 3.0
-"""Standard deviations that a draw may be off: beyond, nulls and limits of effects are crossed."""
 SETTLED = 1.0
 """s after a start that count for no path error."""
 TWIN_LAPS, TWIN_LANES, TWIN_SECONDS = 1.0, 8, 60.0
@@ -49,20 +38,12 @@ class Adapted:
     Attributes
     ----------
     learned : the policy, and what goes on from it.
-    vehicle : with what closes the gap; the one that was stated where nothing was applied.
-    model : that was learned on.
-    detected : whether the simulation of the vehicle file deviates from the rows at all.
-    named : what is held for the cause: effect, magnitude, unit, interval, probability.
-    applied : effect -> magnitude, of those in the model.
+    twin : what it was learned on.
     seconds : of the processor, by part: diagnosis, learning.
     """
 
     learned: Learned
-    vehicle: Vehicle
-    model: MotionModel
-    detected: bool = False
-    named: tuple[Mapping[str, Any], ...] = ()
-    applied: Mapping[str, float] = field(default_factory=dict)
+    twin: Twin
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -88,7 +69,7 @@ def adapted(
     vehicle: Vehicle, recordings: Sequence[Recording], start: Learned, units: World, arm: str, *, steps: int,
     cap: float, seed: int = 0, say: Say = lambda sentence: None, stopped: Callable[[], bool] = lambda: False,
 ) -> Adapted:  # fmt: skip
-    """Name what a vehicle lacks, and go on learning with it.
+    """Make a model of what a vehicle drove, and go on learning in it.
 
     Parameters
     ----------
@@ -96,76 +77,38 @@ def adapted(
     recordings : what it drove.
     start : what drives.
     units : the world of the vehicle as it is stated, whose units of observations and actions stay.
-    arm : one of `ARMS`.
+    arm : one of `protocol.ARMS`.
     steps : periods to be driven over all lanes.
     cap : share of the grip that the speed may use.
     seed, say, stopped : see `learner.learn`.
 
     Raises
     ------
-    BadInput : there is no such arm, or rows cannot be diagnosed.
+    BadInput : there is no such arm, or rows do not hold what it needs.
     """
-    if arm not in ARMS:
-        raise BadInput(f"There is no arm {arm!r}; there are {', '.join(ARMS)}.")
-    found = Adapted(start, vehicle, stated_model(vehicle))
     began = time.process_time()
-    if arm == "named":
-        say("diagnosing")
-        found = named(vehicle, recordings, start)
-    diagnosed = time.process_time() - began
-    say(f"learning with {', '.join(found.applied) or 'the vehicle file'}")
-    drawn = randomised(found) if found.applied else nothing_drawn()
-    world = world_of(found.model, vehicle, LANES, cap, like=units, draws=drawn)
-    learned = learn(world, steps, start=start, seed=seed, settings=FINE_TUNING, say=say, stopped=stopped)
-    seconds = {"diagnosis": diagnosed, "learning": time.process_time() - began - diagnosed}
-    return replace(found, learned=learned, seconds=seconds)
+    say(f"making a model of {sum(len(own) for own in recordings)} rows")
+    found = twin(arm, vehicle, recordings, seed)
+    modelled = time.process_time() - began
+    say(f"learning with {', '.join(found.applied) or arm}")
+    learned = learned_on(found, vehicle, start, units, steps=steps, cap=cap, seed=seed, say=say, stopped=stopped)
+    return Adapted(learned, found, {"diagnosis": modelled, "learning": time.process_time() - began - modelled})
+
+
+def learned_on(
+    found: Twin, vehicle: Vehicle, start: Learned, units: World, *, steps: int, cap: float, seed: int = 0,
+    usage: tuple[float, float] | None = None, say: Say = lambda sentence: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Learned:  # fmt: skip
+    """Go on learning in a twin; parameters as of `adapted`, and shares of the grip that are asked for, see `Rules`."""
+    world = world_of(found.model, vehicle, LANES, cap, like=units, draws=found.draws, usage=usage)
+    return learn(world, steps, start=start, seed=seed, settings=FINE_TUNING, say=say, stopped=stopped)
 
 
 def used_to(model: MotionModel, vehicle: Vehicle, steps: int, cap: float, seed: int) -> Learned:
     """The shipped driver, used to a vehicle as its file states it, in so many steps; `cap`: see `adapted`."""
     world = world_of(model, vehicle, LANES, cap, like=world_of(model, vehicle, 1, cap))
     return learn(world, steps, start=shipped_learned(), seed=seed, settings=FINE_TUNING)
-
-
-def named(vehicle: Vehicle, recordings: Sequence[Recording], start: Learned) -> Adapted:
-    """What `greybox gap` says of rows, and the model that closes the gap."""
-    gap = diagnose(vehicle, list(recordings), vehicle=vehicle)
-    if not gap.applied or not isinstance(gap.closed, MotionModel):
-        return Adapted(start, vehicle, stated_model(vehicle), gap.gap_detected, causes(gap))
-    applied = {name: float(gap.closed[name].array) for name in gap.applied}
-    closed = closed_vehicle(vehicle, gap)
-    return Adapted(start, closed, gap.closed, gap.gap_detected, causes(gap), applied)
-
-
-def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
-    """What is held for the cause: applied effects, and others that are more likely there than not."""
-    return tuple(
-        {
-            "effect": own.effect,
-            "magnitude": own.magnitude,
-            "unit": own.unit,
-            "interval": list(own.interval),
-            "probability": own.probability,
-        }
-        for own in gap.ranking
-        if own.effect in gap.applied or own.probability > 0.5
-    )
-
-
-def randomised(found: Adapted) -> Draws:
-    """Draws of what was applied, as uncertain as it is, so that what is learned does not hang on a number."""
-    generator = np.random.default_rng(0)
-    columns = {}
-    for own in found.named:
-        name = str(own["effect"])
-        if name not in found.applied or found.model[name].shape != ():
-            continue
-        low, high = own["interval"]
-        sd = (high - low) / (2 * NORMAL)
-        off = np.clip(generator.standard_normal(DRAWN), -WIDEST, WIDEST) * (sd if np.isfinite(sd) else 0.0)
-        low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
-        columns[name] = np.fmax(np.fmin(found.applied[name] + off, high), low)
-    return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()
 
 
 def last_rows(recordings: list[Recording], rows: int) -> list[Recording]:
@@ -179,20 +122,12 @@ def last_rows(recordings: list[Recording], rows: int) -> list[Recording]:
     return kept[::-1]
 
 
-def stated_model(vehicle: Vehicle) -> MotionModel:
-    """The model of a vehicle. Raises `BadInput` where it has one of another kind."""
-    model = model_of(vehicle)
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
-    return model
-
-
 def world_of(
     model: MotionModel, vehicle: Vehicle, lanes: int, cap: float, *, like: World | None = None,
-    draws: Draws | None = None, seconds: float = 30.0, noise: bool = True,
+    draws: Draws | None = None, seconds: float = 30.0, usage: float | tuple[float, float] | None = None,
 ) -> World:  # fmt: skip
-    """The world of a vehicle's model, driven at a share of the grip; `like`: see `World`."""
-    rules = Rules(action="speed", reward="path", usage_cap=cap, noise=noise, seconds=seconds)
+    """The world of a vehicle's model, driven at a share of the grip; `like`: see `World`, `usage`: see `Rules`."""
+    rules = Rules(action="speed", reward="path", usage_cap=cap, usage=usage, noise=True, seconds=seconds)
     sd = {"v_y": vehicle.noise.get("v_x", 0.0), **vehicle.noise}
     return World(model, lanes, rules, draws=draws, sd=sd, steer_max=vehicle.steer_max or STEER_MAX, like=like)
 

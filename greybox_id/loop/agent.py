@@ -10,7 +10,6 @@ DIR/log.jsonl          every event
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,27 +17,33 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .. import __version__
-from ..errors import BadInput
+from ..datasets.read import read
+from ..datasets.vehicle_file import parse_vehicle
+from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import ensure_writable, write_atomically
-from ..json_data import plain, read_json, without_nan
+from ..files import write_atomically
+from ..json_data import plain
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
 from ..racing.world import World
-from .adapting import Say, foretold, stated_model, used_to, world_of
+from .adapting import Say, foretold, used_to, world_of
+from .arms import stated_model
 from .client import Client, Unanswered
 from .demo import CAP, Watched, joined
+from .protocol import ARMS
 from .safety import Cap, Log
-from .scene import Scene, driven
+from .scene import DrivenRows, Scene, driven
+from .state import begun, keep
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat, read_learned
-from .triggers import LEAST, RowCounts, path_error_beyond
+from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond
 
-FORMAT = "greybox-loop-agent"
 ROWS = LEAST
 """Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
 BASE = 150_000
 """Steps in which the shipped driver is got used to the vehicle as its file states it."""
+SHOWN = 25
+"""Every so many-th row is shown at the server: two a second."""
 POLL, PATIENCE = 0.5, 60.0
 """s between two questions whether a job is done, and for which a server that does not answer is asked again."""
 
@@ -53,7 +58,7 @@ class AgentOptions:
     ----------
     case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
     session : name at the server.
-    arm : "named": learned on what `greybox gap` names; "nominal": on the vehicle file alone.
+    arm : what the server makes of rows, one of `protocol.ARMS`.
     trainings : policies that are asked for before it ends.
     steps, seconds : of a training: periods driven, and the budget of the server's processor.
 
@@ -73,6 +78,8 @@ class AgentOptions:
     def __post_init__(self) -> None:
         if not 1 <= self.trainings <= 20:
             raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
+        if self.arm not in ARMS:
+            raise BadInput(f"There is no arm {self.arm!r}.{near_or_all(self.arm, ARMS)}")
 
 
 @dataclass(frozen=True)
@@ -143,8 +150,11 @@ class _Agent:
         self.scene = Scene(options.case)
         self.vehicle = self.scene.vehicle
         self.nominal = stated_model(self.vehicle)
-        self.state = self._begun()
+        asked = vars(self.options) | {"version": __version__}
+        fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0}
+        self.state = begun(folder / "agent.json", "agent", asked, fresh | {"twin": None})
         self.log = Log(folder / "log.jsonl")
+        self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
     def run(self) -> AgentOutcome:
         """All that is not done yet."""
@@ -166,25 +176,8 @@ class _Agent:
         done = self.state["drives"], self.state["trainings"]
         return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
 
-    def _begun(self) -> dict[str, Any]:
-        """The state of the folder, new or carried on."""
-        asked = plain(vars(self.options)) | {"version": __version__}
-        file = self.folder / "agent.json"
-        held = read_json(file) if file.is_file() else None
-        if isinstance(held, dict) and held.get("format") == FORMAT and held.get("asked") == asked:
-            ensure_writable(self.folder)
-            return held
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
-        ensure_writable(self.folder)
-        state = {"format": FORMAT, "format_version": 1, "asked": asked, "drives": [], "trainings": [], "cap": CAP,
-                 "clean": 0, "due": "", "foretold": None, "learned_at": 0}  # fmt: skip
-        write_atomically(file, json.dumps(state) + "\n")
-        return state
-
     def _keep(self) -> None:
-        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
-        write_atomically(self.folder / "agent.json", text, continued=True)
+        keep(self.folder / "agent.json", self.state)
 
     def _units(self, cap: float) -> World:
         """The world that the vehicle's own driver sees."""
@@ -225,13 +218,21 @@ class _Agent:
         self.log.write(kind, **more)
         self._asked(lambda: self.client.post(f"{self._path}/events", {"events": [plain({"kind": kind, **more})]}))
 
+    def _shown(self, drive: DrivenRows, told: Mapping[str, Any]) -> None:
+        """Telemetry for the server's page."""
+        events = [
+            {"kind": "telemetry", "policy": told["policy"], "cap": told["cap"], "v_x": float(v_x), "e_y": float(e_y)}
+            for own in drive.episodes
+            if own.recording is not None
+            for v_x, e_y in zip(own.recording["v_x"][::SHOWN], own.e_y[::SHOWN], strict=False)  # less before a crash
+        ]
+        self._asked(lambda: self.client.post(f"{self._path}/events", {"events": events}))
+
     def _drive(self, seat: Seat, good: Policy) -> str:
         """Drive and send the rows; why it is time to learn, "" where it is not."""
         k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
         driven_at, units = cap.share, self._units(cap.share)
-        if self.state["foretold"] is None:
-            self.state["foretold"] = self._foretold(seat.now.policy, driven_at)
-        expected = self.state["foretold"]
+        expected = self._expected(seat.now.policy, driven_at)
         self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
         hands = Watched(units, seat, good, cap, self._units, expected["worst"], self.log)
         drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
@@ -255,6 +256,7 @@ class _Agent:
             "events": hands.events,
             "policy": seat.now.sha,
         }
+        self._shown(drive, told)
         self._event("drive", number=k, **told)
         self.state["drives"].append(told)
         self.state["cap"], self.state["clean"] = cap.share, cap.clean
@@ -263,6 +265,7 @@ class _Agent:
         reason = counts.due(rows)
         if not reason and recordings and counts.allowed(rows):
             reason = path_error_beyond(drive.path_error, expected["path_error_rms"])
+            reason = reason or ("" if (band := self._band()) is None else band.beyond(recordings))
         self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
         self._keep()
         return reason
@@ -271,6 +274,7 @@ class _Agent:
         """Ask for a policy, try it, and let it drive."""
         own, k = self.options, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
+        self._event("trigger", training=k, reason=reason)
         wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
                   "cap": self.state["cap"]}  # fmt: skip
         job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
@@ -285,7 +289,8 @@ class _Agent:
             refused = self._swapped(seat, body, sha, result)
             if not refused:
                 self._hello(sha, body)
-                self.state["foretold"] = {"path_error_rms": result["path_error"], "worst": result["path_error_worst"]}
+                self.state["foretold"] = result["foretold"]
+                self.state["twin"] = {"vehicle": result["vehicle"], "drives": len(self.state["drives"])}
                 cap = Cap(self.state["cap"], clean=self.state["clean"])
                 cap.next_cycle()
                 self.state["cap"], self.state["clean"] = cap.share, cap.clean
@@ -316,7 +321,32 @@ class _Agent:
             return str(error)
         return ""
 
-    def _foretold(self, policy: Policy, cap: float) -> dict[str, Any]:
-        """How the vehicle is driven before anything of it is known: it may be anything in the ranges of `by_hand`."""
-        found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
-        return {"path_error_rms": found.path_error, "worst": found.worst}
+    def _expected(self, policy: Policy, cap: float) -> Mapping[str, float]:
+        """Path errors that are foretold at a cap: in the last twin, or at the nearest cap above that was driven there.
+
+        Before anything of the vehicle is known it may be anything in the ranges of `by_hand`.
+        """
+        said = self.state["foretold"]
+        if not said:
+            found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
+            return {"path_error_rms": found.path_error, "worst": found.worst}
+        above = [own for own in said if own["cap"] >= cap - 1e-9]
+        return min(above or said, key=lambda own: abs(own["cap"] - cap))
+
+    def _band(self) -> InnovationBand | None:
+        """What innovations of the last twin were like on the rows that it was made of.
+
+        None before the first one, where networks act in it, which stay at the server, and where those rows are too few.
+        """
+        made = self.state["twin"]
+        if made is None or made["vehicle"] is None:
+            return None
+        if self._known[0] != made:
+            files = [self.folder / f"rows_{k}.csv" for k in range(1, made["drives"] + 1)]
+            model = stated_model(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
+            try:
+                self._known = (made, InnovationBand.of(model, [read(own) for own in files if own.is_file()]))
+            except BadInput as error:
+                self.log.write("no band", reason=str(error))
+                self._known = (made, None)
+        return self._known[1]

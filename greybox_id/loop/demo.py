@@ -11,7 +11,6 @@ DIR/index.html
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,28 +21,36 @@ import numpy as np
 
 from .. import __version__
 from ..datasets.vehicle_text import write_vehicle
-from ..errors import BadInput
+from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import ensure_writable, write_atomically
-from ..json_data import plain, read_json, without_nan
-from ..models.effects import EFFECTS
-from ..models.registry import with_effects
+from ..files import write_atomically
+from ..learned.injection import InjectedModel
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..racing.draws import Draws, by_hand
-from ..racing.learner import FINE_TUNING, Learned, learn
+from ..racing.learner import Learned
 from ..racing.policy import Policy
-from ..racing.world import World
+from ..racing.world import Observations, World
 from ..recording import Recording
 from ..vehicle import Vehicle
-from .adapting import LANES, TWIN_LANES, Adapted, Say, adapted, foretold, last_rows, stated_model, used_to, world_of
+from .adapting import (
+    TWIN_LANES,
+    Say,
+    adapted,
+    foretold,
+    last_rows,
+    learned_on,
+    used_to,
+    world_of,
+)
+from .arms import Twin, oracle, stated_model, twin
 from .page import page
-from .protocol import digest_of
-from .safety import Cap, Envelope, Log, limits_of
+from .protocol import ARMS, digest_of
+from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
+from .state import begun, keep
 from .swap import WORSE, NotSwapped, Seat, read_learned
 
-FORMAT = "greybox-loop-demo"
 CAP = 0.6
 """Share of the grip at which data are driven first: the moderate speed that was published."""
 
@@ -76,7 +83,7 @@ class Demo:
 
     Attributes
     ----------
-    scene : what is asked for: case, seed, quick.
+    scene : what is asked for: case, seed, quick, arm.
     withheld : effect -> magnitude, that the vehicle has and nobody was told of.
     cycles : see docs/loop.md.
     arms : name -> how the vehicle is driven at the end, at the first and at the last cap.
@@ -125,7 +132,7 @@ class Demo:
 
 
 def demo(
-    out: str | Path, *, quick: bool = False, case: int = 0, seed: int = 0, cycles: int = 3,
+    out: str | Path, *, quick: bool = False, case: int = 0, arm: str = "named", seed: int = 0, cycles: int = 3,
     say: Say = lambda sentence: None,
 ) -> Demo:  # fmt: skip
     """Drive, name, learn anew and swap, some cycles long, and say what came of it.
@@ -135,6 +142,7 @@ def demo(
     out : folder; one in which the same was begun is carried on with.
     quick : fewer rows and steps.
     case : what the vehicle has that its file does not state: a number from 0 to 7, see `scene.CASES`.
+    arm : what is made of rows, one of `protocol.ARMS`.
     seed : of everything that is drawn.
     cycles : how many.
     say : told what is going on.
@@ -145,18 +153,21 @@ def demo(
     """
     if not 1 <= cycles <= 20:
         raise BadInput(f"‹cycles›: a number from 1 to 20 is needed, not {cycles!r}.")
-    return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, seed, cycles, say).run()
+    if arm not in ARMS:
+        raise BadInput(f"There is no arm {arm!r}.{near_or_all(arm, ARMS)}")
+    return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 
 
 class _Running:
     """A demo under way; parameters as of `demo`."""
 
     def __init__(
-        self, folder: Path, scene: Scene, size: DemoSize, quick: bool, seed: int, cycles: int, say: Say
+        self, folder: Path, scene: Scene, size: DemoSize, quick: bool, arm: str, seed: int, cycles: int, say: Say
     ) -> None:
         self.folder, self.scene, self.size, self.seed, self.count, self.say = folder, scene, size, seed, cycles, say
-        asked = {"case": scene.case, "seed": seed, "quick": quick, "cycles": cycles, "version": __version__}
-        self.state = self._begun(asked)
+        self.arm = arm
+        asked = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles, "version": __version__}
+        self.state = begun(folder / "demo.json", "demo", asked, {"cycles": [], "arms": {}, "cap": CAP})
         self.log = Log(folder / "log.jsonl")
         self.vehicle = scene.vehicle
         self.nominal = stated_model(self.vehicle)
@@ -176,26 +187,8 @@ class _Running:
         write_atomically(self.folder / "index.html", page(found), continued=True)
         return found
 
-    def _begun(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        """The state of the folder, new or carried on."""
-        file = self.folder / "demo.json"
-        held = read_json(file) if file.is_file() else None
-        if isinstance(held, dict) and held.get("format") == FORMAT:
-            if held.get("asked") == dict(asked):
-                ensure_writable(self.folder)
-                return held
-            told = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
-            raise BadInput(f"{self.folder} holds another demo ({told}); name a new folder with ‹out›.")
-        if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            raise BadInput(f"{self.folder} holds something else; name a new folder with ‹out›.")
-        ensure_writable(self.folder)
-        state = {"format": FORMAT, "format_version": 1, "asked": dict(asked), "cycles": [], "arms": {}, "cap": CAP}
-        write_atomically(file, json.dumps(state) + "\n")
-        return state
-
     def _keep(self) -> None:
-        text = json.dumps(without_nan(plain(self.state)), allow_nan=False) + "\n"
-        write_atomically(self.folder / "demo.json", text, continued=True)
+        keep(self.folder / "demo.json", self.state)
 
     def _units(self, cap: float) -> World:
         """The world that the vehicle's own driver sees."""
@@ -240,15 +233,17 @@ class _Running:
                 "The vehicle crashed so soon, time and again, that nothing can be diagnosed; try another ‹seed›."
             )
         write_recording(joined(recordings), folder / "rows.csv")
-        self.say(f"cycle {k}: diagnosing, and learning anew")
+        self.say(f"cycle {k}: making a model of what was driven, and learning anew")
         found = adapted(
-            self.vehicle, recordings, present, units, "named", steps=self.size.steps, cap=driven_at, seed=self.seed + k,
-            say=lambda sentence: None,
+            self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at,
+            seed=self.seed + k,
         )  # fmt: skip
-        write_vehicle(found.vehicle, folder / "closed.toml")
+        write_vehicle(found.twin.vehicle, folder / "closed.toml")
+        if isinstance(found.twin.model, InjectedModel):
+            write_atomically(folder / "net.json", found.twin.model.net.text(), continued=True)
         body = found.learned.text().encode()
         write_atomically(folder / "policy.json", body.decode(), continued=True)
-        reason = self._swapped(seat, body, found, units, driven_at)
+        reason = self._swapped(seat, body, found.twin, units, driven_at)
         self.log.write("swap" if not reason else "no swap", cycle=k, sha256=digest_of(body), reason=reason)
         now = present if reason else found.learned
         if reason and k == 1:
@@ -256,15 +251,15 @@ class _Running:
         if not reason:
             cap.next_cycle()
         self.state["cap"] = cap.share
-        twin = self._foretold(found.model, now, cap.share)
+        twin = self._foretold(found.twin.model, now, cap.share)
         self.state["foretold"] = twin
         self.state["cycles"].append(
             {
                 "rows": drive.rows,
                 "cap": driven_at,
-                "detected": found.detected,
-                "named": [dict(own) for own in found.named],
-                "applied": dict(found.applied),
+                "detected": found.twin.detected,
+                "named": [dict(own) for own in found.twin.named],
+                "applied": dict(found.twin.applied),
                 "path_error_rms": drive.path_error,
                 "path_error_foretold": before["path_error_rms"],
                 "lap_time": drive.lap_time,
@@ -281,7 +276,7 @@ class _Running:
         self._keep()
         seat.close()
 
-    def _swapped(self, seat: Seat, body: bytes, found: Adapted, units: World, cap: float) -> str:
+    def _swapped(self, seat: Seat, body: bytes, found: Twin, units: World, cap: float) -> str:
         """Try a policy in the twin, and swap; why it is not swapped, or ""."""
         try:
             seat.swap(body, digest_of(body), twin_of(found, self.vehicle, units, cap))
@@ -302,23 +297,16 @@ class _Running:
         """Who is compared; all but the base learn as many steps as the loop took."""
         steps, cap = self.count * self.size.steps, self.state["cap"]
 
-        def on(model: MotionModel) -> Learned:
-            world = world_of(model, self.vehicle, LANES, cap, like=self._units(cap))
-            return learn(world, steps, start=base, seed=self.seed + 1, settings=FINE_TUNING)
-
-        def oracle() -> Learned:
-            known = {name: value for name, value in self.scene.effects.items() if name in EFFECTS}
-            if len(known) < len(self.scene.effects):
+        def on(found: Twin | None) -> Learned:
+            if found is None:
                 raise BadInput("no model has it")
-            true = with_effects(self.nominal, known)
-            assert isinstance(true, MotionModel)
-            return on(true)
+            return learned_on(found, self.vehicle, base, self._units(cap), steps=steps, cap=cap, seed=self.seed + 1)
 
         return {
             "base": lambda: base,
-            "nominal": lambda: on(self.nominal),
-            "named": lambda: read_learned((self.folder / "policy.json").read_bytes(), self.folder),
-            "oracle": oracle,
+            "nominal": lambda: on(twin("nominal", self.vehicle, ())),
+            self.arm: lambda: read_learned((self.folder / "policy.json").read_bytes(), self.folder),
+            "oracle": lambda: on(oracle(self.vehicle, self.scene.effects)),
         }
 
     def _judged(self, name: str, made: Callable[[], Learned]) -> dict[str, Any] | None:
@@ -337,7 +325,10 @@ class _Running:
 
 
 class Watched(Hands):
-    """A seat, with limits and an envelope: once it is left, the last good policy drives under a lower cap.
+    """A seat, with limits, a watchdog and an envelope.
+
+    A command that takes a policy more than `LATE` periods does not come: the vehicle brakes, and steers as before. Once
+    the envelope is left, the last good policy drives under a lower cap.
 
     Parameters
     ----------
@@ -357,11 +348,22 @@ class Watched(Hands):
         self._seat, self._good, self._cap, self._units, self._log = seat, good, cap, units, log
         self._limits = limits_of(world.steer_max, *world.drives, period)
         self._envelope = Envelope(world.track.half_width, worst, period)
+        self._late, self._brake = False, world.drives[0]
         self.events = 0
 
+    def acted(self, seen: Observations) -> Array:
+        """Actions; the watchdog looks at how long they take."""
+        begun = time.thread_time()
+        done = self.act(seen)
+        took = time.thread_time() - begun
+        self._late = took > LATE * self.world.rules.period
+        if self._late:
+            self._log.write("watchdog", seconds=took)
+        return done
+
     def limited(self, wanted: Array) -> Array:
-        """Limited in size and rate."""
-        return self._limits(wanted)
+        """Limited in size and rate; braking where a command came too late."""
+        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else wanted)
 
     def watch(self, row: Mapping[str, float]) -> None:
         """Look whether the envelope is left."""
@@ -378,7 +380,7 @@ class Watched(Hands):
         self._envelope.begin(float("inf"))  # what the other policy does was not foretold
 
 
-def twin_of(found: Adapted, vehicle: Vehicle, units: World, cap: float) -> Callable[[Policy, Policy], None]:
+def twin_of(found: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[[Policy, Policy], None]:
     """What refuses a policy that crashes in the twin, or follows the path worse than `WORSE` times the present one."""
 
     def tried(new: Policy, present: Policy) -> None:

@@ -39,8 +39,8 @@ def page(found: Demo) -> str:
             _lines([(f"cycle {k}", one["trace"]["s"], one["trace"]["e_y"]) for k, one in enumerate(found.cycles, 1)]),
             "<h2>Arms</h2>",
             "<p>How each drives the car at the end. base: the driver before any data. nominal: as many steps of "
-            "learning as the loop took, on the vehicle file alone. named: the loop. oracle: learned with what is truly "
-            "there; there is none where no model has it.</p>",
+            f"learning as the loop took, on the vehicle file alone. {escape(str(found.scene['arm']))}: the loop. "
+            "oracle: learned with what is truly there; there is none where no model has it.</p>",
             _arms(found.arms),
             "</body></html>",
             "",

@@ -1,9 +1,10 @@
-"""What vehicle and server agree on: the token, what is signed, and how large a body may be."""
+"""What vehicle and server agree on: the token, what is signed, how large a body may be, and what can be asked for."""
 
 from __future__ import annotations
 
 import hashlib
 import hmac
+from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import BadInput
@@ -18,6 +19,18 @@ MADE = 'python -c "import secrets; print(secrets.token_hex(32))" > token.txt'
 """How a token is made."""
 SIGNATURE, DIGEST = "X-Greybox-Signature", "X-Greybox-Sha256"
 """Headers of every request but `GET /healthz`."""
+
+ARMS: Mapping[str, str] = {
+    "named": "closed by what `greybox gap` names, drawn within its intervals",
+    "named_residual": "the same, and five networks of what it is off by where something is likelier unnamed than not",
+    "refit": "the parameters of the vehicle file, fitted",
+    "actuator_net": "a network of three steps says the yaw rate, as published",
+    "abstract": "a network of fifteen steps says yaw rate and v_y",
+    "residual": "five networks say what the vehicle file's model is off by, the less the further they part",
+    "hand": "the vehicle file; friction, mass and delay drawn from published ranges",
+    "nominal": "the vehicle file alone",
+}
+"""What is made of rows, for a driver to learn on."""
 
 
 def digest_of(body: bytes) -> str:

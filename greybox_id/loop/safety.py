@@ -1,4 +1,7 @@
-"""What keeps a vehicle safe whatever its policy does: a watchdog, limits of commands, an envelope, a cap that rises."""
+"""What keeps a vehicle safe whatever its policy does: limits of commands, an envelope, a cap that rises.
+
+`demo.Watched` is where they act, and a watchdog with them.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from ..parameter import Array
 from .adapting import WINDOW
 
 LATE = 1.5
-"""Periods after which a command that does not come is braking."""
+"""Periods of the processor's time after which a command that has not come is braking."""
 CLEAN, RISE, FALL = 3, 0.1, 0.2
 """Laps without an event before the cap rises, and by what share it rises and falls."""
 ASIDE, EXCESS = 0.8, 1.5
@@ -45,14 +48,14 @@ class CommandLimits:
     period: float
 
     def __post_init__(self) -> None:
-        self._last = np.zeros(2)
+        self.last = np.zeros(2)
 
     def __call__(self, wanted: Array) -> Array:
         """What is given of what is wanted; what is no number is the command before."""
-        wanted = np.where(np.isfinite(wanted), wanted, self._last)
+        wanted = np.where(np.isfinite(wanted), wanted, self.last)
         step = self.rates * self.period
-        self._last = np.clip(np.clip(wanted, self._last - step, self._last + step), self.low, self.high)
-        return self._last.copy()
+        self.last = np.clip(np.clip(wanted, self.last - step, self.last + step), self.low, self.high)
+        return self.last.copy()
 
 
 def limits_of(steer_max: float, brake: float, drive: float, period: float) -> CommandLimits:
@@ -61,28 +64,6 @@ def limits_of(steer_max: float, brake: float, drive: float, period: float) -> Co
     low = np.array([-steer_max, -brake])
     rates = np.array([STEER_RATE * steer_max / 0.42, max(brake, drive) / DRIVE_TIME])
     return CommandLimits(low, high, rates, period)
-
-
-class Watchdog:
-    """Brakes where commands stop coming.
-
-    Parameters
-    ----------
-    period : s between commands.
-    brake : (2,) the command that brakes.
-    """
-
-    def __init__(self, period: float, brake: Array) -> None:
-        self._period, self._brake = period, brake
-        self._command, self._at = brake, float("-inf")
-
-    def give(self, command: Array, now: float) -> None:
-        """A command came, at a time in s."""
-        self._command, self._at = command, now
-
-    def acting(self, now: float) -> Array:
-        """The command that acts."""
-        return self._command if now - self._at <= LATE * self._period else self._brake
 
 
 class Envelope:
@@ -150,6 +131,14 @@ class Cap:
     def event(self) -> None:
         """Fall."""
         self.share, self.clean = max(self.share * (1.0 - FALL), self.least), 0
+
+
+def caps_from(share: float) -> tuple[float, ...]:
+    """The caps that may follow upon one: after an event, without one, and after clean laps."""
+    fallen, risen = Cap(share), Cap(share, clean=CLEAN)
+    fallen.event()
+    risen.next_cycle()
+    return fallen.share, share, risen.share
 
 
 class Log:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -62,6 +62,10 @@ class Hands:
     def __init__(self, world: World, act: Callable[[Observations], Array]) -> None:
         self.world, self.act = world, act
 
+    def acted(self, seen: Observations) -> Array:
+        """(1, 2) actions."""
+        return self.act(seen)
+
     def limited(self, wanted: Array) -> Array:
         """What is given, (2,) steer and drive, of what is wanted."""
         return wanted
@@ -93,8 +97,9 @@ class Scene:
 
     @cached_property
     def stated(self) -> VirtualCar:
-        """The vehicle as its file states it."""
-        return random_vehicle(self.seed, "racer")
+        """The vehicle as its file states it; v_y, which drivers see, is read as well as the speed is."""
+        drawn = random_vehicle(self.seed, "racer")
+        return replace(drawn, noise={**drawn.noise, "v_y": drawn.noise["v_x"]})
 
     @cached_property
     def car(self) -> VirtualCar:
@@ -201,7 +206,7 @@ def _episode(scene: Scene, hands: Hands, rows: int, seed: int) -> Episode:
     period, track = hands.world.rules.period, hands.world.track
     v_x = START * float(track.speed[0])
     ride = SteppedCar(scene.car, v_x, rows * period, 1.0 / period, scene.effects, scene.forms, seed)
-    sd = np.array([scene.car.noise.get(name, scene.car.noise["v_x"]) for name in ("v_x", "v_y", "yaw_rate")])
+    sd = np.array([scene.car.noise[name] for name in ("v_x", "v_y", "yaw_rate")])
     noise = sd * np.random.default_rng((seed, 11)).standard_normal((rows, 3))
     places, commands, laps = np.zeros((rows, 2)), np.zeros((rows, 2)), list[float]()
     last, s, halted, crashed, done = np.zeros((1, 2)), 0.0, 0.0, False, 0
@@ -210,7 +215,7 @@ def _episode(scene: Scene, hands: Hands, rows: int, seed: int) -> Episode:
         s, e_y, e_psi = track.project(now["x"], now["y"], now["yaw"], s)
         motion = np.array([[now["v_x"], now["v_y"], now["yaw_rate"]]]) + noise[done]
         if done:  # with commands of zero it began, as `replay` takes it
-            last = np.clip(hands.act(world.seen(motion, np.array([[s, e_y, e_psi]]), last)), -1.0, 1.0)
+            last = np.clip(hands.acted(world.seen(motion, np.array([[s, e_y, e_psi]]), last)), -1.0, 1.0)
             wanted = world.commanded(last, motion[:, 0], np.array([s]))[0][list(world.inputs)]
             commands[done] = hands.limited(wanted)
         places[done] = s, e_y

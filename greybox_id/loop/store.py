@@ -37,7 +37,7 @@ from ..racing.policy import Policy, load_policy
 from ..recording import Recording
 from ..scratch import scratch_name
 from ..vehicle import Vehicle
-from .protocol import digest_of
+from .protocol import ARMS, digest_of
 
 FORMAT = "greybox-loop-store"
 SESSION = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]{0,63}")
@@ -297,8 +297,6 @@ class ServerStore:
 
 def _wanted(wanted: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """An arm and its numbers."""
-    from .adapting import ARMS  # learns, and so imports much
-
     arm = wanted.get("arm", "named")
     if arm not in ARMS:
         raise BadInput(f"There is no arm {arm!r:.40}; there are {', '.join(ARMS)}.")

@@ -11,16 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets.readers.child import limit
+from ..datasets.vehicle_text import vehicle_text
 from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import finite
-from .adapting import adapted, foretold, last_rows, stated_model, world_of
-from .buffer import ROWS
+from ..learned.injection import InjectedModel
+from .adapting import adapted, foretold, last_rows, world_of
+from .arms import stated_model
+from .safety import caps_from
 from .store import Job, ServerStore
 from .swap import read_learned
 
 MEMORY = 6 << 30
 """Bytes that a job may reserve."""
+ROWS = 20_000
+"""The last rows of a session, that a model is made of."""
 LEARNING = 0.8
 """Share of its budget after which learning ends with what was learned: the twin still has to be driven."""
 
@@ -59,18 +64,24 @@ def done(store: ServerStore, job: Job, say: Any) -> None:
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
-    before = foretold(found.model, vehicle, start.policy.act, units, job.cap)
-    after = foretold(found.model, vehicle, found.learned.policy.act, units, job.cap)
+    before = foretold(found.twin.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(found.twin.model, vehicle, found.learned.policy.act, units, job.cap)
+    said = {job.cap: after}
+    for cap in caps_from(job.cap):
+        if cap not in said:
+            at = world_of(stated_model(vehicle), vehicle, 1, cap)
+            said[cap] = foretold(found.twin.model, vehicle, found.learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
     write_atomically(folder / "policy.json", found.learned.text(), continued=True)
     result = {
-        "detected": found.detected,
-        "named": [dict(own) for own in found.named],
-        "applied": dict(found.applied),
+        "detected": found.twin.detected,
+        "named": [dict(own) for own in found.twin.named],
+        "applied": dict(found.twin.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
-        "path_error_worst": after.worst,
         "crashes": after.crashes,
+        "foretold": [{"cap": cap, "path_error_rms": own.path_error, "worst": own.worst} for cap, own in said.items()],
+        "vehicle": None if isinstance(found.twin.model, InjectedModel) else vehicle_text(found.twin.vehicle),
         "seconds": time.process_time() - began,
     }
     write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)

@@ -35,13 +35,14 @@ class Draws:
     names : of the parameters that are drawn.
     draw : (generator) -> name -> value.
     effects : effects that the model needs for it, at their nulls.
-    delay : s, the longest delay of a command that is drawn.
+    delay, latency : s, the longest delay of a command and latency of a reading that are drawn.
     """
 
     names: tuple[str, ...]
     draw: Callable[[np.random.Generator], Mapping[str, float]]
     effects: Mapping[str, float]
     delay: float = 0.0
+    latency: float = 0.0
 
     def suited(self, model: MotionModel) -> MotionModel:
         """The model with the effects that are drawn. Raises `BadInput` for a parameter it does not have."""
@@ -90,8 +91,11 @@ def of_posterior(frame: pd.DataFrame, named: str) -> Draws:
         row = table[min(int(np.searchsorted(reached, generator.random(), side="right")), len(table) - 1)]
         return dict(zip(names, row.tolist(), strict=True))
 
-    late = [float(np.max(table[:, k])) for k, name in enumerate(names) if name.endswith("_delay")]
-    return Draws(names, draw, {}, max(late, default=0.0))
+    def longest(of: Callable[[str], bool]) -> float:
+        return max((float(np.max(table[:, k])) for k, name in enumerate(names) if of(name)), default=0.0)
+
+    late = longest(lambda name: name.endswith("_delay")), longest(lambda name: name.startswith("sensor_latency_"))
+    return Draws(names, draw, {}, *late)
 
 
 def draws(asked: Randomisation) -> Draws:

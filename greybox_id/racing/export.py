@@ -36,12 +36,13 @@ POINTS, TOLERANCE = 100, 1e-6
 """Observations of the self-test, and how far actions may be from Python's: rounding in single precision."""
 DONE = {"steering": "of the largest angle", "drive": "drive, or wanted speed, as the rules say it was learned with"}
 """Actions, and what they are."""
-UNITS = {
-    "v_x": "speed", "v_y": "speed", "speed_": "speed", "yaw_rate": "yaw_rate", "e_y": "half_width",
-    "curvature_": "half_width", "last_steering": "steer",
+UNITS: Mapping[str, tuple[str, int, str]] = {
+    "v_x": ("speed", -1, "m/s"), "v_y": ("speed", -1, "m/s"), "yaw_rate": ("yaw_rate", -1, "rad/s"),
+    "e_y": ("half_width", -1, "m"), "curvature": ("half_width", 1, "1/m"), "speed": ("speed", -1, "m/s"),
 }  # fmt: skip
-"""How names of an observation begin -> which of a world's units they are over; curvature is times it."""
-IN = {"speed": "m/s", "yaw_rate": "rad/s", "half_width": "m", "steer": "rad"}
+"""How names of an observation begin -> which of a world's units they are over (-1) or times (1), and their SI unit."""
+HEADING, ASIDE = "e_psi", SEEN.index("sin_e_psi")
+"""What stands in the place of the sine of the heading error, rad, where a policy is given SI units."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,34 @@ class PolicySubject:
         named_in_c(self.name)
 
     @property
+    def units(self) -> Mapping[str, float]:
+        """What the world's units are in SI; empty where the policy does not say, and takes observations as they are."""
+        held = self.policy.about.get("units", {})
+        told = {one for one, _, _ in UNITS.values()} <= set(held) and self.policy.size == len(SEEN)
+        return held if told else {}
+
+    @property
     def seen(self) -> tuple[str, ...]:
-        """Names of the numbers of an observation."""
-        return SEEN if self.policy.size == len(SEEN) else tuple(f"seen_{k}" for k in range(self.policy.size))
+        """Names of the numbers that go in."""
+        if self.policy.size != len(SEEN):
+            return tuple(f"seen_{k}" for k in range(self.policy.size))
+        return tuple(HEADING if self.units and k == ASIDE else name for k, name in enumerate(SEEN))
+
+    @property
+    def scales(self) -> Layer:
+        """(size,) what they are multiplied by; of the heading error the sine is taken."""
+        found = np.ones(self.policy.size, dtype=np.float32)
+        for k, name in enumerate(self.seen if self.units else ()):
+            if (unit := _unit(name)) is not None:
+                found[k] = self.units[unit[0]] ** unit[1]
+        return found
+
+    def observation(self, given: Layer) -> Layer:
+        """(L, size) what a driver sees, of numbers (L, size) as they go in."""
+        found = (given.astype(np.float32) * self.scales).astype(np.float32)
+        if self.units:
+            found[:, ASIDE] = np.sin(found[:, ASIDE])
+        return np.clip(found, np.float32(-LARGEST), np.float32(LARGEST))
 
     @property
     def title(self) -> str:
@@ -119,8 +145,24 @@ def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
         from onnx import TensorProto, helper, numpy_helper
     except ImportError as error:
         raise BadInput("The target onnx needs the package onnx; pip install 'greybox-id[onnx]'.") from error
-    policy, nodes, now = subject.policy, [], "seen"
+    policy, nodes = subject.policy, []
     held = {"low": np.array(-1.0, dtype=np.float32), "high": np.array(1.0, dtype=np.float32)}
+    held |= {"least": np.array(-LARGEST, dtype=np.float32), "most": np.array(LARGEST, dtype=np.float32)}
+    scaled = "seen"
+    if subject.units:
+        sine = np.zeros(policy.size, dtype=np.float32)
+        sine[ASIDE] = 1.0
+        held |= {"scales": subject.scales, "sine": sine, "itself": 1.0 - sine}
+        nodes += [
+            helper.make_node("Mul", ["seen", "scales"], ["scaled"]),
+            helper.make_node("Sin", ["scaled"], ["sines"]),
+            helper.make_node("Mul", ["sines", "sine"], ["turned"]),
+            helper.make_node("Mul", ["scaled", "itself"], ["straight"]),
+            helper.make_node("Add", ["turned", "straight"], ["observed"]),
+        ]
+        scaled = "observed"
+    nodes.append(helper.make_node("Clip", [scaled, "least", "most"], ["observation"]))
+    now = "observation"
     for k, (W, b) in enumerate(zip(policy.weights, policy.biases, strict=True)):
         held |= {f"weights_{k}": W, f"biases_{k}": b}
         nodes.append(helper.make_node("Gemm", [now, f"weights_{k}", f"biases_{k}"], [f"sum_{k}"]))
@@ -138,7 +180,7 @@ def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
     )
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
     about = {"source": subject.source, "seen": json.dumps(subject.seen), "action": json.dumps(list(DONE))}
-    helper.set_model_props(made, about | {"units": json.dumps(subject.policy.about.get("units", {}))})
+    helper.set_model_props(made, about | {"units": json.dumps(dict(subject.units))})
     onnx.checker.check_model(made, full_check=True)
     return {f"{subject.name}.onnx": made.SerializeToString()}
 
@@ -157,8 +199,7 @@ def _c(subject: PolicySubject) -> Mapping[str, bytes]:
 
 def _header(subject: PolicySubject) -> str:
     name = subject.name
-    held = subject.policy.about.get("units", {})
-    seen = vector(name, "SEEN", "observation", [Named(own, "1", _over(own, held)) for own in subject.seen])
+    seen = vector(name, "SEEN", "observation", [Named(own, *_told(own, subject.units)) for own in subject.seen])
     done = vector(name, "ACTION", "action, -1 to 1", [Named(own, "1", DONE[own]) for own in DONE])
     guard = constant(name, "H")
     return f"""\
@@ -173,7 +214,8 @@ def _header(subject: PolicySubject) -> str:
 extern "C" {{
 #endif
 
-/* What the policy does who sees that: seen {constant(name, "NSEEN")}, action {constant(name, "NACTION")}, clamped. */
+/* What the policy does who sees that: seen {constant(name, "NSEEN")}, action {constant(name, "NACTION")}.
+   Numbers are scaled and clipped to {LARGEST:g} as in learning, actions are clamped. */
 void {name}_act(const double *seen, double *action);
 
 #ifdef __cplusplus
@@ -184,12 +226,19 @@ void {name}_act(const double *seen, double *action);
 """
 
 
-def _over(name: str, units: Mapping[str, float]) -> str:
-    """What a number of an observation is over, for people."""
-    unit = next((own for begins, own in UNITS.items() if name.startswith(begins)), None)
-    if unit is None or unit not in units:
-        return "as it is" if unit is None else "over what it was learned with"
-    return f"{'times' if name.startswith('curvature') else 'over'} {units[unit]:.9g} {IN[unit]}"
+def _unit(name: str) -> tuple[str, int, str] | None:
+    """Which of a world's units a number is in, how, and its SI unit; None where it has none."""
+    return next((own for begins, own in UNITS.items() if name.startswith(begins)), None)
+
+
+def _told(name: str, units: Mapping[str, float]) -> tuple[str, str]:
+    """Unit of a number that goes in, and what becomes of it, for people."""
+    unit = _unit(name)
+    if not units:
+        return "1", "over what it was learned with" if unit else "as it is"
+    if name == HEADING:
+        return "rad", "heading error, to the left"
+    return ("1", "as it was given last") if unit is None else (unit[2], "")
 
 
 def _source(subject: PolicySubject) -> str:
@@ -198,8 +247,9 @@ def _source(subject: PolicySubject) -> str:
     sizes = [policy.size, *(len(b) for b in policy.biases)]
     tables = "\n".join(_tables(k, W, b) for k, (W, b) in enumerate(layers))
     functions = "\n".join(_layer(k, *shape, k + 1 == len(layers)) for k, shape in enumerate(pairwise(sizes)))
+    heading = f"    scaled[{ASIDE}] = sin(scaled[{ASIDE}]);\n" if subject.units else ""
     between = "".join(f"    double h{k}[{size}];\n" for k, size in enumerate(sizes[1:-1]))
-    places = ["seen", *(f"h{k}" for k in range(len(layers) - 1)), "action"]
+    places = ["scaled", *(f"h{k}" for k in range(len(layers) - 1)), "action"]
     calls = "".join(f"    layer_{k}({a}, {b});\n" for k, (a, b) in enumerate(pairwise(places)))
     return f"""\
 /* {c_comment(subject.title)} */
@@ -210,11 +260,23 @@ def _source(subject: PolicySubject) -> str:
 
 {INLINE}
 {definitions({"own_tanh"})}
+static const float scales[{policy.size}] = {{
+{_singles(subject.scales)}
+}};
+
 {tables}
 {functions}
 void {name}_act(const double *seen, double *action)
 {{
-{between}{calls}}}
+    double scaled[{policy.size}];
+{between}    int i;
+    for (i = 0; i < {policy.size}; i++) {{
+        scaled[i] = scales[i] * seen[i];
+    }}
+{heading}    for (i = 0; i < {policy.size}; i++) {{
+        scaled[i] = scaled[i] < -{LARGEST:.1f} ? -{LARGEST:.1f} : scaled[i] > {LARGEST:.1f} ? {LARGEST:.1f} : scaled[i];
+    }}
+{calls}}}
 """
 
 
@@ -263,8 +325,8 @@ def observations(count: int, size: int, seed: int = 0) -> Layer:
 
 
 def _self_test(subject: PolicySubject) -> str:
-    seen = observations(POINTS, subject.policy.size)
-    done = subject.policy.act(seen)
+    seen = observations(POINTS, subject.policy.size) / subject.scales
+    done = subject.policy.act(subject.observation(seen))
     return f"""\
 /* {c_comment(subject.title)}
    Compares actions with what Python computed in single precision. */
@@ -296,9 +358,10 @@ int main(void)
 
 
 def _example(subject: PolicySubject) -> str:
+    straight = 0.5 * subject.units.get("speed", 1.0)  # at half the top speed
     return f"""\
 /* {c_comment(subject.title)}
-   What is done on a straight at half the top speed, and how long a call takes. */
+   What is done on a straight, and how long a call takes. */
 
 #include "{subject.name}.h"
 
@@ -307,7 +370,7 @@ def _example(subject: PolicySubject) -> str:
 
 int main(void)
 {{
-    double seen[{subject.policy.size}] = {{0.5}}, action[{len(DONE)}], sum = 0.0;
+    double seen[{subject.policy.size}] = {{{straight:.9g}}}, action[{len(DONE)}], sum = 0.0;
     const int calls = 200000;
     clock_t begun;
     int k;
@@ -333,6 +396,6 @@ def _read_me(subject: PolicySubject) -> str:
 {subject.title}
 
 {commands(name)}
-`{name}_act(seen, action)`: `{name}.h` says what stands where and over which units; `manifest.json` adds what it was
-learned on. Nothing is allocated and nothing is kept between calls.
+`{name}_act(seen, action)`: `{name}.h` says what stands where and in which units; scaling and clamp are inside.
+`manifest.json` adds what it was learned on. Nothing is allocated and nothing is kept between calls.
 """

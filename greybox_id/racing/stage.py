@@ -95,6 +95,11 @@ class Period:
         x, delays, grip = self._ready(v_x, p)
         return np.array(x).ravel(), np.array(delays).ravel(), float(grip)
 
+    def latencies(self, p: Array) -> Array:
+        """(3,) by how many seconds v_x, v_y and yaw rate are read late."""
+        told = dict(zip(self.equations.late, np.array(self.equations.latencies(p)).ravel().tolist(), strict=True))
+        return np.array([told.get(name, 0.0) for name in PLANE])
+
     def per_drive(self, p: Array) -> tuple[float, float]:
         """Acceleration per unit of drive and per unit of braking, at half the usual speed, m/s^2 per unit."""
         x = self.begun(0.5 * self.usual_speed, p)[0][: self.motion]

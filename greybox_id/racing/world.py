@@ -151,6 +151,8 @@ class World:
     _strength: Array
     _pace: Array
     _noise: Array
+    _sight: Array
+    _unseen: Array
 
     def __init__(
         self,
@@ -229,7 +231,7 @@ class World:
 
     def observe(self) -> Observations:
         """(L, size) what drivers see: speeds, place, last commands, and curvature and speed of the track ahead."""
-        motion = self.z[:, self._plane]
+        motion = self._read()
         if self.rules.noise:
             rows = self._period % self._noise.shape[1]
             motion = motion + self._noise[np.arange(len(rows)), rows]
@@ -278,6 +280,9 @@ class World:
             lost = ~np.all(np.isfinite(after), axis=1)
             after[lost] = before[lost]
             self.z = np.where(moving[:, None], after, before)
+            if self._sight.shape[1]:
+                shown = np.concatenate([self.z[:, None, self._plane], self._sight[:, :-1]], axis=1)
+                self._sight = np.where(moving[:, None, None], shown, self._sight)
             reward, ended, lapped = self._judged(before, self.z, given, lost)
         self._last = np.where(moving[:, None], given, self._last)
         self._period += moving
@@ -309,6 +314,9 @@ class World:
         latest = max(self.draws.delay, float(np.max(own.begun(1.0, own.equations.values)[1])))
         longest = int(np.ceil(latest / self.rules.period)) + AT_ONCE
         self._given = np.zeros((lanes, longest, len(own.inputs)))
+        unseen = max(self.draws.latency, float(np.max(own.latencies(own.equations.values))))
+        kept = int(np.ceil(unseen / self.rules.period)) + AT_ONCE if unseen > 0 else 0
+        self._sight, self._unseen = np.zeros((lanes, kept, len(PLANE))), np.zeros((lanes, len(PLANE)))
         self._last = np.zeros((lanes, 2))
         self._from = np.zeros(lanes)
         self._period = np.zeros(lanes, dtype=np.intp)
@@ -334,6 +342,10 @@ class World:
         self._delay[k] = np.clip(late, 0.0, (self._given.shape[1] - AT_ONCE) * self.rules.period)
         self.z[k, -3:] = s, 0.3 * (2 * beside - 1) * self.edge, 0.1 * (2 * aslant - 1)
         self._given[k], self._last[k], self._from[k] = 0.0, 0.0, s
+        if self._sight.shape[1]:
+            self._sight[k] = self.z[k, self._plane]
+            longest = (self._sight.shape[1] - AT_ONCE) * self.rules.period
+            self._unseen[k] = np.clip(self.stage.latencies(self._p[k]), 0.0, longest)
         self._period[k], self._halted[k] = 0, 0.0
         if self.rules.noise:
             self._noise[k] = generator.normal(size=self._noise.shape[1:]) * self._sd
@@ -345,13 +357,13 @@ class World:
             return commands
         moved = np.concatenate([commands[:, None], self._given[:, :-1]], axis=1)
         self._given = np.where(moving[:, None, None], moved, self._given)
-        late = self._delay / self.rules.period
-        whole = late.astype(int)
-        share = late - whole
-        rows, columns = np.arange(len(given))[:, None], np.arange(commands.shape[1])
-        early, later = moved[rows, whole, columns], moved[rows, np.minimum(whole + 1, moved.shape[1] - 1), columns]
-        acting: Array = (1.0 - share) * early + share * later
-        return acting
+        return between(moved, self._delay / self.rules.period)
+
+    def _read(self) -> Array:
+        """(L, 3) motion as sensors read it now: late by fractions of a period too."""
+        if not self._sight.shape[1]:
+            return np.asarray(self.z[:, self._plane])
+        return between(self._sight, self._unseen / self.rules.period)
 
     def _driven(self, action: Array, v_x: Array, s: Array) -> Array:
         """What drives, in its unit."""
@@ -413,6 +425,21 @@ class World:
         reward -= HASTY * np.sum((given - self._last) ** 2, axis=1)
         reward -= BEYOND * (np.hypot(along, across) > LIMIT * self._strength)
         return np.where(ended, CRASH, reward), ended, laps
+
+
+def between(held: Array, late: Array) -> Array:
+    """What was so many periods ago, straight between two.
+
+    Parameters
+    ----------
+    held : (L, periods, n), the newest first.
+    late : (L, n) periods.
+    """
+    whole = late.astype(int)
+    share = late - whole
+    rows, columns = np.arange(len(held))[:, None], np.arange(held.shape[2])
+    early, later = held[rows, whole, columns], held[rows, np.minimum(whole + 1, held.shape[1] - 1), columns]
+    return np.asarray((1.0 - share) * early + share * later)
 
 
 def limits_of(own: Period, model: MotionModel) -> tuple[Usage, tuple[float, float]]:

@@ -57,6 +57,7 @@ CALLS = {
     "loop demo": ("loop demo --quick", {"--out": ""}),
     "loop agent": ("loop agent http://127.0.0.1:1 --token-file {lap}", {"--out": ""}),
     "serve": ("serve --token-file {lap} --port 0", {"--out": ""}),
+    "bench loop": ("bench loop --quick", {"--out": ""}),
     "bench msnn": ("bench msnn --data {lap}", {"--out": ".json", "--report": ""}),
     "bench truck": ("bench truck --data {lap}", {"--out": ".json", "--report": ""}),
 }  # fmt: skip
@@ -218,6 +219,7 @@ SLOW = (
     "design",
     "fleet run",
     "fleet report",
+    "bench loop",
     "bench msnn",
     "bench truck",
     "loop agent",

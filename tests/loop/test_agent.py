@@ -36,7 +36,15 @@ class Canned:
         return {}
 
     def get(self, path):
-        done = {"path_error_worst": 0.05, "named": [], "applied": {}, "policy": digest_of(self.body), **self.result}
+        said = [{"cap": cap, "path_error_rms": cap / 20, "worst": 0.05} for cap in (0.48, 0.6, 0.66)]
+        done = {
+            "foretold": said,
+            "vehicle": Scene(0).text,
+            "named": [],
+            "applied": {},
+            "policy": digest_of(self.body),
+            **self.result,
+        }
         return {"id": "a" * 16, "status": "done", "sentence": "", "result": done}
 
     def policy(self, sha):
@@ -78,6 +86,9 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
     assert refused_because in training["refused"]
     assert bool(training["refused"]) == bool(refused_because)
     assert [own["rows"] for own in found.drives] == [300, 300, 300]
+    if not refused_because:
+        last = found.drives[-1]
+        assert last["path_error_foretold"] == pytest.approx({0.48: 0.024, 0.6: 0.03}[round(last["cap"], 2)])
     assert training["reason"] == "it is time"
     assert canned.rows() == [(tmp_path / "car" / f"rows_{k}.csv").read_bytes() for k in (1, 2, 3)]
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "car" / "log.jsonl").read_text().splitlines()]

@@ -12,7 +12,8 @@ from calling import greybox, refused
 from hand import by_hand
 from serving import START
 
-from greybox_id.loop.adapting import Adapted, randomised, stated_model, world_of
+from greybox_id.loop.adapting import world_of
+from greybox_id.loop.arms import Twin, randomised, stated_model
 from greybox_id.loop.demo import Watched
 from greybox_id.loop.safety import Cap, Log
 from greybox_id.loop.scene import CASES, Hands, Scene, driven
@@ -62,11 +63,35 @@ def test_who_leaves_the_envelope_is_driven_by_the_last_good_policy_and_slower(un
     assert json.loads(line)["kind"] == "envelope"
 
 
+def test_a_command_that_comes_too_late_is_braking(units, tmp_path):
+    seat, cap = Seat(by_hand().text().encode(), tmp_path), Cap(0.6)
+    hands = Watched(units, seat, shipped_learned().policy, cap, lambda _: units, 1.0, Log(tmp_path / "log.jsonl"))
+    given, quick, calls = [], hands.act, iter(range(10**6))
+
+    def act(seen):
+        if next(calls) == 100:
+            begun = time.thread_time()
+            while time.thread_time() - begun < 0.04:
+                pass
+        return quick(seen)
+
+    hands.act = act
+    watched = hands.watch
+    hands.watch = lambda row: (given.append(row), watched(row))
+    driven(SCENE, hands, 150, 0)
+    (line,) = (tmp_path / "log.jsonl").read_text().splitlines()
+    assert json.loads(line)["kind"] == "watchdog"
+    channel = SCENE.car.drive_channel
+    before, late = given[100], given[101]
+    assert late["steer"] == before["steer"]
+    assert late[channel] < before[channel]
+
+
 def test_what_was_applied_is_drawn_within_its_interval():
     model = stated_model(SCENE.vehicle)
     closed = with_effects(model, {"steering_lag": 0.05})
     named = ({"effect": "steering_lag", "interval": [0.04, 0.06], "magnitude": 0.05},)
-    found = randomised(Adapted(shipped_learned(), SCENE.vehicle, closed, True, named, {"steering_lag": 0.05}))
+    found = randomised(Twin(SCENE.vehicle, closed, named=named, applied={"steering_lag": 0.05}))
     drawn = [found.draw(np.random.default_rng(k))["steering_lag"] for k in range(400)]
     assert np.mean(drawn) == pytest.approx(0.05, abs=0.001)
     assert np.std(drawn) == pytest.approx(0.0051, rel=0.2)

@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from greybox_id.datasets.read import read
-from greybox_id.loop.buffer import Buffer
-from greybox_id.loop.safety import Cap, CommandLimits, Envelope, Log, Watchdog
+from greybox_id.loop.safety import Cap, CommandLimits, Envelope, Log
 from greybox_id.loop.triggers import RowCounts, path_error_beyond
 
 PERIOD = 0.02
@@ -25,15 +23,6 @@ def test_commands_are_limited_in_size_and_rate_and_never_no_number():
         assert np.all(np.abs(given - before) <= np.array([0.04, 0.2]) + 1e-12)
         assert np.all((given >= [-0.4, -2.0]) & (given <= [0.4, 1.0]))
         before = given
-
-
-def test_the_watchdog_brakes_after_one_and_a_half_periods():
-    brake, command = np.array([0.0, -2.0]), np.array([0.1, 0.5])
-    dog = Watchdog(PERIOD, brake)
-    assert dog.acting(0.0) is brake
-    dog.give(command, 1.0)
-    assert dog.acting(1.0 + 1.4 * PERIOD) is command
-    assert dog.acting(1.0 + 1.6 * PERIOD) is brake
 
 
 def test_the_envelope_is_left_beside_the_path_and_by_more_error_than_foretold():
@@ -76,24 +65,6 @@ def test_a_line_of_the_log_that_a_kill_cut_short_is_gone(tmp_path):
     Log(tmp_path / "log.jsonl").write("crash")
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert kinds == ["swap", "crash"]
-
-
-def test_rows_are_kept_in_parts_that_every_command_reads(tmp_path):
-    buffer = Buffer(tmp_path, rows=1000)
-    buffer.about = {"policy": "abc", "cap": 0.6}
-    parts = [
-        buffer.add({"time": PERIOD * k, "v_x": 2.0, "yaw_rate": 0.1, "steer": 0.01 * k, "ax_cmd": 0.0})
-        for k in range(2300)
-    ]
-    assert sum(own is not None for own in parts) == 4
-    buffer.flush()
-    assert len(buffer.parts()) == 3  # 300 rows, and what is needed for 1000
-    assert len(buffer) == len(Buffer(tmp_path, rows=1000)) == 1300
-    found = buffer.recordings()[0]
-    assert len(found) == 500
-    assert read(buffer.parts()[-1])["steer"][0] == pytest.approx(20.0)
-    about = json.loads(buffer.parts()[-1].with_suffix(".json").read_text())
-    assert (about["policy"], about["rows"]) == ("abc", 300)
 
 
 def test_it_is_time_by_counts_as_published_and_by_evidence():

@@ -16,7 +16,8 @@ from serving import TOKEN, serving
 
 from greybox_id.errors import BadInput
 from greybox_id.exam.make import write_recording
-from greybox_id.loop.adapting import stated_model, world_of
+from greybox_id.loop.adapting import world_of
+from greybox_id.loop.arms import stated_model
 from greybox_id.loop.client import Client, Declined
 from greybox_id.loop.protocol import DIGEST, LARGEST, SIGNATURE, digest_of, read_token, signature
 from greybox_id.loop.scene import Hands, Scene, driven

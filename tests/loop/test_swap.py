@@ -9,7 +9,8 @@ from hand import by_hand
 from hostile_mutations import mutated
 
 from greybox_id.errors import BadInput
-from greybox_id.loop.adapting import Adapted, foretold, stated_model, world_of
+from greybox_id.loop.adapting import foretold, world_of
+from greybox_id.loop.arms import Twin, stated_model
 from greybox_id.loop.demo import twin_of
 from greybox_id.loop.protocol import digest_of
 from greybox_id.loop.scene import Scene
@@ -119,7 +120,7 @@ def test_the_twin_refuses_who_drives_worse():
     model = stated_model(vehicle)
     units = world_of(model, vehicle, 1, 0.6)
     base = shipped_learned()
-    tried = twin_of(Adapted(base, vehicle, model), vehicle, units, 0.6)
+    tried = twin_of(Twin(vehicle, model), vehicle, units, 0.6)
     tried(base.policy, base.policy)
     with pytest.raises(NotSwapped, match="crash"):
         tried(constant(0.9), base.policy)

@@ -49,11 +49,16 @@ def test_the_graph_does_what_the_policy_does_on_10_000_observations(policy, tmp_
     assert model.opset_import[0].version >= 17
     assert {own.data_type for own in model.graph.initializer} == {onnx.TensorProto.FLOAT}
     told = {own.key: own.value for own in model.metadata_props}
-    assert json.loads(told["seen"]) == list(SEEN)
+    assert json.loads(told["seen"]) == [name.replace("sin_e_psi", "e_psi") for name in SEEN]
     assert json.loads(told["units"]) == policy.about["units"]
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    for seen in (seen_while_driving(policy), observations(10_000, policy.size, 1)):
-        expected = policy.act(seen)
+    subject = PolicySubject(policy, "racer")
+    driving = seen_while_driving(policy)
+    given = driving / subject.scales
+    given[:, 4] = np.arcsin(driving[:, 4])
+    assert np.max(np.abs(subject.observation(given) - driving)) <= 1e-6  # scaled and clamped as the environment does
+    for seen in (given, observations(10_000, policy.size, 1) / subject.scales):
+        expected = policy.act(subject.observation(seen))
         found = session.run(None, {"seen": seen})[0]
         assert found.dtype == np.float32
         assert np.max(np.abs(found - expected)) <= 1e-6
@@ -67,7 +72,7 @@ def test_the_c_does_what_the_policy_does(policy, tmp_path):
     assert "100 observations, largest difference" in run(program)
     example = run(compiled([folder / "racer.c", folder / "main.c"], tmp_path / "example"))
     straight = np.zeros((1, policy.size), dtype=np.float32)
-    straight[0, 0] = 0.5
+    straight[0, 0] = 0.5  # of the top speed
     words = example.replace(",", "").split()
     np.testing.assert_allclose([float(words[1]), float(words[3])], policy.act(straight)[0], atol=2e-6)
     assert "microseconds a call" in example
@@ -91,7 +96,7 @@ def test_a_policys_file_is_exported_from_the_command_line_and_python(file, polic
     assert called.told["model"] == "policy"
     manifest = json.loads((tmp_path / "car" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["learned"]["steps"] == policy.about["steps"]
-    assert manifest["model"]["inputs"] == list(SEEN)
+    assert manifest["model"]["inputs"] == [name.replace("sin_e_psi", "e_psi") for name in SEEN]
     written = gb.export(file, tmp_path / "car2", name="car")
     assert (tmp_path / "car2" / "car.c").read_text().splitlines()[1:] == (
         tmp_path / "car" / "car.c"

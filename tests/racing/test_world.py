@@ -116,6 +116,25 @@ def test_a_late_command_acts_as_late_as_it_is():
     assert at_once._acting(np.array([[1.0, 0.0]]), np.ones(1, dtype=bool))[0, 0] == at_once.steer_max
 
 
+def test_a_late_sensor_is_seen_as_late_as_it_is():
+    """Of 30 ms and periods of 20 ms: the middle between one and two periods ago; v_x is read at once."""
+    own = world(2, effects="sensor_latency_yaw=30ms", action="speed")
+    own.reset(np.ones(2, dtype=bool), [3, 4])
+    begun, motion = own.observe()[0, :3], []
+    still = np.array([False, True])
+    for k in range(6):
+        motion.append(own.z[:, own._plane].copy())
+        own.step(np.array([[0.3 * np.sin(k), 0.2]] * 2), still=still)
+    now, seen = own.z[:, own._plane], own.observe()
+    assert begun[2] == pytest.approx(motion[0][0, 2] / own._turning, abs=1e-6)
+    assert seen[0, 2] == pytest.approx(0.5 * (motion[-1] + motion[-2])[0, 2] / own._turning, rel=1e-5)
+    assert seen[0, 0] == pytest.approx(now[0, 0] / own._top, rel=1e-6)
+    assert seen[1, 2] == pytest.approx(now[1, 2] / own._turning, abs=1e-6)
+    drawn = pd.DataFrame({"sensor_latency_yaw": [0.0, 0.06]})
+    found = world(8, effects="sensor_latency_yaw=1e-6", randomise=drawn)
+    assert set(np.round(found._unseen[:, 2], 9)) == {0.0, 0.06}
+
+
 def test_what_is_drawn_stays_in_its_range_and_changes_with_every_episode():
     own = world(64, randomise="hand")
     columns = dict(zip(own._moving, own._p.T, strict=True))

@@ -1,0 +1,47 @@
+"""What a folder of work under way holds: what was asked for, and what is done, so that a kill costs little."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import BadInput
+from ..files import ensure_writable, write_atomically
+from ..json_data import plain, read_json, without_nan
+
+
+def begun(file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, Any]) -> dict[str, Any]:
+    """The state in a file of a folder: what was begun there, or a fresh one.
+
+    Parameters
+    ----------
+    file : of the state, in a folder that is empty, absent, or holds what was begun.
+    kind : what is done, "demo"; the format is greybox-loop-demo.
+    asked : what is asked for; only the same is carried on.
+    fresh : the state to begin with.
+
+    Raises
+    ------
+    BadInput : the folder holds something else, or the same with other wishes.
+    """
+    folder, format_ = file.parent, f"greybox-loop-{kind}"
+    held = read_json(file) if file.is_file() else None
+    if isinstance(held, dict) and held.get("format") == format_:
+        if held.get("asked") == plain(dict(asked)):
+            ensure_writable(folder)
+            return held
+        told = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
+        raise BadInput(f"{folder} holds another {kind} ({told}); name a new folder with ‹out›.")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BadInput(f"{folder} holds something else; name a new folder with ‹out›.")
+    ensure_writable(folder)
+    state = {"format": format_, "format_version": 1, "asked": plain(dict(asked)), **fresh}
+    write_atomically(file, json.dumps(state) + "\n")
+    return state
+
+
+def keep(file: Path, state: Mapping[str, Any]) -> None:
+    """Write a state down."""
+    write_atomically(file, json.dumps(without_nan(plain(dict(state))), allow_nan=False) + "\n", continued=True)
