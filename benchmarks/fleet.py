@@ -296,6 +296,7 @@ def hierarchy(folder: Path, args: argparse.Namespace) -> dict:
                 poor.add(path)
     plan = folder / "fleet.toml"
     plan.write_text(PLAN.format(recordings="data/{vehicle}/*", steps='["check", "fit"]', seconds=60, more=""))
+    (folder / "truths.json").write_text(json.dumps({"vehicles": truths, "poor": sorted(poor)}))
     body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
     return scored_vehicles(folder / "R", truths, poor) | {"run": body}
 
@@ -363,6 +364,7 @@ def drift(folder: Path, args: argparse.Namespace) -> dict:
     free = '"steering_offset=0±0.02", "steering_delay=30ms"' if args.no_delay else WITH_DELAY
     more = f'with = [{free}]\nsolver = "gauss-newton"'
     plan.write_text(PLAN.format(recordings="manifest.csv", steps='["check", "fit"]', seconds=60, more=more))
+    (folder / "truths.json").write_text(json.dumps({"changes": truths, "vehicles": vehicles}))
     body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
     return scored_drift(folder / "R", truths, vehicles) | {"run": body}
 
