@@ -12,7 +12,7 @@ Source: Laird & Ware, Random-effects models for longitudinal data, Biometrics 38
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,12 +43,22 @@ class Informed:
     vector : (recordings, parameters), information times estimate.
     vehicle : (recordings,) number of the vehicle.
     vehicles : how many there are.
+    freedom : (recordings,) degrees of freedom of what they say.
     """
 
     information: Array
     vector: Array
     vehicle: np.ndarray[tuple[int], np.dtype[np.int64]]
     vehicles: int
+    freedom: Array = field(default_factory=lambda: np.array([np.inf]))
+
+    def __post_init__(self) -> None:
+        """One number of degrees of freedom is that of all."""
+        object.__setattr__(self, "freedom", np.broadcast_to(self.freedom, len(self.vector)))
+
+    def weighted(self, weight: Array) -> Informed:
+        """The same with weights of recordings."""
+        return replace(self, information=self.information * weight[:, None, None], vector=self.vector * weight[:, None])
 
     @cached_property
     def groups(self) -> list[np.ndarray[tuple[int], np.dtype[np.int64]]]:
