@@ -121,7 +121,7 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
     """
     count, size = seen.vector.shape
     doubts = np.zeros(count, dtype=bool) if doubted is None else doubted
-    apart, weight = strangers(seen), np.ones(count)
+    apart, weight, softly = strangers(seen), np.ones(count), np.ones(count)
     taken: dict[int, list[VehicleChange]] = {}
     found: Population | None = None
     kept: frozenset[tuple[int, int, str, int]] = frozenset()
@@ -129,11 +129,11 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
         part = weight * ~apart
         found = population(_without(seen, taken, order).weighted(part), found)
         both = scattered(seen, found.scatter)
-        far = distances(seen, both, *_where(both, found, order, x, taken, seen, part), part)
+        far = _far(seen, both, found, order, x, taken, (part, softly))
         softly = np.where(apart | doubts, far.weights(size), 1.0)
         changes = _all(softly, both, found, order, x)
         taken = _refined(changes, softly, both, found, order, x)
-        far = distances(seen, both, *_where(both, found, order, x, taken, seen, part), part)
+        far = _far(seen, both, found, order, x, taken, (part, softly))
         now = frozenset((own.vehicle, own.parameter, own.kind, own.at) for own in changes if own.drifts)
         was, apart = apart, spared(seen, far.apart())
         weight = np.where(doubts, far.weights(size), 1.0)
@@ -141,7 +141,7 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
             break
         kept = now
     assert found is not None
-    part = weight * ~apart
+    part = np.where(apart, softly, weight)  # for vehicles that changed: what shows a change is not left out
     information, vector = both[0] * part[:, None, None], both[1] * part[:, None]
     today, covariance = found.vehicle.copy(), found.covariance.copy()
     told = {(own.vehicle, own.parameter): own for own in changes}
@@ -163,18 +163,23 @@ def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order
     return replace(seen, vector=vector)
 
 
-def _where(
-    both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
-    taken: dict[int, list[VehicleChange]], seen: Informed, weight: Array,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Where vehicles are at each recording, and the covariance of that."""
+def _far(
+    seen: Informed, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
+    taken: dict[int, list[VehicleChange]], weights: tuple[Array, Array],
+) -> Distances:  # fmt: skip
+    """How far recordings lie from where their vehicles are by then.
+
+    Vehicles that changed are where all of their recordings have them, by their soft weights: what lies apart from where
+    a vehicle was may be what shows that it changed.
+    """
+    weight = weights[0].copy()
     at, covariance = found.vehicle[seen.vehicle], found.covariance[seen.vehicle]
     for vehicle, changes in taken.items():
         rows = order[vehicle]
-        part = weight[rows]
+        weight[rows] = part = weights[1][rows]
         own = together(both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], found, x[vehicle], changes)
         at[rows], covariance[rows] = own.mean, own.covariance
-    return at, covariance
+    return distances(seen, both, at, covariance, weight)
 
 
 def _refined(

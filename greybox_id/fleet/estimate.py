@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import chdtri, ndtr
 
-from ..combined import Z
+from ..combined import Z, reach
 from ..files import write_atomically
 from ..parameter import Array
 from ..reports.numbers import number, pretty_unit
-from .drift import CONSTANT, STEP, Drifted, VehicleChange, drifted
-from .hierarchy import Informed, informed, population
+from .apart import Flags
+from .drift import CONSTANT, SLOPE, STEP, Drifted, VehicleChange, drifted
+from .hierarchy import Informed, informed, marginal
 from .states import OK
-from .store import Store
+from .store import ESTIMATED, Store
 from .unit import unpacked
 
 if TYPE_CHECKING:
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 
 MOST = 12
 """Parameters that are estimated together: those that most recordings inform."""
-TAILS = 4.0
-"""Degrees of freedom of Student's t for recordings with a gap, as usual in robust regression (Lange, Little & Taylor,
-Robust statistical modeling using the t distribution, JASA 84 (1989))."""
 LEVEL = 0.95
 FAR = 0.05
 """Rate of false outliers among vehicles."""
@@ -48,6 +46,7 @@ class FleetEstimate:
     population : parameter -> mean and spread, as a table with the columns of the dataset.
     vehicles : vehicle and parameter -> value today, interval, where the next estimate is going to lie.
     drift : vehicle and parameter -> whether it changed, how, by how much and since when.
+    apart : recordings that are set apart, whose fits belong to another optimum or another car, and why.
     used, left_out : recordings; sentence -> how many were left out for it.
     over : vehicle -> what its recordings are in order by.
     folder : of the results.
@@ -56,6 +55,7 @@ class FleetEstimate:
     population: pd.DataFrame
     vehicles: pd.DataFrame
     drift: pd.DataFrame
+    apart: pd.DataFrame
     used: int
     left_out: Mapping[str, int]
     over: Mapping[str, str]
@@ -70,6 +70,7 @@ class FleetEstimate:
             "vehicles": _records(self.vehicles),
             "drift": _records(self.drift[self.drift["drifts"]]),
             "tested": len(self.drift),
+            "apart": _records(self.apart),
             "prior": str(self.folder / PRIOR),
             "folder": str(self.folder),
         }
@@ -91,12 +92,13 @@ class FleetEstimate:
             spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
             interval = f"[{number(row['low'], 4)}, {number(row['high'], 4)}]"
             lines.append(f"mean     {row['name']} {number(row['mean'], 4)} {interval} {unit}{spread}")
+        lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
         said = self.sentences()
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
         if not said:
             tested = self.drift["vehicle"].nunique()
             lines.append(f"changed  nothing found in {tested} vehicles with enough recordings")
-        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, {PRIOR}"])
+        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}"])
 
 
 @dataclass(frozen=True)
@@ -143,14 +145,15 @@ def estimate(folder: str | Path) -> FleetEstimate:
     recordings = store.current()
     joined, left_out = _joined(store, recordings)
     if joined is None:
-        tables: dict[str, list[dict[str, Any]]] = {"population": [], "vehicles": [], "drift": []}
+        tables: dict[str, list[dict[str, Any]]] = {name: [] for name in ESTIMATED}
         over: dict[str, str] = {}
     else:
-        found = drifted(_weighted(store, joined), joined.order, joined.x)
+        found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
         tables = {
             "population": _population_rows(joined, found),
             "vehicles": _vehicle_rows(joined, found),
             "drift": _drift_rows(joined, found),
+            "apart": _apart_rows(joined, found),
         }
         over = dict(zip(joined.vehicles, joined.over, strict=True))
     for name, rows in tables.items():
@@ -160,6 +163,7 @@ def estimate(folder: str | Path) -> FleetEstimate:
         population=store.read("population"),
         vehicles=store.read("vehicles"),
         drift=store.read("drift"),
+        apart=store.read("apart"),
         used=0 if joined is None else len(joined.keys),
         left_out=left_out,
         over=over,
@@ -187,7 +191,8 @@ def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dic
     both = [own for own in said if own is not None]
     if not both:
         return None, dict(left_out)
-    information, vector = np.array([own for own, _ in both]), np.array([own for _, own in both])
+    information, vector = np.array([own for own, _, _ in both]), np.array([own for _, own, _ in both])
+    freedom = np.array([own for _, _, own in both])
     here = np.flatnonzero(np.diagonal(information, axis1=1, axis2=2).sum(axis=0) > 0)
     information, vector = information[:, here][:, :, here], vector[:, here]
     names, units, logs = [names[k] for k in here], [units[k] for k in here], [logs[k] for k in here]
@@ -203,7 +208,7 @@ def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dic
         along = values[first] - values.min()
         x.append(along / along[-1] if along[-1] > 0 else along)
         over.append(by)
-    seen = Informed(information, vector, of, len(vehicles))
+    seen = Informed(information, vector, of, len(vehicles), freedom)
     keys = [str(own) for own in kept["key"]]
     return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept), dict(left_out)
 
@@ -220,8 +225,8 @@ def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
     return list(chosen), [unit for unit, _ in chosen.values()], [log for _, log in chosen.values()]
 
 
-def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array] | None:
-    """Information and vector of a recording over all parameters; None where it says nothing."""
+def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array, float] | None:
+    """Information, vector and degrees of freedom of a recording over all parameters; None where it says nothing."""
     own = [str(name) for name in row["names"]]
     covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
     size = np.diag(covariance)
@@ -232,7 +237,7 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
     ]  # fmt: skip
     if not taken:
         return None
-    parts = (np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof"))
+    parts = [np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof")]
     try:
         data, vector = informed(covariance[np.ix_(taken, taken)], *parts)
     except (ValueError, np.linalg.LinAlgError):
@@ -242,7 +247,7 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
     places = [names.index(own[k]) for k in taken]
     whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
     whole[np.ix_(places, places)], of[places] = data, vector
-    return whole, of
+    return whole, of, float(np.nanmin(np.append(parts[-1], np.inf)))
 
 
 def _along(rows: pd.DataFrame) -> tuple[Array, str]:
@@ -254,23 +259,11 @@ def _along(rows: pd.DataFrame) -> tuple[Array, str]:
     return np.arange(len(rows), dtype=float), ORDERS[2]
 
 
-def _weighted(store: Store, joined: _Joined) -> Informed:
-    """Recordings with a gap count less the further they lie from their vehicle, by Student's t."""
+def _doubted(store: Store, joined: _Joined) -> Flags:
+    """Recordings with a gap, which count less the further they lie from their vehicle."""
     gaps = store.read("gaps", ["key", "detected"])
     with_gap = set(gaps[gaps["detected"].fillna(False).astype(bool)]["key"])
-    rows = np.array([key in with_gap for key in joined.keys])
-    if not rows.any():
-        return joined.seen
-    seen = joined.seen
-    first = population(seen)
-    size = len(first.mean)
-    residual = seen.vector - (seen.information @ first.vehicle[seen.vehicle][:, :, None])[:, :, 0]
-    mixed = np.linalg.inv(seen.information @ np.diag(first.scatter) + np.eye(size))
-    far = np.array([own @ np.linalg.pinv(info) @ mix @ own for own, info, mix in
-                    zip(residual, seen.information, mixed, strict=True)])  # fmt: skip
-    weight = np.where(rows, (TAILS + size) / (TAILS + np.maximum(far, 0.0)), 1.0)
-    weight = np.minimum(weight, 1.0)
-    return replace(seen, information=seen.information * weight[:, None, None], vector=seen.vector * weight[:, None])
+    return np.array([key in with_gap for key in joined.keys], dtype=bool)
 
 
 def _natural(value: float, log: bool) -> float:
@@ -283,16 +276,16 @@ def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
         mu, sd, tau = float(own.mean[k]), float(np.sqrt(own.mean_covariance[k, k])), float(np.sqrt(own.spread[k]))
         size = _natural(mu, log) if log else 1.0
-        dof = float(own.spread_dof[k])
+        dof, far = float(own.spread_dof[k]), float(reach(own.mean_dof[k]))
         ends = [tau * math.sqrt(dof / chdtri(dof, tail)) for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
         rows.append(
             {
                 "name": name, "unit": unit, "logarithm": log, "mean": _natural(mu, log),
-                "low": _natural(mu - Z * sd, log), "high": _natural(mu + Z * sd, log),
+                "low": _natural(mu - far * sd, log), "high": _natural(mu + far * sd, log),
                 "spread": tau * size if several else math.nan,
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
-                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[:, k, k] > 0)),
+                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
                 "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
             }
         )  # fmt: skip
@@ -303,25 +296,27 @@ def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     own = found.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
+    wander = {(change.vehicle, change.parameter): change.wander for change in found.changes if change.drifts}
     for v, vehicle in enumerate(joined.vehicles):
         mean, covariance = found.today[v], found.covariance[v]
-        mine = joined.order[v]
-        times = joined.rows.iloc[mine]["time"].to_numpy(dtype=float)
+        mine = joined.order[v][~found.apart[joined.order[v]]]
+        times = joined.rows.iloc[joined.order[v]]["time"].to_numpy(dtype=float)
         for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
             sd = math.sqrt(float(covariance[k, k]))
-            further = math.sqrt(float(covariance[k, k] + own.scatter[k]))
+            walked = wander.get((v, k), 0.0) / max(len(joined.order[v]) - 1, 1)  # until the next recording
+            further = math.sqrt(float(covariance[k, k] + own.scatter[k]) + walked)
             shrunken = float(own.spread[k]) - min(float(own.spread[k]), float(own.covariance[v, k, k]))
             apart = float(own.vehicle[v, k] - own.mean[k])
             outlier = apart / math.sqrt(shrunken) if several and shrunken > 0 else math.nan
-            value = float(mean[k])
+            value, far = float(mean[k]), float(reach(own.dof[v, k]))
             rows.append(
                 {
                     "vehicle": vehicle, "name": name, "unit": unit,
                     "recordings": int(np.sum(joined.seen.information[mine, k, k] > 0)),
                     "time": float(np.max(times)) if np.all(np.isfinite(times)) else math.nan,
-                    "value": _natural(value, log), "low": _natural(value - Z * sd, log),
-                    "high": _natural(value + Z * sd, log), "next_low": _natural(value - Z * further, log),
-                    "next_high": _natural(value + Z * further, log), "outlier": outlier,
+                    "value": _natural(value, log), "low": _natural(value - far * sd, log),
+                    "high": _natural(value + far * sd, log), "next_low": _natural(value - far * further, log),
+                    "next_high": _natural(value + far * further, log), "outlier": outlier,
                     "sentence": None,
                 }
             )  # fmt: skip
@@ -351,37 +346,76 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         unit, log = joined.units[own.parameter], joined.logs[own.parameter]
         begin = float(found.today[own.vehicle, own.parameter]) - (own.change if own.drifts else 0.0)
         sd = math.sqrt(own.variance)
-        ends = [own.change + reach * sd for reach in (0.0, -Z, Z)]
+        ends = [own.change + far * sd for far in (0.0, -Z, Z)]
         # of a positive parameter, as a difference from where it began
         sizes = [_natural(begin + end, log) - _natural(begin, log) for end in ends] if log else ends
-        last = joined.order[own.vehicle]
-        at = joined.rows.iloc[int(last[own.at if own.kind == STEP else 0])]
-        by = joined.over[own.vehicle]
-        place = float(at[by]) if by in ("odometer", "time") else float(max(own.at, 0))
+        order, by = joined.order[own.vehicle], joined.over[own.vehicle]
+        stepped = own.kind == STEP
+        of = [joined.rows.iloc[int(order[k if stepped else 0])] for k in (own.at, own.earliest, own.latest)]
+        places = [
+            float(at[by]) if by in ORDERS[:2] else float(max(k, 0))
+            for at, k in zip(of, (own.at, own.earliest, own.latest), strict=True)
+        ]
+        times = [float(at["time"]) for at in of]
+        early, late = (places[1:], times[1:]) if stepped else ([math.nan] * 2, [math.nan] * 2)
         rows.append(
             {
                 "vehicle": vehicle, "name": name, "unit": unit, "model": own.kind if own.drifts else CONSTANT,
                 "over": by, "probability": own.probability, "p": own.p, "drifts": own.drifts, "change": sizes[0],
-                "low": sizes[1], "high": sizes[2], "at": place, "at_time": float(at["time"]), "at_key": str(at["key"]),
-                "recordings": len(last),
-                "sentence": _told(own, vehicle, name, unit, log, begin, sizes, at) if own.drifts else None,
+                "low": sizes[1], "high": sizes[2], "at": places[0], "at_low": early[0], "at_high": early[1],
+                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(of[0]["key"]),
+                "recordings": len(order),
+                "sentence": _told(own, vehicle, name, unit, log, begin, sizes, of) if own.drifts else None,
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+    """Recordings that are set apart, by the parameter in which they lie furthest off."""
+    rows: list[dict[str, Any]] = []
+    estimates, _ = marginal(joined.seen)
+    far = found.distances
+    for j in np.flatnonzero(found.apart):
+        at = joined.rows.iloc[int(j)]
+        k = int(np.nanargmax(np.abs(far.away[j]) / far.sd[j]))
+        name, unit, log = joined.names[k], joined.units[k], joined.logs[k]
+        value = float(estimates[j, k])
+        rest = [value - float(far.away[j, k]) + end * float(far.sd[j, k]) for end in (-Z, Z)]
+        low, high = (_natural(end, log) for end in rest)
+        own = _natural(value, log)
+        rows.append(
+            {
+                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]), "time": float(at["time"]),
+                "name": name, "unit": unit, "value": own, "low": low, "high": high, "distance": float(far.square[j]) ** 0.5,
+                "p": float(far.p[j]),
+                "sentence": f"{at['path']} is set apart: its {name} {number(own, 3)} {pretty_unit(unit)}".rstrip()
+                + f" lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it; its fit "
+                "ended in another optimum, or it is of another car.",
             }
         )  # fmt: skip
     return rows
 
 
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, begin: float, sizes: Sequence[float], at: Any
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, begin: float, sizes: Sequence[float],
+    at: Sequence[Any],
 ) -> str:  # fmt: skip
     interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
     share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
     size = f"{'+' if sizes[0] > 0 else ''}{number(sizes[0], 2)} {interval}{share}"
     likely = f"probability {own.probability:.2f}"
     if own.kind != STEP:
-        return f"{vehicle}: {name} drifted by {size} over its recordings, {likely}"
+        verb = "drifted" if own.kind == SLOPE else "wandered"
+        return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
+    since, early, late = (_date(one) for one in at)
+    between = f" [{early}, {late}]" if early != late else ""
+    return f"{vehicle}: {name} {size} since {since}{between}, {likely}"
+
+
+def _date(at: Any) -> str:
     time = float(at["time"])
-    since = f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
-    return f"{vehicle}: {name} {size} since {since}, {likely}"
+    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
 
 
 def _write_prior(folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None) -> None:

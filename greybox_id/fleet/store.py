@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-SCHEMA = "1"
+SCHEMA = "2"
 """Version of the columns; kept in every file."""
 MARK = "greybox_fleet"
 JOURNAL, LOCK = "journal", ".lock"
@@ -61,13 +61,20 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     },
     "drift": {
         "vehicle": TEXT, "name": TEXT, "unit": TEXT, "model": TEXT, "over": TEXT, "probability": NUMBER, "p": NUMBER,
-        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_time": NUMBER, "at_key": TEXT,
-        "recordings": COUNT, "sentence": TEXT,
+        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_low": NUMBER, "at_high": NUMBER,
+        "at_time": NUMBER, "at_time_low": NUMBER, "at_time_high": NUMBER, "at_key": TEXT, "recordings": COUNT,
+        "sentence": TEXT,
+    },
+    "apart": {
+        "key": TEXT, "path": TEXT, "vehicle": TEXT, "time": NUMBER, "name": TEXT, "unit": TEXT, "value": NUMBER,
+        "low": NUMBER, "high": NUMBER, "distance": NUMBER, "p": NUMBER, "sentence": TEXT,
     },
 }  # fmt: skip
 """Dataset -> column -> kind. Units are SI; time is s since 1970 in UTC, odometer m."""
 OF_RESULTS = ("recordings", "parameters", "covariances", "gaps")
 """Datasets that a run adds to; the others are made anew each time, in one file."""
+ESTIMATED = ("population", "vehicles", "drift", "apart")
+"""Those that an estimate makes."""
 
 
 class Store:
