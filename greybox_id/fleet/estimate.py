@@ -48,6 +48,7 @@ class FleetEstimate:
     drift : vehicle and parameter -> whether it changed, how, by how much and since when.
     apart : recordings that are set apart, whose fits belong to another optimum or another car, and why.
     used, left_out : recordings; sentence -> how many were left out for it.
+    refitted : how many of them count with their second fit, whose prior was the fleet's.
     over : vehicle -> what its recordings are in order by.
     folder : of the results.
     """
@@ -57,6 +58,7 @@ class FleetEstimate:
     drift: pd.DataFrame
     apart: pd.DataFrame
     used: int
+    refitted: int
     left_out: Mapping[str, int]
     over: Mapping[str, str]
     folder: Path
@@ -65,6 +67,7 @@ class FleetEstimate:
         """The same as plain data."""
         return {
             "recordings": self.used,
+            "refitted": self.refitted,
             "left_out": dict(self.left_out),
             "population": _records(self.population),
             "vehicles": _records(self.vehicles),
@@ -115,6 +118,61 @@ class _Joined:
     x: list[Array]
     over: list[str]
     rows: pd.DataFrame
+    refitted: int
+
+
+@dataclass(frozen=True)
+class SecondPass:
+    """What is fitted again, and with which priors.
+
+    Attributes
+    ----------
+    keys : of recordings, whose own fit knows a parameter less well than the fleet does, lies apart or is not confirmed.
+    priors : as `greybox fit --prior` takes them.
+    """
+
+    keys: frozenset[str]
+    priors: tuple[str, ...]
+
+    def beside(self, own: Any) -> list[str]:
+        """The priors of a plan that these do not replace."""
+        texts = [f"{name}={value}" for name, value in own.items()] if isinstance(own, Mapping) else own
+        taken = {text.partition("=")[0].strip() for text in self.priors}
+        several = [texts] if isinstance(texts, str) else texts
+        return [text for text in several if text.partition("=")[0].strip() not in taken]
+
+
+def second_pass(store: Store) -> SecondPass:
+    """Which recordings gain by a second fit, with what first fits say of the fleet as prior."""
+    recordings = store.current()
+    joined, _ = _joined(store, recordings, refits=False)
+    if joined is None:
+        return SecondPass(frozenset(), ())
+    found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
+    width = _widths(joined, found)
+    _, covariance = marginal(joined.seen)
+    free = np.diagonal(joined.seen.information, axis1=1, axis2=2) > 0
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    poor = found.apart | np.any(free & (sd > width), axis=1)
+    good = {key for key, own in zip(joined.keys, poor, strict=True) if not own}
+    fitted = recordings[recordings["status"] == OK]["key"]
+    texts = []
+    for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
+        mean = _natural(float(found.population.mean[k]), log)
+        texts.append(_prior_text(name, mean, float(width[k]) * (mean if log else 1.0), unit))
+    return SecondPass(frozenset(str(key) for key in fitted if key not in good), tuple(texts))
+
+
+def _widths(joined: _Joined, found: Drifted) -> Array:
+    """Standard deviation of what a recording of a vehicle that is not known has, in the coordinates of estimates."""
+    own = found.population
+    spread = own.spread if len(joined.vehicles) > 1 else 0.0
+    width: Array = np.sqrt(spread + own.scatter + np.diag(own.mean_covariance))
+    return width
+
+
+def _prior_text(name: str, mean: float, width: float, unit: str) -> str:
+    return f"{name}={mean:.6g}±{width:.3g} {'' if unit == '1' else unit}".rstrip()
 
 
 def estimate(folder: str | Path) -> FleetEstimate:
@@ -144,6 +202,7 @@ def estimate(folder: str | Path) -> FleetEstimate:
     store = Store.existing(folder)
     recordings = store.current()
     joined, left_out = _joined(store, recordings)
+    found: Drifted | None = None
     if joined is None:
         tables: dict[str, list[dict[str, Any]]] = {name: [] for name in ESTIMATED}
         over: dict[str, str] = {}
@@ -158,26 +217,32 @@ def estimate(folder: str | Path) -> FleetEstimate:
         over = dict(zip(joined.vehicles, joined.over, strict=True))
     for name, rows in tables.items():
         store.replace(name, rows)
-    _write_prior(store.folder, tables["population"], joined)
+    _write_prior(store.folder, tables["population"], joined, found)
     return FleetEstimate(
         population=store.read("population"),
         vehicles=store.read("vehicles"),
         drift=store.read("drift"),
         apart=store.read("apart"),
         used=0 if joined is None else len(joined.keys),
+        refitted=0 if joined is None else joined.refitted,
         left_out=left_out,
         over=over,
         folder=store.folder,
     )
 
 
-def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dict[str, int]]:
-    """Recordings whose fits can be joined, and why others cannot."""
+def _joined(
+    store: Store, recordings: pd.DataFrame, refits: bool = True
+) -> tuple[_Joined | None, dict[str, int]]:  # fmt: skip
+    """Recordings whose fits can be joined, their second ones where there are, and why others cannot."""
     left_out = Counter[str]()
     for status, count in recordings["status"].value_counts().sort_index().items():
         if status != OK:
             left_out[str(status)] = int(count)
-    kept = recordings[recordings["status"] != "not trusted"].merge(store.read("covariances"), on="key")
+    covariances, again = store.read("covariances"), 0
+    if refits:
+        recordings, covariances, again = _with_refits(store, recordings, covariances)
+    kept = recordings[recordings["status"] != "not trusted"].merge(covariances, on="key")
     missing = int((recordings["status"] == OK).sum()) - int((kept["status"] == OK).sum())
     if missing:
         left_out["no fit, or its optimum is not confirmed"] = missing
@@ -210,7 +275,21 @@ def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dic
         over.append(by)
     seen = Informed(information, vector, of, len(vehicles), freedom)
     keys = [str(own) for own in kept["key"]]
-    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept), dict(left_out)
+    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept, again), dict(left_out)
+
+
+def _with_refits(
+    store: Store, recordings: pd.DataFrame, covariances: pd.DataFrame
+) -> tuple[pd.DataFrame, pd.DataFrame, int]:  # fmt: skip
+    """The same with second fits in place of first ones, and how many they are."""
+    second = store.refits()[["key", "refit_of", "status", "verdict"]]
+    second = second[(second["status"] == OK) & second["key"].isin(set(covariances["key"]))]
+    first = dict(zip(second["key"], second["refit_of"], strict=True))
+    verdicts = dict(zip(second["refit_of"], second["verdict"], strict=True))
+    kept = covariances[~covariances["key"].isin(set(verdicts))]
+    kept = kept.assign(key=kept["key"].replace(first))
+    told = recordings["key"].map(verdicts)
+    return recordings.assign(verdict=told.where(told.notna(), recordings["verdict"])), kept, len(first)
 
 
 def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
@@ -418,25 +497,20 @@ def _date(at: Any) -> str:
     return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
 
 
-def _write_prior(folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None) -> None:
+def _write_prior(
+    folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None, found: Drifted | None
+) -> None:  # fmt: skip
     """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
     lines = [
         "# Prior for a vehicle of this fleet that has no recordings yet, as defaults of a fit.",
         "[fit]",
         "prior = [",
     ]
-    for row in rows:
-        if math.isfinite(row["spread"]):
-            width = math.hypot(row["tau"], row["mu_sd"]) * (row["mean"] if row["logarithm"] else 1.0)
-            lines.append(
-                f'    "{row["name"]}={row["mean"]:.6g}±{width:.3g} {_written(row["unit"])}",'.replace(' ",', '",')
-            )
-    assert joined is not None or not rows
+    for k, row in enumerate(rows):
+        if joined is not None and found is not None and math.isfinite(row["spread"]):
+            width = float(_widths(joined, found)[k]) * (row["mean"] if row["logarithm"] else 1.0)
+            lines.append(f'    "{_prior_text(row["name"], row["mean"], width, row["unit"])}",')
     write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)
-
-
-def _written(unit: str) -> str:
-    return "" if unit == "1" else unit
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

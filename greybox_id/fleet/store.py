@@ -32,7 +32,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     "recordings": {
         "key": TEXT, "path": TEXT, "vehicle": TEXT, "time": NUMBER, "odometer": NUMBER, "tags": TEXT, "rows": COUNT,
         "seconds": NUMBER, "verdict": TEXT, "reasons": "texts", "findings": "texts", "status": TEXT, "sentence": TEXT,
-        "cpu_s": NUMBER, "peak_mb": NUMBER, "version": TEXT,
+        "cpu_s": NUMBER, "peak_mb": NUMBER, "version": TEXT, "refit_of": TEXT,
     },
     "parameters": {
         "key": TEXT, "vehicle": TEXT, "time": NUMBER, "name": TEXT, "unit": TEXT, "value": NUMBER, "sd": NUMBER,
@@ -149,6 +149,12 @@ class Store:
         keys = self.read("manifest", ["key"])["key"]
         recordings = self.read("recordings")
         return recordings[recordings["key"].isin(set(keys))].reset_index(drop=True)
+
+    def refits(self) -> pd.DataFrame:
+        """Rows of recordings that the fleet has now and that were fitted again, by the keys of their first fits."""
+        keys = self.read("manifest", ["key"])["key"]
+        recordings = self.read("recordings")
+        return recordings[recordings["refit_of"].isin(set(keys))].reset_index(drop=True)
 
     def parts(self, name: str) -> list[Path]:
         """The files of a dataset, oldest first."""
