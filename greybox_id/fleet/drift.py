@@ -63,6 +63,7 @@ class VehicleChange:
     probability : that it changed.
     moved : (recordings,) how far the parameter is from where it began.
     wander : variance of a walk's increments over the whole series.
+    begin, begin_variance, begin_shared : where it began, its variance, and its covariance with the change.
     drifts : whether it is found at the fleet's false discovery rate.
     """
 
@@ -78,6 +79,9 @@ class VehicleChange:
     probability: float
     moved: Array = field(compare=False)
     wander: float = 0.0
+    begin: float = math.nan
+    begin_variance: float = 0.0
+    begin_shared: float = 0.0
     drifts: bool = False
 
     def designs(self, x: Array) -> Array:
@@ -482,9 +486,13 @@ def together(
         here = slice(start, start + share.shape[1])
         to[:, change.parameter, here] = share
         end = share[-1]
+        k = change.parameter
         changes.append(
-            replace(change, change=float(end @ estimate[here]), variance=float(end @ covariance[here, here] @ end),
-                    moved=share @ estimate[here])
+            replace(
+                change, change=float(end @ estimate[here]), variance=float(end @ covariance[here, here] @ end),
+                moved=share @ estimate[here], begin=float(estimate[k]), begin_variance=float(covariance[k, k]),
+                begin_shared=float(covariance[k, here] @ end),
+            )
         )  # fmt: skip
         start += share.shape[1]
     return Together(to @ estimate, to @ covariance @ to.transpose(0, 2, 1), changes)

@@ -423,11 +423,16 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     for own in found.changes:
         vehicle, name = joined.vehicles[own.vehicle], joined.names[own.parameter]
         unit, log = joined.units[own.parameter], joined.logs[own.parameter]
-        begin = float(found.today[own.vehicle, own.parameter]) - (own.change if own.drifts else 0.0)
-        sd = math.sqrt(own.variance)
-        ends = [own.change + far * sd for far in (0.0, -Z, Z)]
-        # of a positive parameter, as a difference from where it began
-        sizes = [_natural(begin + end, log) - _natural(begin, log) for end in ends] if log else ends
+        now = float(found.today[own.vehicle, own.parameter])
+        begin = own.begin if own.drifts else now
+        size, sd = own.change, math.sqrt(own.variance)
+        if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
+            size = _natural(begin + own.change, log) - _natural(begin, log)
+            along = _natural(begin + own.change, log)
+            sd = math.sqrt(
+                along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared
+            )
+        sizes = [size, size - Z * sd, size + Z * sd]
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
         of = [joined.rows.iloc[int(order[k if stepped else 0])] for k in (own.at, own.earliest, own.latest)]
@@ -444,7 +449,7 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
                 "low": sizes[1], "high": sizes[2], "at": places[0], "at_low": early[0], "at_high": early[1],
                 "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(of[0]["key"]),
                 "recordings": len(order),
-                "sentence": _told(own, vehicle, name, unit, log, begin, sizes, of) if own.drifts else None,
+                "sentence": _told(own, vehicle, name, unit, log, sizes, of) if own.drifts else None,
             }
         )  # fmt: skip
     return rows
@@ -477,8 +482,7 @@ def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
 
 
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, begin: float, sizes: Sequence[float],
-    at: Sequence[Any],
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], at: Sequence[Any]
 ) -> str:  # fmt: skip
     interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
     share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
