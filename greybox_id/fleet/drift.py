@@ -158,13 +158,23 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
 
 
 def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order) -> Informed:
-    """What recordings say of the vehicle before it changed."""
-    vector = seen.vector.copy()
+    """What recordings say of the vehicle before it changed.
+
+    A walk is not taken out as it was estimated, which would take scatter with it: recordings are as good as unknown in
+    that parameter, by the variance of the walk.
+    """
+    information, vector = seen.information.copy(), seen.vector.copy()
     for vehicle, changes in taken.items():
+        rows = order[vehicle]
         for own in changes:
-            rows = order[vehicle]
-            vector[rows] -= seen.information[rows][:, :, own.parameter] * own.moved[:, None]
-    return replace(seen, vector=vector)
+            tied = information[rows][:, :, own.parameter]
+            if own.kind == WALK:
+                share = own.wander / (1.0 + own.wander * tied[:, own.parameter])
+                vector[rows] -= tied * (share * vector[rows, own.parameter])[:, None]
+                information[rows] -= share[:, None, None] * tied[:, :, None] * tied[:, None, :]
+            else:
+                vector[rows] -= tied * own.moved[:, None]
+    return replace(seen, information=information, vector=vector)
 
 
 def _far(
@@ -382,15 +392,18 @@ def _tail(weights: Array, value: float) -> float:
 
 
 def _walked(grown: Array, pulled: Array, size: float) -> tuple[float, float]:
-    """Logarithm of the evidence of a walk over none, and the variance of its increments that has most of it."""
+    """Logarithm of the evidence of a walk over none, and the variance of its increments that has most of it.
+
+    Its variance is as likely a tenth of what the largest estimate says as ten times that: a walk fits so much that the
+    best of its variances would win over a step that is there.
+    """
     values, axes = la.eigh(grown)
     values, along = np.maximum(values, 0.0), np.square(axes.T @ pulled)
     tried = size * np.geomspace(0.1, 10.0, 9)
     gain = [
         float(np.sum(0.5 * q * along / (1.0 + q * values) - 0.5 * np.log1p(q * values))) for q in tried
     ]  # fmt: skip
-    best = int(np.argmax(gain))
-    return gain[best], float(tried[best])
+    return _averaged(np.array(gain)), float(tried[int(np.argmax(gain))])
 
 
 def _as_walk(own: VehicleChange, grown: Array, pulled: Array, wander: float, walk: Array) -> VehicleChange:
