@@ -332,7 +332,7 @@ def scored_vehicles(results: Path, truths: dict[str, dict[str, float]], poor: se
 
 
 def drift(folder: Path, args: argparse.Namespace) -> dict:
-    """Eight vehicles lose stiffness, four jump in steering offset or delay, the others are steady."""
+    """A fifth of the vehicles lose stiffness, a tenth jump in steering offset or delay, the others are steady."""
     rng, base = np.random.default_rng(args.seed), class_of(args.seed)
     (folder / "class.toml").write_text(vehicle_file_text(base))
     vehicles, each = args.vehicles or 40, args.each or 25
@@ -346,7 +346,7 @@ def drift(folder: Path, args: argparse.Namespace) -> dict:
         if v < vehicles // 5:
             axle = "B_f" if v % 2 else "B_r"
             truths[name] = (axle, "slope", car.parameters[axle])
-        elif v < vehicles // 5 + vehicles // 10:
+        elif v < vehicles // 5 + (args.steps or vehicles // 10):
             steps_of = "steering_offset" if v % 2 or args.no_delay else "steering_delay"
             truths[name] = (steps_of, "step", float(at))
         for r in range(each):
@@ -424,6 +424,7 @@ def main() -> None:
     parser.add_argument("--moments", type=int, default=20)
     parser.add_argument("--vehicles", type=int, default=0)
     parser.add_argument("--each", type=int, default=0)
+    parser.add_argument("--steps", type=int, default=0, help="drift: vehicles that jump; one in ten unless given")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--gap", action="store_true", help="determinism: also the step gap")
     parser.add_argument("--no-delay", action="store_true", help="drift: steps of the offset alone, delays held; faster")

@@ -143,9 +143,9 @@ def test_recordings_without_a_joint_fit_claim_nothing(fleet, tmp_path):
 
 
 def test_recordings_with_a_gap_count_less_where_they_lie_apart(joined, tmp_path):
-    store = moved(joined, tmp_path / "R", 0.03)
+    store = moved(joined, tmp_path / "R", 0.07, "0-1")
     trusted = of(store.folder)
-    store.replace("gaps", [{"key": "0-0", "p": 0.001, "detected": True}])
+    store.replace("gaps", [{"key": "0-1", "p": 0.001, "detected": True}])
     doubted, clean = of(store.folder), of(joined)
     assert abs(doubted["value"] - clean["value"]) < abs(trusted["value"] - clean["value"])
 
