@@ -51,7 +51,6 @@ SHORTER = 1.0
 MORE_STARTS, CLEARLY = 2, 0.01
 """Other starts that are tried; share of the objective for which an optimum that is confirmed is left for one that is
 not."""
-TOO_FAST = "the motion became faster than rows can show"
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is a corner, not an optimum of the vehicle."""
 
@@ -137,6 +136,8 @@ def fit_motion(
             if why:
                 for better in _fallbacks(simulator, recordings, points, reached, why, how, say):
                     reached = better
+            if why and reached is not None and _trouble(simulator, points[0], reached) == Status.TOO_FAST.value:
+                reached = _not_believed(reached)
         except KeyboardInterrupt:
             interrupted = True
     if reached is None:
@@ -188,6 +189,12 @@ class _Reached:
     fallbacks: tuple[str, ...] = ()
 
 
+def _not_believed(reached: _Reached) -> _Reached:
+    """The same as no optimum: where the motion cannot be simulated any more, curvature is the integrator's."""
+    certificate = None if reached.certificate is None else replace(reached.certificate, confirmed=False)
+    return replace(reached, solution=replace(reached.solution, status=Status.TOO_FAST), certificate=certificate)
+
+
 def _of(attempt: _Attempt) -> tuple[MotionProblem, Array, Solution]:
     return attempt.problem, attempt.about, attempt.solution
 
@@ -211,7 +218,7 @@ def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> st
     if not np.all(np.isfinite(p[free])) or not np.isfinite(solution.objective):
         return "the solution is not finite"
     if _fast(simulator, problem, p) and not _fast(simulator, problem, start):
-        return TOO_FAST
+        return Status.TOO_FAST.value
     confirmed = _is_confirmed(reached)
     if not confirmed and solution.steps == 0:
         return "no step was taken"
@@ -261,7 +268,7 @@ def _fallbacks(
         return _attempt(simulator, recordings, short.problem.shared(short.solution.x), how, quiet, model.name)
 
     ways: list[tuple[str, Callable[[], _Attempt | None]]] = []
-    if why == TOO_FAST:
+    if why == Status.TOO_FAST.value:
         straight = partial(_attempt, simulator, recordings, points[0], how, quiet, model.name, ())
         ways.append(("the start, without predictions ahead", straight))
     if how.horizon is None or how.horizon > SHORTER:
