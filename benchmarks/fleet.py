@@ -6,6 +6,8 @@
     python benchmarks/fleet.py damage
     python benchmarks/fleet.py hierarchy --seed 1
     python benchmarks/fleet.py drift --seed 1
+    python benchmarks/fleet.py few --seed 1
+    python benchmarks/fleet.py joint
     python benchmarks/fleet.py cost
 
 Each makes its own recordings in a temporary folder (--folder keeps them) and prints one JSON object.
@@ -30,9 +32,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from hostile_mutations import mutated
+from scipy.special import stdtrit
 
 from greybox_id.datasets.formats import write
 from greybox_id.datasets.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
+from greybox_id.fleet.hierarchy import Informed, population
+from greybox_id.fleet.store import Store
 
 RATE = 50.0
 FREE = ("I_z", "B_f", "B_r")
@@ -401,6 +406,66 @@ def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehic
     }  # fmt: skip
 
 
+def few(folder: Path, args: argparse.Namespace) -> dict:
+    """Intervals of the vehicles of small fleets: Gaussian recordings, half of them poorly excited."""
+    del folder
+    rng, found = np.random.default_rng(args.seed), {}
+    for vehicles in (4, 5, 6):
+        held, plain = [], []
+        for _ in range(args.moments * 10):
+            truth, seen = gaussian(rng, vehicles, args.each or 8, 3)
+            own = population(seen)
+            off = np.abs(own.vehicle - truth)
+            held.append(off < stdtrit(own.dof, 0.975) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)))
+            given = own.covariance - own.unsure  # as if T and W were known
+            plain.append(off < 1.96 * np.sqrt(np.diagonal(given, axis1=1, axis2=2)))
+        found[f"{vehicles} vehicles"] = {"held": float(np.mean(held)), "held_if_spread_were_known": float(np.mean(plain))}
+    return found
+
+
+def gaussian(rng: np.random.Generator, vehicles: int, each: int, size: int) -> tuple[np.ndarray, Informed]:
+    """True vehicles, and what recordings say of them."""
+    truth, information, vector = rng.normal(0.3, 0.08, (vehicles, size)), [], []
+    for v in range(vehicles):
+        for r in range(each):
+            sd = np.geomspace(0.02, 0.06, size) * (rng.uniform(3, 12) if r % 2 else 1.0)
+            mixed = np.eye(size) + 0.4 * rng.normal(size=(size, size))
+            own = mixed @ mixed.T
+            own *= np.outer(sd, sd) / np.sqrt(np.outer(np.diag(own), np.diag(own)))
+            read = rng.multivariate_normal(truth[v] + 0.02 * rng.normal(size=size), own)
+            information.append(np.linalg.inv(own))
+            vector.append(information[-1] @ read)
+    of = np.repeat(np.arange(vehicles), each)
+    return truth, Informed(np.array(information), np.array(vector), of, vehicles)
+
+
+def joint(folder: Path, args: argparse.Namespace) -> dict:
+    """What an estimate of many vehicles costs: Gaussian recordings of twelve parameters."""
+    rng, store = np.random.default_rng(args.seed), Store(folder / "R")
+    vehicles, each, size = args.vehicles or 1000, args.each or 20, 12
+    _, seen = gaussian(rng, vehicles, each, size)
+    names, rows = [f"p{k:02d}" for k in range(size)], {"recordings": [], "manifest": [], "covariances": [], "gaps": []}
+    for j, information in enumerate(seen.information):
+        covariance = np.linalg.inv(information)
+        common = {"key": f"{j:06d}", "vehicle": f"V{seen.vehicle[j]:04d}", "path": f"{j:06d}.csv", "odometer": 1e6 * j}
+        rows["recordings"].append({**common, "status": "ok", "verdict": "usable", "cpu_s": 1.0, "version": "0"})
+        rows["manifest"].append(common)
+        rows["covariances"].append(
+            {"key": common["key"], "names": names, "units": ["1"] * size, "logarithm": [False] * size,
+             "centre": list(covariance @ seen.vector[j]), "lower": list(covariance[np.tril_indices(size)]),
+             "dof": [20.0] * size, "at_bound": [False] * size, "prior_mean": [0.0] * size,
+             "prior_sd": [np.inf] * size}
+        )  # fmt: skip
+    for name, own in rows.items():
+        store.replace(name, own)
+    began = time.process_time()
+    population(seen)
+    alone = time.process_time() - began
+    body, cpu = called("fleet", "estimate", folder / "R")
+    return {"recordings": body["recordings"], "population_cpu_s": round(alone, 2), "estimate_cpu_s": round(cpu, 2),
+            "changed": len(body["drift"]), "apart": len(body["apart"])}  # fmt: skip
+
+
 def cost(folder: Path, args: argparse.Namespace) -> dict:
     """What a million recordings of 60 s at 50 Hz cost, by rates that `throughput` measured."""
     del folder
@@ -413,7 +478,7 @@ def cost(folder: Path, args: argparse.Namespace) -> dict:
     }  # fmt: skip
 
 
-BENCHMARKS = {own.__name__: own for own in (throughput, determinism, kills, damage, hierarchy, drift, cost)}
+BENCHMARKS = {own.__name__: own for own in (throughput, determinism, kills, damage, hierarchy, drift, few, joint, cost)}
 
 
 def main() -> None:

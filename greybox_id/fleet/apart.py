@@ -40,12 +40,12 @@ class Distances:
     ----------
     square : (recordings,) of the distance, in standard deviations.
     p : (recordings,) how often a recording that belongs to its vehicle lies so far.
-    away, sd : (recordings, parameters) estimate less what the others say, and its standard deviation.
+    at, sd : (recordings, parameters) where the others have it, and the standard deviation of that.
     """
 
     square: Array
     p: Array
-    away: Array
+    at: Array
     sd: Array
 
     def apart(self) -> Flags:
@@ -87,12 +87,8 @@ def distances(
     # the variance stands for one of Student's t: for F the scale is taken back
     p = np.where(known, fdtrc(rank, freedom, square / rank * freedom / np.maximum(freedom - 2.0, 1.0)),
                  chdtrc(rank, square))  # fmt: skip
-    informs = np.diagonal(seen.information, axis1=1, axis2=2) > 0
-    # the others' own prediction: what is left is a residual over its leverage
-    own = np.linalg.inv(information / outer + NOT_INFORMED * np.eye(unit.shape[1])) / outer
-    variance = np.maximum(np.diagonal(own, axis1=1, axis2=2) + np.diagonal(covariance, axis1=1, axis2=2), 1e-300)
-    away = np.where(informs, (own @ u[:, :, None])[:, :, 0], np.nan)
-    return Distances(square, p, away, np.sqrt(variance))
+    sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    return Distances(square, p, at, sd)
 
 
 def strangers(seen: Informed) -> Flags:

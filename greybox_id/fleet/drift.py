@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.linalg as la
 from scipy.optimize import brentq
-from scipy.special import chdtrc, gammaincc, log_ndtr, logsumexp, ndtr, ndtri, stdtr
+from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from ..combined import Z
 from ..parameter import Array
@@ -317,7 +317,8 @@ def _evidence(change: Array, variance: Array, z: Array) -> tuple[Array, Array]:
 
 
 def _averaged(evidence: Array) -> float:
-    return float(logsumexp(evidence) - np.log(len(evidence)))
+    most = float(np.max(evidence))
+    return most + math.log(float(np.mean(np.exp(evidence - most))))
 
 
 def _fixed(
@@ -328,7 +329,8 @@ def _fixed(
     stepped = _averaged(evidence[1:]) > evidence[0]
     at, earliest, latest = 0, -1, -1
     if stepped:
-        earliest, latest = _dated(evidence[1:])
+        if p < DOUBTFUL:
+            earliest, latest = _dated(evidence[1:])
         at = 1 + int(np.argmax(evidence[1:]))
     return VehicleChange(
         vehicle, parameter, STEP if stepped else SLOPE, float(change[at]), float(variance[at]), at if stepped else -1,
@@ -339,7 +341,8 @@ def _fixed(
 def _dated(evidence: Array) -> tuple[int, int]:
     """First and last place of a step in the shortest interval that holds 95 % of the posterior; places are as likely
     before anything is seen."""
-    share = np.exp(evidence - logsumexp(evidence))
+    share = np.exp(evidence - np.max(evidence))
+    share /= np.sum(share)
     reached = np.concatenate([[0.0], np.cumsum(share)])
     ends = [(last - first, -(reached[last + 1] - reached[first]), first, last)
             for first in range(len(share)) for last in range(first, len(share))

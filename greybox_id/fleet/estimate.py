@@ -309,10 +309,10 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
     own = [str(name) for name in row["names"]]
     covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
     size = np.diag(covariance)
+    sound = np.isfinite(size) & (size > 0) & ~np.asarray(row["at_bound"], dtype=bool)
     taken = [
-        k for k, name in enumerate(own)
-        if name in names and logs[names.index(name)] == bool(row["logarithm"][k])
-        and not bool(row["at_bound"][k]) and np.isfinite(size[k]) and size[k] > 0
+        k for k, (name, log) in enumerate(zip(own, row["logarithm"], strict=True))
+        if sound[k] and name in names and logs[names.index(name)] == bool(log)
     ]  # fmt: skip
     if not taken:
         return None
@@ -420,6 +420,7 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: _Joined, found: Drifted) 
 
 def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     rows = []
+    told = {name: joined.rows[name].to_numpy() for name in ("odometer", "time", "key", "path")}
     for own in found.changes:
         vehicle, name = joined.vehicles[own.vehicle], joined.names[own.parameter]
         unit, log = joined.units[own.parameter], joined.logs[own.parameter]
@@ -435,54 +436,69 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         sizes = [size, size - Z * sd, size + Z * sd]
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
-        of = [joined.rows.iloc[int(order[k if stepped else 0])] for k in (own.at, own.earliest, own.latest)]
+        of = [int(order[k if stepped else 0]) for k in (own.at, own.earliest, own.latest)]
         places = [
-            float(at[by]) if by in ORDERS[:2] else float(max(k, 0))
+            float(told[by][at]) if by in ORDERS[:2] else float(max(k, 0))
             for at, k in zip(of, (own.at, own.earliest, own.latest), strict=True)
         ]
-        times = [float(at["time"]) for at in of]
+        times = [float(told["time"][at]) for at in of]
+        dates = [_date(time, str(told["path"][at])) for time, at in zip(times, of, strict=True)]
         early, late = (places[1:], times[1:]) if stepped else ([math.nan] * 2, [math.nan] * 2)
         rows.append(
             {
                 "vehicle": vehicle, "name": name, "unit": unit, "model": own.kind if own.drifts else CONSTANT,
                 "over": by, "probability": own.probability, "p": own.p, "drifts": own.drifts, "change": sizes[0],
                 "low": sizes[1], "high": sizes[2], "at": places[0], "at_low": early[0], "at_high": early[1],
-                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(of[0]["key"]),
+                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(told["key"][of[0]]),
                 "recordings": len(order),
-                "sentence": _told(own, vehicle, name, unit, log, sizes, of) if own.drifts else None,
+                "sentence": _told(own, vehicle, name, unit, log, sizes, dates) if own.drifts else None,
             }
         )  # fmt: skip
     return rows
 
 
 def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
-    """Recordings that are set apart, by the parameter in which they lie furthest off."""
+    """Recordings that are set apart, by the parameter in which their fits lie furthest off."""
     rows: list[dict[str, Any]] = []
-    estimates, _ = marginal(joined.seen)
-    far = found.distances
+    far, scatter = found.distances, found.population.scatter
     for j in np.flatnonzero(found.apart):
-        at = joined.rows.iloc[int(j)]
-        k = int(np.nanargmax(np.abs(far.away[j]) / far.sd[j]))
+        at = _rows(joined.rows.iloc[[int(j)]])[0]
+        own = list(at["names"])
+        of_fit = np.sqrt(np.diag(unpacked(np.asarray(at["lower"], dtype=float), len(own))))
+        places = [(k, own.index(name)) for k, name in enumerate(joined.names) if name in own]
+        centres = [float(at["centre"][of]) for _, of in places]
+        widths = [math.sqrt(far.sd[j, k] ** 2 + scatter[k] + of_fit[of] ** 2) for k, of in places]
+        off = [abs(c - far.at[j, k]) / w for c, w, (k, _) in zip(centres, widths, places, strict=True)]
+        worst = int(np.nanargmax(off))
+        k, width = places[worst][0], widths[worst]
         name, unit, log = joined.names[k], joined.units[k], joined.logs[k]
-        value = float(estimates[j, k])
-        rest = [value - float(far.away[j, k]) + end * float(far.sd[j, k]) for end in (-Z, Z)]
-        low, high = (_natural(end, log) for end in rest)
-        own = _natural(value, log)
+        value, middle = _natural(centres[worst], log), float(far.at[j, k])
+        low, high = (_natural(middle + end * width, log) for end in (-Z, Z))
         rows.append(
             {
                 "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]), "time": float(at["time"]),
-                "name": name, "unit": unit, "value": own, "low": low, "high": high, "distance": float(far.square[j]) ** 0.5,
-                "p": float(far.p[j]),
-                "sentence": f"{at['path']} is set apart: its {name} {number(own, 3)} {pretty_unit(unit)}".rstrip()
-                + f" lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it; its fit "
-                "ended in another optimum, or it is of another car.",
+                "name": name, "unit": unit, "value": value, "low": low, "high": high,
+                "distance": float(far.square[j]) ** 0.5, "p": float(far.p[j]),
+                "sentence": _why_apart(str(at["path"]), name, unit, value, (low, high), float(far.square[j]) ** 0.5),
             }
         )  # fmt: skip
     return rows
 
 
+def _why_apart(
+    path: str, name: str, unit: str, value: float, ends: tuple[float, float], distance: float
+) -> str:  # fmt: skip
+    low, high = ends
+    if low <= value <= high:
+        where = f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+    else:
+        own = f"{number(value, 3)} {pretty_unit(unit)}".strip()
+        where = f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+    return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
+
+
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], at: Sequence[Any]
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], dates: Sequence[str]
 ) -> str:  # fmt: skip
     interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
     share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
@@ -491,14 +507,13 @@ def _told(
     if own.kind != STEP:
         verb = "drifted" if own.kind == SLOPE else "wandered"
         return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
-    since, early, late = (_date(one) for one in at)
+    since, early, late = dates
     between = f" [{early}, {late}]" if early != late else ""
     return f"{vehicle}: {name} {size} since {since}{between}, {likely}"
 
 
-def _date(at: Any) -> str:
-    time = float(at["time"])
-    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
+def _date(time: float, path: str) -> str:
+    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {path}"
 
 
 def _write_prior(

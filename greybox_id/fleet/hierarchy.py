@@ -29,6 +29,9 @@ SMALL = 1e-4
 no difference to anything, and at zero steps would never leave it again."""
 NOT_INFORMED = 1e-9
 """Share of a fit's information in a direction, its prior's taken off, below which there is none."""
+PRIOR_NOISE = 2.0
+"""A direction that a fit knows hardly better than its prior does informs nothing where the difference is within so many
+standard deviations of the fit's own precision, which is guessed from blocks."""
 LEAST_DOF = 5.0
 """Degrees of freedom below which Student's t has no finite fourth moment, and no variance stands for it."""
 
@@ -120,18 +123,18 @@ def informed(covariance: Array, centre: Array, prior_mean: Array, prior_sd: Arra
         raise ValueError("no covariance")
     freedom = np.where(np.isfinite(dof), np.maximum(dof, LEAST_DOF), np.inf)
     wider = np.sqrt(np.where(np.isfinite(freedom), freedom / np.where(np.isfinite(freedom), freedom - 2, 1.0), 1.0))
-    values, axes = la.eigh(covariance / np.outer(size, size))
+    values, axes = np.linalg.eigh(covariance / np.outer(size, size))
     values = np.maximum(values, values[-1] * 1e-12)
-    whole = (axes / values) @ axes.T / np.outer(size * wider, size * wider)
+    root = axes / np.sqrt(values) / (size * wider)[:, None]  # whole = root @ root.T
+    back = (axes * np.sqrt(values)).T * (size * wider)  # its inverse
     prior = np.where(np.isfinite(prior_sd), 1.0 / np.square(np.where(np.isfinite(prior_sd), prior_sd, 1.0)), 0.0)
-    vector = whole @ centre - prior * prior_mean
-    # in units in which the fit's information has a unit diagonal
-    unit = np.sqrt(np.diag(whole))
-    values, axes = la.eigh((whole - np.diag(prior)) / np.outer(unit, unit))
-    kept = values > NOT_INFORMED
-    data = (axes[:, kept] * values[kept]) @ axes[:, kept].T * np.outer(unit, unit)
-    within = axes[:, kept] @ (axes[:, kept].T @ (vector / unit)) * unit
-    return data, within
+    vector = root @ (root.T @ centre) - prior * prior_mean
+    # in units in which the fit knows every direction equally well: which share of that is the prior's
+    share, axes = np.linalg.eigh(back * prior @ back.T)
+    noise = PRIOR_NOISE * np.sqrt(2.0 / np.min(freedom))
+    kept = 1.0 - share > np.maximum(share * noise, NOT_INFORMED)
+    told = root @ axes[:, kept]
+    return (told * (1.0 - share[kept])) @ told.T, told @ (axes[:, kept].T @ (back @ vector))
 
 
 def scattered(seen: Informed, scatter: Array) -> tuple[Array, Array]:
@@ -190,9 +193,10 @@ def marginal(seen: Informed) -> tuple[Array, Array]:
     -------
     (recordings, parameters) and (recordings, parameters, parameters).
     """
-    unit = np.sqrt(_noise(seen))
-    scaled = seen.information * np.outer(unit, unit) + NOT_INFORMED * np.eye(len(unit))
-    covariance = _symmetric(np.linalg.inv(scaled)) * np.outer(unit, unit)
+    own = np.diagonal(seen.information, axis1=1, axis2=2)
+    unit = 1.0 / np.sqrt(np.where(own > 0, own, 1.0 / _noise(seen)))
+    both = unit[:, :, None] * unit[:, None, :]
+    covariance = _symmetric(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1]))) * both
     return (covariance @ seen.vector[:, :, None])[:, :, 0], covariance
 
 
