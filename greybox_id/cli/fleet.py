@@ -59,6 +59,9 @@ def fleet() -> None:
 @click.option(
     "--compact", is_flag=True, help="Write the results as one file each, without those of changed recordings."
 )
+@click.option(
+    "--second-pass", "refit", is_flag=True, help="Then fit poorly excited recordings again, with the fleet as prior."
+)
 @json_option
 def run_command(
     plan: Path,
@@ -69,6 +72,7 @@ def run_command(
     only: Literal["all", "changed"],
     retry_failed: bool,
     compact: bool,
+    refit: bool,
     as_json: bool,
 ) -> None:
     """Do every recording of FLEET.toml that is not done; killed at any moment, the same command carries on.
@@ -84,7 +88,7 @@ def run_command(
     with _watching() as watch:
         found = run(
             plan, out, engine=engine, scheduler=scheduler, jobs=jobs, only=only, retry_failed=retry_failed,
-            compact=compact, progress=watch,
+            compact=compact, refit=refit, progress=watch,
         )  # fmt: skip
     _told(found, as_json)
 

@@ -17,6 +17,8 @@ import numpy as np
 
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
+from ..engine.motion.stiffness import MOST_STEPS as SEGMENTS
+from ..engine.motion.stiffness import longest_segment
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
@@ -130,10 +132,12 @@ def fit_motion(
         try:
             if reached is not None:
                 reached = _confirmed(reached, how, say)
-            why = _trouble(model, reached)
+            why = _trouble(simulator, points[0], reached)
             if why:
                 for better in _fallbacks(simulator, recordings, points, reached, why, how, say):
                     reached = better
+            if why and reached is not None and _trouble(simulator, points[0], reached) == Status.TOO_FAST.value:
+                reached = _not_believed(reached)
         except KeyboardInterrupt:
             interrupted = True
     if reached is None:
@@ -185,6 +189,12 @@ class _Reached:
     fallbacks: tuple[str, ...] = ()
 
 
+def _not_believed(reached: _Reached) -> _Reached:
+    """The same as no optimum: where the motion cannot be simulated any more, curvature is the integrator's."""
+    certificate = None if reached.certificate is None else replace(reached.certificate, confirmed=False)
+    return replace(reached, solution=replace(reached.solution, status=Status.TOO_FAST), certificate=certificate)
+
+
 def _of(attempt: _Attempt) -> tuple[MotionProblem, Array, Solution]:
     return attempt.problem, attempt.about, attempt.solution
 
@@ -197,7 +207,7 @@ def _confirmed(reached: _Reached, how: How, say: Say) -> _Reached:
     return replace(reached, solution=solution, certificate=certificate)
 
 
-def _trouble(model: MotionModel, reached: _Reached | None) -> str:
+def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> str:
     """Why an optimum is none to be left at, as the beginning of a sentence; "" where there is nothing against it."""
     if reached is None:
         return "no finite prediction at the start"
@@ -207,6 +217,8 @@ def _trouble(model: MotionModel, reached: _Reached | None) -> str:
     low, high = (bound[problem.parameters.index[0]] for bound in problem.bounds)
     if not np.all(np.isfinite(p[free])) or not np.isfinite(solution.objective):
         return "the solution is not finite"
+    if _fast(simulator, problem, p) and not _fast(simulator, problem, start):
+        return Status.TOO_FAST.value
     confirmed = _is_confirmed(reached)
     if not confirmed and solution.steps == 0:
         return "no step was taken"
@@ -223,6 +235,16 @@ def _trouble(model: MotionModel, reached: _Reached | None) -> str:
         if np.any(there := np.isfinite(errors[:, k]) & (problem.weight[:, k] > 0))
     ]
     return "" if any(explained) or not explained else "the predictions are no better than the mean of the readings"
+
+
+def _fast(simulator: Simulator, problem: MotionProblem, p: Array) -> bool:
+    """Whether a motion needs more steps per row than are ever taken: its parameters then show in no reading.
+
+    An inertia that is next to none gives one. Poorly excited recordings lead there: what decays from a noisy reading
+    within rows is noise, and predictions a few rows ahead take it for the vehicle.
+    """
+    shortest = min(run.sample_time for run in problem.runs)
+    return longest_segment(simulator.trace, problem.runs, p) * SEGMENTS < shortest
 
 
 def _fallbacks(
@@ -246,6 +268,9 @@ def _fallbacks(
         return _attempt(simulator, recordings, short.problem.shared(short.solution.x), how, quiet, model.name)
 
     ways: list[tuple[str, Callable[[], _Attempt | None]]] = []
+    if why == Status.TOO_FAST.value:
+        straight = partial(_attempt, simulator, recordings, points[0], how, quiet, model.name, ())
+        ways.append(("the start, without predictions ahead", straight))
     if how.horizon is None or how.horizon > SHORTER:
         ways.append((f"predictions {SHORTER:g} s ahead first", ahead_first))
     for k, p in enumerate(more, 1):
@@ -276,7 +301,7 @@ def _fallbacks(
                 for one in (reached, own)
             )
             gained = (before - after) / max(abs(before), 1e-300) if np.isfinite(before) else np.inf
-        own_trouble = _trouble(model, own)
+        own_trouble = _trouble(simulator, points[0], own)
         least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(own) else LOWER
         if reached is None or gained > least or (gained > -LOWER and not own_trouble):
             reached = own
@@ -335,12 +360,18 @@ def _asked(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution,
 
 
 def _attempt(
-    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    p: Array,
+    how: How,
+    say: Say,
+    name: str,
+    short: Sequence[int] = SHORT_HORIZONS,
 ) -> _Attempt | None:
     """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
     reached: list[_Attempt] = []
     try:
-        for attempt in _on_the_way(simulator, recordings, p, how, say, name):
+        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short):
             if attempt.solution.status is Status.NOT_FINITE:
                 return None
             reached.append(attempt)
@@ -362,23 +393,23 @@ def _attempt(
 
 
 def _on_the_way(
-    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str
+    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str, short: Sequence[int]
 ) -> Iterator[_Attempt]:
     """Growing horizons, then the one that is wanted until the noise has settled."""
     outputs = simulator.trace.model.outputs
     spread = np.array([_spread(recordings, output) for output in outputs])
     noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
     usual = _sample_time(recordings)
-    for rows in SHORT_HORIZONS if how.solver != "ipopt" else ():
+    for rows in short if how.solver != "ipopt" else ():
         if how.horizon is not None and rows * usual >= how.horizon:
             break
-        short = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
+        ahead = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
         solution = gauss_newton(
-            short, short.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
+            ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
         )
-        yield _Attempt(short, p, solution)
+        yield _Attempt(ahead, p, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
-        p, noise = short.shared(solution.x), _residual_noise(short, solution)
+        p, noise = ahead.shared(solution.x), _residual_noise(ahead, solution)
     problem = _problem(simulator, recordings, noise, how, p)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     settled, taken = known and not problem.carries, 0

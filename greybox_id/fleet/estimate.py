@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import chdtri, ndtr
 
-from ..combined import Z
+from ..combined import Z, reach
 from ..files import write_atomically
 from ..parameter import Array
 from ..reports.numbers import number, pretty_unit
-from .drift import CONSTANT, STEP, Drifted, VehicleChange, drifted
-from .hierarchy import Informed, informed, population
+from .apart import Flags
+from .drift import CONSTANT, SLOPE, STEP, Drifted, VehicleChange, drifted
+from .hierarchy import Informed, informed, marginal
 from .states import OK
-from .store import Store
+from .store import ESTIMATED, Store
 from .unit import unpacked
 
 if TYPE_CHECKING:
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 
 MOST = 12
 """Parameters that are estimated together: those that most recordings inform."""
-TAILS = 4.0
-"""Degrees of freedom of Student's t for recordings with a gap, as usual in robust regression (Lange, Little & Taylor,
-Robust statistical modeling using the t distribution, JASA 84 (1989))."""
 LEVEL = 0.95
 FAR = 0.05
 """Rate of false outliers among vehicles."""
@@ -48,7 +46,9 @@ class FleetEstimate:
     population : parameter -> mean and spread, as a table with the columns of the dataset.
     vehicles : vehicle and parameter -> value today, interval, where the next estimate is going to lie.
     drift : vehicle and parameter -> whether it changed, how, by how much and since when.
+    apart : recordings that are set apart, whose fits belong to another optimum or another car, and why.
     used, left_out : recordings; sentence -> how many were left out for it.
+    refitted : how many of them count with their second fit, whose prior was the fleet's.
     over : vehicle -> what its recordings are in order by.
     folder : of the results.
     """
@@ -56,7 +56,9 @@ class FleetEstimate:
     population: pd.DataFrame
     vehicles: pd.DataFrame
     drift: pd.DataFrame
+    apart: pd.DataFrame
     used: int
+    refitted: int
     left_out: Mapping[str, int]
     over: Mapping[str, str]
     folder: Path
@@ -65,11 +67,13 @@ class FleetEstimate:
         """The same as plain data."""
         return {
             "recordings": self.used,
+            "refitted": self.refitted,
             "left_out": dict(self.left_out),
             "population": _records(self.population),
             "vehicles": _records(self.vehicles),
             "drift": _records(self.drift[self.drift["drifts"]]),
             "tested": len(self.drift),
+            "apart": _records(self.apart),
             "prior": str(self.folder / PRIOR),
             "folder": str(self.folder),
         }
@@ -91,12 +95,13 @@ class FleetEstimate:
             spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
             interval = f"[{number(row['low'], 4)}, {number(row['high'], 4)}]"
             lines.append(f"mean     {row['name']} {number(row['mean'], 4)} {interval} {unit}{spread}")
+        lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
         said = self.sentences()
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
         if not said:
             tested = self.drift["vehicle"].nunique()
             lines.append(f"changed  nothing found in {tested} vehicles with enough recordings")
-        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, {PRIOR}"])
+        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}"])
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,61 @@ class _Joined:
     x: list[Array]
     over: list[str]
     rows: pd.DataFrame
+    refitted: int
+
+
+@dataclass(frozen=True)
+class SecondPass:
+    """What is fitted again, and with which priors.
+
+    Attributes
+    ----------
+    keys : of recordings, whose own fit knows a parameter less well than the fleet does, lies apart or is not confirmed.
+    priors : as `greybox fit --prior` takes them.
+    """
+
+    keys: frozenset[str]
+    priors: tuple[str, ...]
+
+    def beside(self, own: Any) -> list[str]:
+        """The priors of a plan that these do not replace."""
+        texts = [f"{name}={value}" for name, value in own.items()] if isinstance(own, Mapping) else own
+        taken = {text.partition("=")[0].strip() for text in self.priors}
+        several = [texts] if isinstance(texts, str) else texts
+        return [text for text in several if text.partition("=")[0].strip() not in taken]
+
+
+def second_pass(store: Store) -> SecondPass:
+    """Which recordings gain by a second fit, with what first fits say of the fleet as prior."""
+    recordings = store.current()
+    joined, _ = _joined(store, recordings, refits=False)
+    if joined is None:
+        return SecondPass(frozenset(), ())
+    found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
+    width = _widths(joined, found)
+    _, covariance = marginal(joined.seen)
+    free = np.diagonal(joined.seen.information, axis1=1, axis2=2) > 0
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    poor = found.apart | np.any(free & (sd > width), axis=1)
+    good = {key for key, own in zip(joined.keys, poor, strict=True) if not own}
+    fitted = recordings[recordings["status"] == OK]["key"]
+    texts = []
+    for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
+        mean = _natural(float(found.population.mean[k]), log)
+        texts.append(_prior_text(name, mean, float(width[k]) * (mean if log else 1.0), unit))
+    return SecondPass(frozenset(str(key) for key in fitted if key not in good), tuple(texts))
+
+
+def _widths(joined: _Joined, found: Drifted) -> Array:
+    """Standard deviation of what a recording of a vehicle that is not known has, in the coordinates of estimates."""
+    own = found.population
+    spread = own.spread if len(joined.vehicles) > 1 else 0.0
+    width: Array = np.sqrt(spread + own.scatter + np.diag(own.mean_covariance))
+    return width
+
+
+def _prior_text(name: str, mean: float, width: float, unit: str) -> str:
+    return f"{name}={mean:.6g}±{width:.3g} {'' if unit == '1' else unit}".rstrip()
 
 
 def estimate(folder: str | Path) -> FleetEstimate:
@@ -142,38 +202,47 @@ def estimate(folder: str | Path) -> FleetEstimate:
     store = Store.existing(folder)
     recordings = store.current()
     joined, left_out = _joined(store, recordings)
+    found: Drifted | None = None
     if joined is None:
-        tables: dict[str, list[dict[str, Any]]] = {"population": [], "vehicles": [], "drift": []}
+        tables: dict[str, list[dict[str, Any]]] = {name: [] for name in ESTIMATED}
         over: dict[str, str] = {}
     else:
-        found = drifted(_weighted(store, joined), joined.order, joined.x)
+        found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
         tables = {
             "population": _population_rows(joined, found),
             "vehicles": _vehicle_rows(joined, found),
             "drift": _drift_rows(joined, found),
+            "apart": _apart_rows(joined, found),
         }
         over = dict(zip(joined.vehicles, joined.over, strict=True))
     for name, rows in tables.items():
         store.replace(name, rows)
-    _write_prior(store.folder, tables["population"], joined)
+    _write_prior(store.folder, tables["population"], joined, found)
     return FleetEstimate(
         population=store.read("population"),
         vehicles=store.read("vehicles"),
         drift=store.read("drift"),
+        apart=store.read("apart"),
         used=0 if joined is None else len(joined.keys),
+        refitted=0 if joined is None else joined.refitted,
         left_out=left_out,
         over=over,
         folder=store.folder,
     )
 
 
-def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dict[str, int]]:
-    """Recordings whose fits can be joined, and why others cannot."""
+def _joined(
+    store: Store, recordings: pd.DataFrame, refits: bool = True
+) -> tuple[_Joined | None, dict[str, int]]:  # fmt: skip
+    """Recordings whose fits can be joined, their second ones where there are, and why others cannot."""
     left_out = Counter[str]()
     for status, count in recordings["status"].value_counts().sort_index().items():
         if status != OK:
             left_out[str(status)] = int(count)
-    kept = recordings[recordings["status"] != "not trusted"].merge(store.read("covariances"), on="key")
+    covariances, again = store.read("covariances"), 0
+    if refits:
+        recordings, covariances, again = _with_refits(store, recordings, covariances)
+    kept = recordings[recordings["status"] != "not trusted"].merge(covariances, on="key")
     missing = int((recordings["status"] == OK).sum()) - int((kept["status"] == OK).sum())
     if missing:
         left_out["no fit, or its optimum is not confirmed"] = missing
@@ -187,7 +256,8 @@ def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dic
     both = [own for own in said if own is not None]
     if not both:
         return None, dict(left_out)
-    information, vector = np.array([own for own, _ in both]), np.array([own for _, own in both])
+    information, vector = np.array([own for own, _, _ in both]), np.array([own for _, own, _ in both])
+    freedom = np.array([own for _, _, own in both])
     here = np.flatnonzero(np.diagonal(information, axis1=1, axis2=2).sum(axis=0) > 0)
     information, vector = information[:, here][:, :, here], vector[:, here]
     names, units, logs = [names[k] for k in here], [units[k] for k in here], [logs[k] for k in here]
@@ -203,9 +273,23 @@ def _joined(store: Store, recordings: pd.DataFrame) -> tuple[_Joined | None, dic
         along = values[first] - values.min()
         x.append(along / along[-1] if along[-1] > 0 else along)
         over.append(by)
-    seen = Informed(information, vector, of, len(vehicles))
+    seen = Informed(information, vector, of, len(vehicles), freedom)
     keys = [str(own) for own in kept["key"]]
-    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept), dict(left_out)
+    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept, again), dict(left_out)
+
+
+def _with_refits(
+    store: Store, recordings: pd.DataFrame, covariances: pd.DataFrame
+) -> tuple[pd.DataFrame, pd.DataFrame, int]:  # fmt: skip
+    """The same with second fits in place of first ones, and how many they are."""
+    second = store.refits()[["key", "refit_of", "status", "verdict"]]
+    second = second[(second["status"] == OK) & second["key"].isin(set(covariances["key"]))]
+    first = dict(zip(second["key"], second["refit_of"], strict=True))
+    verdicts = dict(zip(second["refit_of"], second["verdict"], strict=True))
+    kept = covariances[~covariances["key"].isin(set(verdicts))]
+    kept = kept.assign(key=kept["key"].replace(first))
+    told = recordings["key"].map(verdicts)
+    return recordings.assign(verdict=told.where(told.notna(), recordings["verdict"])), kept, len(first)
 
 
 def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
@@ -220,19 +304,19 @@ def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
     return list(chosen), [unit for unit, _ in chosen.values()], [log for _, log in chosen.values()]
 
 
-def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array] | None:
-    """Information and vector of a recording over all parameters; None where it says nothing."""
+def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array, float] | None:
+    """Information, vector and degrees of freedom of a recording over all parameters; None where it says nothing."""
     own = [str(name) for name in row["names"]]
     covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
     size = np.diag(covariance)
+    sound = np.isfinite(size) & (size > 0) & ~np.asarray(row["at_bound"], dtype=bool)
     taken = [
-        k for k, name in enumerate(own)
-        if name in names and logs[names.index(name)] == bool(row["logarithm"][k])
-        and not bool(row["at_bound"][k]) and np.isfinite(size[k]) and size[k] > 0
+        k for k, (name, log) in enumerate(zip(own, row["logarithm"], strict=True))
+        if sound[k] and name in names and logs[names.index(name)] == bool(log)
     ]  # fmt: skip
     if not taken:
         return None
-    parts = (np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof"))
+    parts = [np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof")]
     try:
         data, vector = informed(covariance[np.ix_(taken, taken)], *parts)
     except (ValueError, np.linalg.LinAlgError):
@@ -242,7 +326,7 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
     places = [names.index(own[k]) for k in taken]
     whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
     whole[np.ix_(places, places)], of[places] = data, vector
-    return whole, of
+    return whole, of, float(np.nanmin(np.append(parts[-1], np.inf)))
 
 
 def _along(rows: pd.DataFrame) -> tuple[Array, str]:
@@ -254,23 +338,11 @@ def _along(rows: pd.DataFrame) -> tuple[Array, str]:
     return np.arange(len(rows), dtype=float), ORDERS[2]
 
 
-def _weighted(store: Store, joined: _Joined) -> Informed:
-    """Recordings with a gap count less the further they lie from their vehicle, by Student's t."""
+def _doubted(store: Store, joined: _Joined) -> Flags:
+    """Recordings with a gap, which count less the further they lie from their vehicle."""
     gaps = store.read("gaps", ["key", "detected"])
     with_gap = set(gaps[gaps["detected"].fillna(False).astype(bool)]["key"])
-    rows = np.array([key in with_gap for key in joined.keys])
-    if not rows.any():
-        return joined.seen
-    seen = joined.seen
-    first = population(seen)
-    size = len(first.mean)
-    residual = seen.vector - (seen.information @ first.vehicle[seen.vehicle][:, :, None])[:, :, 0]
-    mixed = np.linalg.inv(seen.information @ np.diag(first.scatter) + np.eye(size))
-    far = np.array([own @ np.linalg.pinv(info) @ mix @ own for own, info, mix in
-                    zip(residual, seen.information, mixed, strict=True)])  # fmt: skip
-    weight = np.where(rows, (TAILS + size) / (TAILS + np.maximum(far, 0.0)), 1.0)
-    weight = np.minimum(weight, 1.0)
-    return replace(seen, information=seen.information * weight[:, None, None], vector=seen.vector * weight[:, None])
+    return np.array([key in with_gap for key in joined.keys], dtype=bool)
 
 
 def _natural(value: float, log: bool) -> float:
@@ -283,16 +355,16 @@ def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
         mu, sd, tau = float(own.mean[k]), float(np.sqrt(own.mean_covariance[k, k])), float(np.sqrt(own.spread[k]))
         size = _natural(mu, log) if log else 1.0
-        dof = float(own.spread_dof[k])
+        dof, far = float(own.spread_dof[k]), float(reach(own.mean_dof[k]))
         ends = [tau * math.sqrt(dof / chdtri(dof, tail)) for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
         rows.append(
             {
                 "name": name, "unit": unit, "logarithm": log, "mean": _natural(mu, log),
-                "low": _natural(mu - Z * sd, log), "high": _natural(mu + Z * sd, log),
+                "low": _natural(mu - far * sd, log), "high": _natural(mu + far * sd, log),
                 "spread": tau * size if several else math.nan,
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
-                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[:, k, k] > 0)),
+                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
                 "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
             }
         )  # fmt: skip
@@ -303,25 +375,27 @@ def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     own = found.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
+    wander = {(change.vehicle, change.parameter): change.wander for change in found.changes if change.drifts}
     for v, vehicle in enumerate(joined.vehicles):
         mean, covariance = found.today[v], found.covariance[v]
-        mine = joined.order[v]
-        times = joined.rows.iloc[mine]["time"].to_numpy(dtype=float)
+        mine = joined.order[v][~found.apart[joined.order[v]]]
+        times = joined.rows.iloc[joined.order[v]]["time"].to_numpy(dtype=float)
         for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
             sd = math.sqrt(float(covariance[k, k]))
-            further = math.sqrt(float(covariance[k, k] + own.scatter[k]))
+            walked = wander.get((v, k), 0.0) / max(len(joined.order[v]) - 1, 1)  # until the next recording
+            further = math.sqrt(float(covariance[k, k] + own.scatter[k]) + walked)
             shrunken = float(own.spread[k]) - min(float(own.spread[k]), float(own.covariance[v, k, k]))
             apart = float(own.vehicle[v, k] - own.mean[k])
             outlier = apart / math.sqrt(shrunken) if several and shrunken > 0 else math.nan
-            value = float(mean[k])
+            value, far = float(mean[k]), float(reach(own.dof[v, k]))
             rows.append(
                 {
                     "vehicle": vehicle, "name": name, "unit": unit,
                     "recordings": int(np.sum(joined.seen.information[mine, k, k] > 0)),
                     "time": float(np.max(times)) if np.all(np.isfinite(times)) else math.nan,
-                    "value": _natural(value, log), "low": _natural(value - Z * sd, log),
-                    "high": _natural(value + Z * sd, log), "next_low": _natural(value - Z * further, log),
-                    "next_high": _natural(value + Z * further, log), "outlier": outlier,
+                    "value": _natural(value, log), "low": _natural(value - far * sd, log),
+                    "high": _natural(value + far * sd, log), "next_low": _natural(value - far * further, log),
+                    "next_high": _natural(value + far * further, log), "outlier": outlier,
                     "sentence": None,
                 }
             )  # fmt: skip
@@ -346,63 +420,116 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: _Joined, found: Drifted) 
 
 def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     rows = []
+    told = {name: joined.rows[name].to_numpy() for name in ("odometer", "time", "key", "path")}
     for own in found.changes:
         vehicle, name = joined.vehicles[own.vehicle], joined.names[own.parameter]
         unit, log = joined.units[own.parameter], joined.logs[own.parameter]
-        begin = float(found.today[own.vehicle, own.parameter]) - (own.change if own.drifts else 0.0)
-        sd = math.sqrt(own.variance)
-        ends = [own.change + reach * sd for reach in (0.0, -Z, Z)]
-        # of a positive parameter, as a difference from where it began
-        sizes = [_natural(begin + end, log) - _natural(begin, log) for end in ends] if log else ends
-        last = joined.order[own.vehicle]
-        at = joined.rows.iloc[int(last[own.at if own.kind == STEP else 0])]
-        by = joined.over[own.vehicle]
-        place = float(at[by]) if by in ("odometer", "time") else float(max(own.at, 0))
+        now = float(found.today[own.vehicle, own.parameter])
+        begin = own.begin if own.drifts else now
+        size, sd = own.change, math.sqrt(own.variance)
+        if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
+            size = _natural(begin + own.change, log) - _natural(begin, log)
+            along = _natural(begin + own.change, log)
+            sd = math.sqrt(
+                along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared
+            )
+        sizes = [size, size - Z * sd, size + Z * sd]
+        order, by = joined.order[own.vehicle], joined.over[own.vehicle]
+        stepped = own.kind == STEP
+        of = [int(order[k if stepped else 0]) for k in (own.at, own.earliest, own.latest)]
+        places = [
+            float(told[by][at]) if by in ORDERS[:2] else float(max(k, 0))
+            for at, k in zip(of, (own.at, own.earliest, own.latest), strict=True)
+        ]
+        times = [float(told["time"][at]) for at in of]
+        dates = [_date(time, str(told["path"][at])) for time, at in zip(times, of, strict=True)]
+        early, late = (places[1:], times[1:]) if stepped else ([math.nan] * 2, [math.nan] * 2)
         rows.append(
             {
                 "vehicle": vehicle, "name": name, "unit": unit, "model": own.kind if own.drifts else CONSTANT,
                 "over": by, "probability": own.probability, "p": own.p, "drifts": own.drifts, "change": sizes[0],
-                "low": sizes[1], "high": sizes[2], "at": place, "at_time": float(at["time"]), "at_key": str(at["key"]),
-                "recordings": len(last),
-                "sentence": _told(own, vehicle, name, unit, log, begin, sizes, at) if own.drifts else None,
+                "low": sizes[1], "high": sizes[2], "at": places[0], "at_low": early[0], "at_high": early[1],
+                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(told["key"][of[0]]),
+                "recordings": len(order),
+                "sentence": _told(own, vehicle, name, unit, log, sizes, dates) if own.drifts else None,
             }
         )  # fmt: skip
     return rows
 
 
+def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+    """Recordings that are set apart, by the parameter in which their fits lie furthest off."""
+    rows: list[dict[str, Any]] = []
+    far, scatter = found.distances, found.population.scatter
+    for j in np.flatnonzero(found.apart):
+        at = _rows(joined.rows.iloc[[int(j)]])[0]
+        own = list(at["names"])
+        of_fit = np.sqrt(np.diag(unpacked(np.asarray(at["lower"], dtype=float), len(own))))
+        places = [(k, own.index(name)) for k, name in enumerate(joined.names) if name in own]
+        centres = [float(at["centre"][of]) for _, of in places]
+        widths = [math.sqrt(far.sd[j, k] ** 2 + scatter[k] + of_fit[of] ** 2) for k, of in places]
+        off = [abs(c - far.at[j, k]) / w for c, w, (k, _) in zip(centres, widths, places, strict=True)]
+        worst = int(np.nanargmax(off))
+        k, width = places[worst][0], widths[worst]
+        name, unit, log = joined.names[k], joined.units[k], joined.logs[k]
+        value, middle = _natural(centres[worst], log), float(far.at[j, k])
+        low, high = (_natural(middle + end * width, log) for end in (-Z, Z))
+        rows.append(
+            {
+                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]), "time": float(at["time"]),
+                "name": name, "unit": unit, "value": value, "low": low, "high": high,
+                "distance": float(far.square[j]) ** 0.5, "p": float(far.p[j]),
+                "sentence": _why_apart(str(at["path"]), name, unit, value, (low, high), float(far.square[j]) ** 0.5),
+            }
+        )  # fmt: skip
+    return rows
+
+
+def _why_apart(
+    path: str, name: str, unit: str, value: float, ends: tuple[float, float], distance: float
+) -> str:  # fmt: skip
+    low, high = ends
+    if low <= value <= high:
+        where = f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+    else:
+        own = f"{number(value, 3)} {pretty_unit(unit)}".strip()
+        where = f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+    return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
+
+
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, begin: float, sizes: Sequence[float], at: Any
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], dates: Sequence[str]
 ) -> str:  # fmt: skip
     interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
     share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
     size = f"{'+' if sizes[0] > 0 else ''}{number(sizes[0], 2)} {interval}{share}"
     likely = f"probability {own.probability:.2f}"
     if own.kind != STEP:
-        return f"{vehicle}: {name} drifted by {size} over its recordings, {likely}"
-    time = float(at["time"])
-    since = f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {at['path']}"
-    return f"{vehicle}: {name} {size} since {since}, {likely}"
+        verb = "drifted" if own.kind == SLOPE else "wandered"
+        return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
+    since, early, late = dates
+    between = f" [{early}, {late}]" if early != late else ""
+    return f"{vehicle}: {name} {size} since {since}{between}, {likely}"
 
 
-def _write_prior(folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None) -> None:
+def _date(time: float, path: str) -> str:
+    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {path}"
+
+
+def _write_prior(
+    folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None, found: Drifted | None
+) -> None:  # fmt: skip
     """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
     lines = [
         "# Prior for a vehicle of this fleet that has no recordings yet, as defaults of a fit.",
         "[fit]",
         "prior = [",
     ]
-    for row in rows:
-        if math.isfinite(row["spread"]):
-            width = math.hypot(row["tau"], row["mu_sd"]) * (row["mean"] if row["logarithm"] else 1.0)
-            lines.append(
-                f'    "{row["name"]}={row["mean"]:.6g}±{width:.3g} {_written(row["unit"])}",'.replace(' ",', '",')
-            )
-    assert joined is not None or not rows
+    for k, row in enumerate(rows):
+        if joined is not None and found is not None and math.isfinite(row["spread"]):
+            width = float(_widths(joined, found)[k]) * (row["mean"] if row["logarithm"] else 1.0)
+            lines.append(f'    "{_prior_text(row["name"], row["mean"], width, row["unit"])}",')
     write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)
-
-
-def _written(unit: str) -> str:
-    return "" if unit == "1" else unit
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

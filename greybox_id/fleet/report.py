@@ -73,6 +73,7 @@ def _document(store: Store, how_far: FleetStatus, found: FleetEstimate, vehicle:
     if vehicle is None:
         parts += titled("Population", _population(found), *_ranks(found))
     parts += titled("Vehicles", _vehicles(found, names))
+    parts += titled("Recordings set apart", _apart(found, names))
     parts += titled("Gaps", _gaps(store, names))
     parts += titled("Recordings", _states(how_far, names), *_broken(store, names))
     parts += titled("How it was made", _made(store, found))
@@ -94,6 +95,9 @@ def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Ite
     else:
         yield "changed", "No vehicle has enough recordings to say."
     yield "apart", f"{counted(apart['vehicle'].nunique(), 'vehicle')} from the rest of the fleet."
+    set_apart = int(found.apart["vehicle"].isin(names).sum())
+    if set_apart:
+        yield "set apart", f"{counted(set_apart, 'recording')}, whose fit ended in another optimum, or of another car."
     counts = [how_far.vehicles[name] for name in names]
     broken = sum(sum(own.get(state, 0) for state in ("failed", "timeout", "memory")) for own in counts)
     distrusted = sum(own.get("not trusted", 0) for own in counts)
@@ -135,6 +139,12 @@ def _vehicles(found: FleetEstimate, names: list[str]) -> Table:
             )  # fmt: skip
     head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd from mean", "recordings")
     return Table(head, tuple(rows), "llrlllrr")
+
+
+def _apart(found: FleetEstimate, names: list[str]) -> Points:
+    """Which recordings do not count, and why."""
+    own = found.apart[found.apart["vehicle"].isin(names)]
+    return Points(tuple(own["sentence"].head(MOST_BROKEN)))
 
 
 def _gaps(store: Store, names: list[str]) -> Table:
@@ -204,7 +214,8 @@ def _changes(store: Store, found: FleetEstimate, names: list[str]) -> Iterator[P
                 f"drift_{own['vehicle']}_{own['name']}",
                 figure,
                 f"{own['sentence'] or own['vehicle'] + ': ' + own['name'] + ', no change found'}. Dots are fits of "
-                "single recordings with their standard errors, the line is what was found of the vehicle.",
+                "single recordings with their standard errors, but for those set apart; the line is what was found of "
+                "the vehicle, the band holds the date of a step with a probability of 95 %.",
                 f"{own['name']} of {own['vehicle']} along its recordings.",
             )
 
@@ -214,7 +225,7 @@ def _change(
 ) -> Sheet | None:
     mine = recordings[recordings["vehicle"] == own["vehicle"]]
     points = parameters[parameters["name"] == own["name"]].merge(mine[["key", "path", "odometer"]], on="key")
-    points = points[np.isfinite(points["sd"])].sort_values("path", kind="stable")
+    points = points[np.isfinite(points["sd"]) & ~points["key"].isin(set(found.apart["key"]))].sort_values("path", kind="stable")
     if points.empty:
         return None
     over = own["over"]
@@ -235,6 +246,8 @@ def _change(
         at = float(_axis(np.array([own["at"]]), over, begin)[0][0])
         before = now - own["change"]
         ax.plot([ends[0], at, at, ends[1]], [before, before, now, now], **level)
+        early, late = (float(_axis(np.array([own[end]]), over, begin)[0][0]) for end in ("at_low", "at_high"))
+        ax.axvspan(early, late, color=PALE, linewidth=0.0, zorder=0)
         ax.axvline(at, **look(INK, 0.6, dashes=DASHED))
     else:
         ax.plot(ends, [now - own["change"], now], **level)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,9 +17,10 @@ from ..guard import protect
 from ..processes import duration
 from .contained import Broken
 from .engines import engine as engine_of
+from .estimate import second_pass
 from .manifest import FleetEntry, entries
 from .plan import FleetPlan, plan_of
-from .states import FAILED, MEMORY, OK, TIMEOUT
+from .states import FAILED, FIT, MEMORY, OK, TIMEOUT
 from .store import OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 
@@ -97,6 +99,7 @@ class FleetRun:
     failed : of the fleet's recordings, how many have no result: failed, over a limit of time or of memory.
     not_trusted : how many the check forbids trusting.
     skipped : done by earlier runs.
+    refitted : fitted again by this run, with what the fleet has as their prior.
     cpu_seconds, seconds : of the processor in units of work, and by the clock.
     folder : where the results are.
     """
@@ -106,6 +109,7 @@ class FleetRun:
     failed: int
     not_trusted: int
     skipped: int
+    refitted: int
     cpu_seconds: float
     seconds: float
     folder: Path
@@ -116,9 +120,10 @@ class FleetRun:
 
     def summary(self) -> str:
         """The same in lines."""
+        again = f"again    {self.refitted} fitted with the fleet's mean and spread as prior\n" if self.refitted else ""
         return (
             f"fleet    {self.recordings} recordings: {self.done} done, {self.skipped} were before; {self.failed} "
-            f"without a result, {self.not_trusted} not to be trusted\n"
+            f"without a result, {self.not_trusted} not to be trusted\n{again}"
             f"took     {duration(self.seconds)}, {self.cpu_seconds:.1f} CPU s\n"
             f"written  {self.folder}   next: greybox fleet estimate {self.folder}"
         )
@@ -134,6 +139,7 @@ def run(
     only: Literal["all", "changed"] = "all",
     retry_failed: bool = False,
     compact: bool = False,
+    refit: bool = False,
     progress: Watch | None = None,
 ) -> FleetRun:
     """Check, fit and diagnose the recordings of a fleet; what is done already is not done again.
@@ -150,6 +156,7 @@ def run(
     only : "changed" takes files whose size and time of change are as they were for unchanged, and does not read them.
     retry_failed : do again what failed or met a limit.
     compact : write the results as one part each, without those of recordings that changed or are gone.
+    refit : in the end fit what is poorly excited or lies apart again, once, with the fleet's mean and spread as prior.
     progress : is handed the progress as it goes.
 
     Returns
@@ -188,6 +195,7 @@ def run(
         write_atomically(store.folder / "fleet.json", _origin(asked), continued=True)
         done = store.done()
         wanted = {entry.key for entry in fleet}
+        wanted |= {_again(key) for key in wanted}
         again = {key for key, status in done.items() if retry_failed and status in BROKEN and key in wanted}
         if again or compact:
             store.keep({key for key in done if key not in again and (key in wanted or not compact)})
@@ -196,14 +204,17 @@ def run(
         shown = FleetProgress(todo=len(todo), skipped=len(fleet) - len(todo))
         if todo:
             _work(asked, store, todo, (engine, jobs, scheduler), shown, watch)
-        statuses = Counter(store.done()[entry.key] for entry in fleet)
+        second = _refitted(asked, store, fleet, (engine, jobs, scheduler), watch) if refit else FleetProgress()
+        done = store.done()
+        statuses = Counter(done[entry.key] for entry in fleet)
     return FleetRun(
         recordings=len(fleet),
         done=shown.done,
         failed=sum(statuses[status] for status in BROKEN),
         not_trusted=statuses["not trusted"],
         skipped=shown.skipped,
-        cpu_seconds=round(shown.cpu_seconds, 3),
+        refitted=second.done,
+        cpu_seconds=round(shown.cpu_seconds + second.cpu_seconds, 3),
         seconds=round(time.monotonic() - began, 3),
         folder=store.folder,
     )
@@ -216,14 +227,15 @@ def _work(
     on: tuple[str, int, str | None],
     shown: FleetProgress,
     watch: Watch,
+    refit_of: Mapping[str, str] | None = None,
 ) -> None:
     """Have it all done, and keep what comes of it."""
-    by_key = {entry.key: entry for entry in todo}
+    by_key, firsts = {entry.key: entry for entry in todo}, refit_of or {}
     journal = store.journal()
 
     def take(result: dict[str, Any]) -> None:
         entry = by_key[result["key"]]
-        journal.add(rows_of(entry, result))
+        journal.add(rows_of(entry, result, firsts.get(entry.key)))
         shown.took(entry.vehicle, result)
         watch(shown)
 
@@ -241,6 +253,33 @@ def _work(
         raise BadInput(str(error)) from error
     finally:
         journal.settle()
+
+
+def _refitted(
+    plan: FleetPlan, store: Store, fleet: list[FleetEntry], on: tuple[str, int, str | None], watch: Watch
+) -> FleetProgress:  # fmt: skip
+    """Fit again what gains by the fleet's prior; what was fitted again once is left as it is.
+
+    The prior is kept with each fit and is taken off when fits are joined, whatever it was then. So a fleet that grows
+    need not do its second pass anew.
+    """
+    if FIT not in plan.steps:
+        raise BadInput(f"{plan.file}: a second pass repeats the step fit, which steps does not have.")
+    found, done = second_pass(store), store.done()
+    todo = [replace(entry, key=_again(entry.key)) for entry in fleet if entry.key in found.keys]
+    todo = [entry for entry in todo if entry.key not in done]
+    shown = FleetProgress(todo=len(todo), skipped=len(found.keys) - len(todo))
+    if todo:
+        own = plan.options.get(FIT, {})
+        fit = {**own, "prior": [*found.beside(own.get("prior", ())), *found.priors]}
+        second = replace(plan, steps=(FIT,), options={**plan.options, FIT: fit})
+        _work(second, store, todo, on, shown, watch, {_again(key): key for key in found.keys})
+    return shown
+
+
+def _again(key: str) -> str:
+    """The key of a recording's second fit."""
+    return hashlib.sha256(f"{key} again".encode()).hexdigest()
 
 
 def _drained(results: Iterator[dict[str, Any]], take: Callable[[dict[str, Any]], None], journal: Journal) -> None:
@@ -263,10 +302,12 @@ def _jobs(plan: FleetPlan, todo: list[FleetEntry]) -> Iterator[str]:
         yield json.dumps({**common, **own, **plan.options})
 
 
-def rows_of(entry: FleetEntry, result: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """The rows of all datasets that a result is."""
+def rows_of(
+    entry: FleetEntry, result: Mapping[str, Any], refit_of: str | None = None
+) -> dict[str, list[dict[str, Any]]]:  # fmt: skip
+    """The rows of all datasets that a result is; `refit_of` is the key of the first fit where it is the second."""
     own = {"key": entry.key, "vehicle": entry.vehicle, "time": entry.time}
-    named = {"path": entry.path, "odometer": entry.odometer, "tags": entry.tags}
+    named = {"path": entry.path, "odometer": entry.odometer, "tags": entry.tags, "refit_of": refit_of}
     told = {name: value for name, value in result.items() if name not in OF_RESULTS}
     rows: dict[str, list[dict[str, Any]]] = {"recordings": [{**told, **own, **named}]}
     for name in OF_RESULTS[1:]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-SCHEMA = "1"
+SCHEMA = "2"
 """Version of the columns; kept in every file."""
 MARK = "greybox_fleet"
 JOURNAL, LOCK = "journal", ".lock"
@@ -32,7 +32,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     "recordings": {
         "key": TEXT, "path": TEXT, "vehicle": TEXT, "time": NUMBER, "odometer": NUMBER, "tags": TEXT, "rows": COUNT,
         "seconds": NUMBER, "verdict": TEXT, "reasons": "texts", "findings": "texts", "status": TEXT, "sentence": TEXT,
-        "cpu_s": NUMBER, "peak_mb": NUMBER, "version": TEXT,
+        "cpu_s": NUMBER, "peak_mb": NUMBER, "version": TEXT, "refit_of": TEXT,
     },
     "parameters": {
         "key": TEXT, "vehicle": TEXT, "time": NUMBER, "name": TEXT, "unit": TEXT, "value": NUMBER, "sd": NUMBER,
@@ -61,13 +61,20 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     },
     "drift": {
         "vehicle": TEXT, "name": TEXT, "unit": TEXT, "model": TEXT, "over": TEXT, "probability": NUMBER, "p": NUMBER,
-        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_time": NUMBER, "at_key": TEXT,
-        "recordings": COUNT, "sentence": TEXT,
+        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_low": NUMBER, "at_high": NUMBER,
+        "at_time": NUMBER, "at_time_low": NUMBER, "at_time_high": NUMBER, "at_key": TEXT, "recordings": COUNT,
+        "sentence": TEXT,
+    },
+    "apart": {
+        "key": TEXT, "path": TEXT, "vehicle": TEXT, "time": NUMBER, "name": TEXT, "unit": TEXT, "value": NUMBER,
+        "low": NUMBER, "high": NUMBER, "distance": NUMBER, "p": NUMBER, "sentence": TEXT,
     },
 }  # fmt: skip
 """Dataset -> column -> kind. Units are SI; time is s since 1970 in UTC, odometer m."""
 OF_RESULTS = ("recordings", "parameters", "covariances", "gaps")
 """Datasets that a run adds to; the others are made anew each time, in one file."""
+ESTIMATED = ("population", "vehicles", "drift", "apart")
+"""Those that an estimate makes."""
 
 
 class Store:
@@ -142,6 +149,12 @@ class Store:
         keys = self.read("manifest", ["key"])["key"]
         recordings = self.read("recordings")
         return recordings[recordings["key"].isin(set(keys))].reset_index(drop=True)
+
+    def refits(self) -> pd.DataFrame:
+        """Rows of recordings that the fleet has now and that were fitted again, by the keys of their first fits."""
+        keys = self.read("manifest", ["key"])["key"]
+        recordings = self.read("recordings")
+        return recordings[recordings["refit_of"].isin(set(keys))].reset_index(drop=True)
 
     def parts(self, name: str) -> list[Path]:
         """The files of a dataset, oldest first."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -190,9 +191,16 @@ def packed(matrix: Array) -> Array:
 
 def unpacked(lower: Sequence[float] | Array, size: int) -> Array:
     """The symmetric matrix of a lower triangle."""
-    matrix = np.zeros((size, size))
-    matrix[np.tril_indices(size)] = lower
-    return matrix + np.tril(matrix, -1).T
+    rows, columns = _triangle(size)
+    matrix = np.empty((size, size))
+    matrix[rows, columns] = matrix[columns, rows] = lower
+    return matrix
+
+
+@lru_cache(maxsize=64)
+def _triangle(size: int) -> tuple[Any, Any]:
+    rows, columns = np.tril_indices(size)
+    return rows, columns
 
 
 def in_logarithm(parameter: Parameter, model: Model) -> bool:

@@ -53,6 +53,7 @@ class Status(Enum):
         "progress became negligible before convergence; further steps would change the fit by far less than its error"
     )
     STALLED = "no step improved the fit further, though the gradient is not zero"
+    TOO_FAST = "the motion became faster than rows can show"
     NOT_FINITE = "the model is not finite at the starting point"
 
 

@@ -10,6 +10,7 @@ from verdicts import racing
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.datasets.virtual_vehicle import steered, vehicle_file_text
 from greybox_id.fitting import How, fit
 from greybox_id.fitting import motion as motion_fits
 from greybox_id.models.registry import build
@@ -67,3 +68,44 @@ def test_a_race_that_begins_at_rest_is_confirmed_without_fallbacks():
     found = fit(build("lateral", None, {}, vehicle("roboracer")), [lap], validate=other)
     assert found.confirmed
     assert found.stages[0].fallbacks == ()
+
+
+@pytest.fixture(scope="module")
+def poorly_excited():
+    """A recording whose noisy readings, predicted a few rows ahead, look like an inertia of next to none."""
+    from fleet import RATE, class_of, made_vehicle, manoeuvre
+
+    rng, base = np.random.default_rng(13), class_of(13)
+    for v in range(3):  # the second recording of the third vehicle of the benchmark of fleets
+        car, truth = made_vehicle(base, rng)
+        for r in range(8):
+            (steer, speed), seed = manoeuvre(rng, 30.0, r % 2 == 1), int(rng.integers(1 << 31))
+            if (v, r) == (2, 1):
+                return base, truth, steered(car, "poor", steer, speed, RATE, seed=seed)[0]
+    raise AssertionError
+
+
+def of_class(base, folder):
+    (folder / "class.toml").write_text(vehicle_file_text(base))
+    found = build("lateral", None, {}, vehicle(str(folder / "class.toml")))
+    held = [replace(found[name], fixed=True, prior=None) for name in ("m", "C_f", "C_r", "D_f", "D_r")]
+    return found.with_parameters(*held)
+
+
+def test_an_inertia_of_next_to_none_is_left_for_the_optimum(poorly_excited, tmp_path):
+    base, truth, recording = poorly_excited
+    found = fit(of_class(base, tmp_path), [recording])
+    assert found.confirmed
+    low, high = found.interval("I_z")
+    assert low < truth["I_z"] < high
+    assert found.stages[0].fallbacks[0].startswith("the start, without predictions ahead: objective ")
+
+
+def test_where_nothing_better_is_found_it_is_no_optimum(poorly_excited, tmp_path, monkeypatch):
+    base, truth, recording = poorly_excited
+    monkeypatch.setattr(motion_fits, "_fallbacks", lambda *_: iter(()))
+    found = fit(of_class(base, tmp_path), [recording])
+    assert float(found.model["I_z"].array) < 0.01 * truth["I_z"]
+    assert not found.confirmed
+    assert not np.isfinite(found.interval("I_z")[0])
+    assert any("faster than rows can show" in words for words in found.verdict.reasons)

@@ -1,6 +1,8 @@
 """Vehicles of a population: intervals hold, poor recordings borrow from good ones, priors are counted once."""
 
 import numpy as np
+import pytest
+from scipy.special import stdtrit
 
 from greybox_id.fleet.hierarchy import Informed, informed, population
 
@@ -79,3 +81,51 @@ def test_one_vehicle_is_a_population_of_one():
     truth, seen = fleet(np.random.default_rng(5), vehicles=1, each=20)
     found = population(seen)
     assert np.all(np.abs(found.vehicle[0] - truth[0]) < 0.1)
+
+
+@pytest.mark.parametrize(("vehicles", "each", "spread"), [(4, 6, 0.1), (5, 3, 0.1), (6, 6, 0.05)])
+def test_intervals_of_few_vehicles_know_that_spreads_were_estimated(vehicles, each, spread):
+    held, known = [], []
+    for seed in range(30):
+        truth, seen = fleet(np.random.default_rng(seed), vehicles, each, spread=spread)
+        found = population(seen)
+        off = np.abs(found.vehicle - truth)
+        held.append(off < stdtrit(found.dof, 0.975) * np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2)))
+        given = found.covariance - found.unsure
+        known.append(off < 1.96 * np.sqrt(np.diagonal(given, axis1=1, axis2=2)))
+    assert 0.92 <= np.mean(held) <= 0.99
+    assert np.mean(held) > np.mean(known) + 0.02  # which is what they are there for
+
+
+def test_the_likelihood_is_flat_where_scoring_ends():
+    _, seen = fleet(np.random.default_rng(8), vehicles=15)
+    found = population(seen)
+    again = population(seen, found)
+    assert np.allclose(found.spread, again.spread, rtol=1e-2)
+    assert np.allclose(found.scatter, again.scatter, rtol=1e-2)
+    best = restricted(seen, found.spread, found.scatter)
+    for k in range(3):
+        for factor in (0.7, 1.4):
+            other = found.spread.copy()
+            other[k] *= factor
+            assert restricted(seen, other, found.scatter) < best
+
+
+def restricted(seen, spread, scatter):
+    """The restricted likelihood, from whole covariance matrices."""
+    size, total, left, right, square = len(spread), 0.0, 0.0, 0.0, 0.0
+    for rows in seen.groups:
+        count = len(rows)
+        covariance = np.kron(np.ones((count, count)), np.diag(spread))
+        y = np.zeros(count * size)
+        for k, j in enumerate(rows):
+            here = slice(k * size, (k + 1) * size)
+            own = np.linalg.inv(seen.information[j])
+            covariance[here, here] += own + np.diag(scatter)
+            y[here] = own @ seen.vector[j]
+        design = np.tile(np.eye(size), (count, 1))
+        inverse = np.linalg.inv(covariance)
+        total -= 0.5 * np.linalg.slogdet(covariance)[1]
+        left, right, square = left + design.T @ inverse @ design, right + design.T @ inverse @ y, square + y @ inverse @ y
+    mean = np.linalg.solve(left, right)
+    return total - 0.5 * np.linalg.slogdet(left)[1] - 0.5 * (square - right @ mean)

@@ -10,7 +10,7 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_id.fleet import manifest as manifest_module
-from greybox_id.fleet.store import COLUMNS, OF_RESULTS
+from greybox_id.fleet.store import COLUMNS, OF_RESULTS, SCHEMA
 
 
 def test_every_recording_is_a_row_and_what_failed_has_a_sentence(fleet):
@@ -33,7 +33,7 @@ def test_every_recording_is_a_row_and_what_failed_has_a_sentence(fleet):
 def test_datasets_have_the_columns_that_are_documented(fleet, name):
     _, results, _ = fleet
     assert list(pd.read_parquet(results / name).columns) == list(COLUMNS[name])
-    assert pq.read_schema(next((results / name).glob("*.parquet"))).metadata[b"greybox_fleet_schema"] == b"1"
+    assert pq.read_schema(next((results / name).glob("*.parquet"))).metadata[b"greybox_fleet_schema"] == SCHEMA.encode()
 
 
 def test_estimates_are_near_the_car_that_was_driven(fleet):
@@ -155,3 +155,41 @@ def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
     )
     with pytest.raises(gb.BadInput, match="there is no engine 'ray'"):
         gb.fleet.run(plan, tmp_path / "R", engine="ray")
+
+
+def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(fleet, tmp_path):
+    plan, results, _ = fleet
+    shutil.copytree(results, tmp_path / "R")
+    before = pd.read_parquet(results / "parameters")
+    covariances = pd.read_parquet(tmp_path / "R" / "covariances")
+    poor = covariances["key"].iloc[0]
+    rows = covariances["key"] == poor  # as of a recording that tells next to nothing
+    covariances.loc[rows, "lower"] = covariances.loc[rows, "lower"].map(lambda own: own * 1e4)
+    from greybox_id.fleet.store import Store
+
+    Store(tmp_path / "R").replace("covariances", covariances.to_dict("records"))
+    again = greybox("fleet", "run", plan, "--out", tmp_path / "R", "--second-pass", "--json").told
+    assert again["done"] == 0
+    assert 1 <= again["refitted"] <= 6
+    rows = pd.read_parquet(tmp_path / "R" / "recordings")
+    second = rows[rows["refit_of"].notna()]
+    assert poor in set(second["refit_of"])
+    assert rows["key"].is_unique
+    assert len(second) == again["refitted"]
+    own = pd.read_parquet(tmp_path / "R" / "covariances").set_index("key").loc[second["key"].iloc[0]]
+    assert all(0 < sd < float("inf") for sd in own["prior_sd"])
+    kept = pd.read_parquet(tmp_path / "R" / "parameters")
+    assert set(before["key"]) <= set(kept["key"])
+    told = greybox("fleet", "estimate", tmp_path / "R", "--json").told
+    assert told["refitted"] == again["refitted"]
+    assert greybox("fleet", "status", tmp_path / "R", "--json").told["statuses"] == {"failed": 2, "ok": 6}
+    compact = greybox("fleet", "run", plan, "--out", tmp_path / "R", "--second-pass", "--compact", "--json").told
+    assert compact["refitted"] == 0
+    assert len(pd.read_parquet(tmp_path / "R" / "recordings")) == 8 + again["refitted"]
+
+
+def test_a_second_pass_needs_fits(fleet, tmp_path):
+    plan, _, _ = fleet
+    alone = plan.with_name("checked.toml")
+    alone.write_text('recordings = "data/V0/*.csv"\nvehicle = "car.toml"\nsteps = ["check"]\n')
+    assert "which steps does not have" in refused("fleet", "run", alone, "--out", tmp_path / "R", "--second-pass")
