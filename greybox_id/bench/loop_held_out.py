@@ -52,9 +52,10 @@ def held_out(scene: Scene, share: float, seconds: float = SECONDS) -> Recording:
 def _track(scene: Scene, share: float) -> RaceTrack:
     """The track, with speeds that use a share of what the vehicle really has."""
     size = scene.stated.size
-    weaker = scene.effects.get("grip_scale", 1.0) / scene.effects.get("mass_change", 1.0)
-    grip, drive, brake = (share * weaker * own for own in (size.grip, size.drive, size.brake))
-    return track(NARROWEST * size.length, HALF_WIDTH * size.length, Usage(grip, drive, brake, size.top_speed))
+    grip = share * scene.effects.get("grip_scale", 1.0)
+    pulls = grip / scene.effects.get("mass_change", 1.0)  # a payload presses on the tyres too, but no motor pulls harder
+    use = Usage(grip * size.grip, pulls * size.drive, pulls * size.brake, size.top_speed)
+    return track(NARROWEST * size.length, HALF_WIDTH * size.length, use)
 
 
 def _pursued(path: RaceTrack, s: float, now: Mapping[str, float], wheelbase: float) -> float:
