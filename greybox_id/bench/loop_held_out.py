@@ -53,7 +53,9 @@ def _track(scene: Scene, share: float) -> RaceTrack:
     """The track, with speeds that use a share of what the vehicle really has."""
     size = scene.stated.size
     grip = share * scene.effects.get("grip_scale", 1.0)
-    pulls = grip / scene.effects.get("mass_change", 1.0)  # a payload presses on the tyres too, but no motor pulls harder
+    pulls = grip / scene.effects.get(
+        "mass_change", 1.0
+    )  # a payload presses on the tyres too, but no motor pulls harder
     use = Usage(grip * size.grip, pulls * size.drive, pulls * size.brake, size.top_speed)
     return track(NARROWEST * size.length, HALF_WIDTH * size.length, use)
 

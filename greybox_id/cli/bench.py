@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +133,7 @@ def loop_command(
         show(tables(found))
 
 
-def _say(told: Mapping[str, Any], parts: list[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
+def _say(told: Mapping[str, Any], parts: Iterable[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
     """What was measured, and where it was written."""
     if as_json:
         written = {"written": str(file)} if file else {}

@@ -340,7 +340,8 @@ def _fixed(
 
 def _dated(evidence: Array) -> tuple[int, int]:
     """First and last place of a step in the shortest interval that holds 95 % of the posterior; places are as likely
-    before anything is seen."""
+    before anything is seen.
+    """
     share = np.exp(evidence - np.max(evidence))
     share /= np.sum(share)
     reached = np.concatenate([[0.0], np.cumsum(share)])

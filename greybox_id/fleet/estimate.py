@@ -430,9 +430,7 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
             size = _natural(begin + own.change, log) - _natural(begin, log)
             along = _natural(begin + own.change, log)
-            sd = math.sqrt(
-                along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared
-            )
+            sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
         sizes = [size, size - Z * sd, size + Z * sd]
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
@@ -490,10 +488,14 @@ def _why_apart(
 ) -> str:  # fmt: skip
     low, high = ends
     if low <= value <= high:
-        where = f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+        where = (
+            f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+        )
     else:
         own = f"{number(value, 3)} {pretty_unit(unit)}".strip()
-        where = f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+        where = (
+            f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+        )
     return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
 
 
