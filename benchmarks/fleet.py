@@ -419,7 +419,10 @@ def few(folder: Path, args: argparse.Namespace) -> dict:
             held.append(off < stdtrit(own.dof, 0.975) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)))
             given = own.covariance - own.unsure  # as if T and W were known
             plain.append(off < 1.96 * np.sqrt(np.diagonal(given, axis1=1, axis2=2)))
-        found[f"{vehicles} vehicles"] = {"held": float(np.mean(held)), "held_if_spread_were_known": float(np.mean(plain))}
+        found[f"{vehicles} vehicles"] = {
+            "held": float(np.mean(held)),
+            "held_if_spread_were_known": float(np.mean(plain)),
+        }
     return found
 
 

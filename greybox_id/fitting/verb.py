@@ -49,7 +49,9 @@ from .pretraining import Pretraining
 
 __all__ = ["How", "Say", "Solver", "fit"]
 
-NO_OPTIMUM = {own.value for own in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)}
+NO_OPTIMUM = {
+    own.value for own in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)
+}
 """How a training of weights may end that leaves no optimum to be uncertain about. One that crept or stopped early is as
 near as its error allows."""
 

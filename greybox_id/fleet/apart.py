@@ -1,7 +1,7 @@
 """Recordings that lie apart: their estimate belongs to another optimum than those of the rest, or to another car.
 
-A fit that ends in another optimum has an interval of its own, which may be narrow, and is far from the truth. Beside the
-other recordings of its vehicle and the vehicles of the fleet it shows: it lies further off than its covariance, the
+A fit that ends in another optimum has an interval of its own, which may be narrow, and is far from the truth. Beside
+the other recordings of its vehicle and the vehicles of the fleet it shows: it lies further off than its covariance, the
 scatter of recordings and the vehicle's own interval allow, at a rate of false ones that counts all recordings
 (Bonferroni). Such recordings are left out of what is estimated together, and named.
 

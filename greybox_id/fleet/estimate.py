@@ -364,7 +364,8 @@ def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
                 "spread": tau * size if several else math.nan,
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
-                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
+                "vehicles": len(joined.vehicles),
+                "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
                 "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
             }
         )  # fmt: skip
@@ -430,9 +431,7 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
             size = _natural(begin + own.change, log) - _natural(begin, log)
             along = _natural(begin + own.change, log)
-            sd = math.sqrt(
-                along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared
-            )
+            sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
         sizes = [size, size - Z * sd, size + Z * sd]
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
@@ -476,8 +475,8 @@ def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         low, high = (_natural(middle + end * width, log) for end in (-Z, Z))
         rows.append(
             {
-                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]), "time": float(at["time"]),
-                "name": name, "unit": unit, "value": value, "low": low, "high": high,
+                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]),
+                "time": float(at["time"]), "name": name, "unit": unit, "value": value, "low": low, "high": high,
                 "distance": float(far.square[j]) ** 0.5, "p": float(far.p[j]),
                 "sentence": _why_apart(str(at["path"]), name, unit, value, (low, high), float(far.square[j]) ** 0.5),
             }
@@ -490,10 +489,14 @@ def _why_apart(
 ) -> str:  # fmt: skip
     low, high = ends
     if low <= value <= high:
-        where = f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+        where = (
+            f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+        )
     else:
         own = f"{number(value, 3)} {pretty_unit(unit)}".strip()
-        where = f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+        where = (
+            f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+        )
     return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
 
 

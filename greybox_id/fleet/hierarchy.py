@@ -196,7 +196,8 @@ def marginal(seen: Informed) -> tuple[Array, Array]:
     own = np.diagonal(seen.information, axis1=1, axis2=2)
     unit = 1.0 / np.sqrt(np.where(own > 0, own, 1.0 / _noise(seen)))
     both = unit[:, :, None] * unit[:, None, :]
-    covariance = _symmetric(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1]))) * both
+    inverse = np.asarray(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1])), dtype=np.float64)
+    covariance = _symmetric(inverse) * both
     return (covariance @ seen.vector[:, :, None])[:, :, 0], covariance
 
 
@@ -323,7 +324,9 @@ def _told(seen: Informed, found: _Given, at: Array) -> Population:
     dof = _freedom(variance, np.einsum("ikp,kl,ilp->ip", wider, unsure, wider), vehicles)
     grown = np.einsum("ikp,kl,ilq->ipq", moved, unsure, moved)
     of_mean_own = np.diagonal(of_mean, axis1=1, axis2=2)
-    mean_dof = _freedom(np.diag(found.mean_covariance), np.einsum("kp,kl,lp->p", of_mean_own, unsure, of_mean_own), vehicles)
+    mean_dof = _freedom(
+        np.diag(found.mean_covariance), np.einsum("kp,kl,lp->p", of_mean_own, unsure, of_mean_own), vehicles
+    )
     reliable = 1.0 - np.clip(np.diagonal(found.given, axis1=1, axis2=2) / spread, 0.0, 1.0)
     spread_dof = np.maximum(np.sum(np.square(reliable), axis=0) * (vehicles - 1) / vehicles, 1.0)
     return Population(

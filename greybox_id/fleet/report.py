@@ -225,7 +225,9 @@ def _change(
 ) -> Sheet | None:
     mine = recordings[recordings["vehicle"] == own["vehicle"]]
     points = parameters[parameters["name"] == own["name"]].merge(mine[["key", "path", "odometer"]], on="key")
-    points = points[np.isfinite(points["sd"]) & ~points["key"].isin(set(found.apart["key"]))].sort_values("path", kind="stable")
+    points = points[np.isfinite(points["sd"]) & ~points["key"].isin(set(found.apart["key"]))].sort_values(
+        "path", kind="stable"
+    )
     if points.empty:
         return None
     over = own["over"]

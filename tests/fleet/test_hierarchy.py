@@ -126,6 +126,10 @@ def restricted(seen, spread, scatter):
         design = np.tile(np.eye(size), (count, 1))
         inverse = np.linalg.inv(covariance)
         total -= 0.5 * np.linalg.slogdet(covariance)[1]
-        left, right, square = left + design.T @ inverse @ design, right + design.T @ inverse @ y, square + y @ inverse @ y
+        left, right, square = (
+            left + design.T @ inverse @ design,
+            right + design.T @ inverse @ y,
+            square + y @ inverse @ y,
+        )
     mean = np.linalg.solve(left, right)
     return total - 0.5 * np.linalg.slogdet(left)[1] - 0.5 * (square - right @ mean)
