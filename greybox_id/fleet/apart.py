@@ -33,7 +33,7 @@ Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 @dataclass(frozen=True)
-class Distances:
+class FleetDistances:
     """How far recordings lie from what the others say of them.
 
     Attributes
@@ -61,7 +61,7 @@ class Distances:
 
 def distances(
     seen: Informed, scattered: tuple[Array, Array], at: Array, covariance: Array, weight: Array
-) -> Distances:  # fmt: skip
+) -> FleetDistances:  # fmt: skip
     """How far recordings lie from their vehicles as the others tell them.
 
     Parameters
@@ -88,7 +88,7 @@ def distances(
     p = np.where(known, fdtrc(rank, freedom, square / rank * freedom / np.maximum(freedom - 2.0, 1.0)),
                  chdtrc(rank, square))  # fmt: skip
     sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    return Distances(square, p, at, sd)
+    return FleetDistances(square, p, at, sd)
 
 
 def strangers(seen: Informed) -> Flags:

@@ -28,7 +28,7 @@ from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from ..combined import Z
 from ..parameter import Array
-from .apart import Distances, Flags, distances, spared, strangers
+from .apart import FleetDistances, Flags, distances, spared, strangers
 from .hierarchy import Informed, Population, marginal, population, scattered
 
 RATE = 0.05
@@ -110,7 +110,7 @@ class Drifted:
     today: Array
     covariance: Array
     apart: Flags
-    distances: Distances
+    distances: FleetDistances
 
 
 def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | None = None) -> Drifted:
@@ -180,7 +180,7 @@ def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order
 def _far(
     seen: Informed, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
     taken: dict[int, list[VehicleChange]], weights: tuple[Array, Array],
-) -> Distances:  # fmt: skip
+) -> FleetDistances:  # fmt: skip
     """How far recordings lie from where their vehicles are by then.
 
     Vehicles that changed are where all of their recordings have them, by their soft weights: what lies apart from where
@@ -463,7 +463,7 @@ def _unknowns(
 
 
 @dataclass(frozen=True)
-class Together:
+class VehicleSeries:
     """A vehicle along its recordings: mean (recordings, parameters), covariance, changes, estimated together."""
 
     mean: Array
@@ -473,7 +473,7 @@ class Together:
 
 def together(
     information: Array, vector: Array, found: Population, x: Array, taken: Sequence[VehicleChange]
-) -> Together:  # fmt: skip
+) -> VehicleSeries:  # fmt: skip
     """A vehicle at each of its recordings, and its changes, all estimated together.
 
     Parameters
@@ -485,7 +485,7 @@ def together(
 
     Returns
     -------
-    Together
+    VehicleSeries
         What is not known of the population's mean included.
     """
     size, count = len(found.mean), len(x)
@@ -512,7 +512,7 @@ def together(
             )
         )  # fmt: skip
         start += share.shape[1]
-    return Together(to @ estimate, to @ covariance @ to.transpose(0, 2, 1), changes)
+    return VehicleSeries(to @ estimate, to @ covariance @ to.transpose(0, 2, 1), changes)
 
 
 def _probability(p: float) -> float:
