@@ -28,7 +28,7 @@ from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from ..combined import Z
 from ..parameter import Array
-from .apart import FleetDistances, Flags, distances, spared, strangers
+from .apart import Flags, FleetDistances, distances, spared, strangers
 from .hierarchy import Informed, Population, marginal, population, scattered
 
 RATE = 0.05
