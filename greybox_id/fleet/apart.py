@@ -1,7 +1,7 @@
 """Recordings that lie apart: their estimate belongs to another optimum than those of the rest, or to another car.
 
-A fit that ends in another optimum has an interval of its own, which may be narrow, and is far from the truth. Beside the
-other recordings of its vehicle and the vehicles of the fleet it shows: it lies further off than its covariance, the
+A fit that ends in another optimum has an interval of its own, which may be narrow, and is far from the truth. Beside
+the other recordings of its vehicle and the vehicles of the fleet it shows: it lies further off than its covariance, the
 scatter of recordings and the vehicle's own interval allow, at a rate of false ones that counts all recordings
 (Bonferroni). Such recordings are left out of what is estimated together, and named.
 
@@ -33,7 +33,7 @@ Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 @dataclass(frozen=True)
-class Distances:
+class FleetDistances:
     """How far recordings lie from what the others say of them.
 
     Attributes
@@ -61,7 +61,7 @@ class Distances:
 
 def distances(
     seen: Informed, scattered: tuple[Array, Array], at: Array, covariance: Array, weight: Array
-) -> Distances:  # fmt: skip
+) -> FleetDistances:  # fmt: skip
     """How far recordings lie from their vehicles as the others tell them.
 
     Parameters
@@ -88,7 +88,7 @@ def distances(
     p = np.where(known, fdtrc(rank, freedom, square / rank * freedom / np.maximum(freedom - 2.0, 1.0)),
                  chdtrc(rank, square))  # fmt: skip
     sd = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    return Distances(square, p, at, sd)
+    return FleetDistances(square, p, at, sd)
 
 
 def strangers(seen: Informed) -> Flags:

@@ -28,7 +28,7 @@ from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from ..combined import Z
 from ..parameter import Array
-from .apart import Distances, Flags, distances, spared, strangers
+from .apart import Flags, FleetDistances, distances, spared, strangers
 from .hierarchy import Informed, Population, marginal, population, scattered
 
 RATE = 0.05
@@ -110,7 +110,7 @@ class Drifted:
     today: Array
     covariance: Array
     apart: Flags
-    distances: Distances
+    distances: FleetDistances
 
 
 def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | None = None) -> Drifted:
@@ -180,7 +180,7 @@ def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order
 def _far(
     seen: Informed, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
     taken: dict[int, list[VehicleChange]], weights: tuple[Array, Array],
-) -> Distances:  # fmt: skip
+) -> FleetDistances:  # fmt: skip
     """How far recordings lie from where their vehicles are by then.
 
     Vehicles that changed are where all of their recordings have them, by their soft weights: what lies apart from where
@@ -281,9 +281,9 @@ def _of_vehicle(
     usable = left > 1e-9 * np.maximum(alone @ np.square(designs), 1e-300)
     with np.errstate(divide="ignore"):
         variance = np.where(usable, 1.0 / np.where(usable, left, 1.0), np.inf)
-    change = np.where(usable, (score @ designs) * np.where(usable, variance, 0.0), 0.0)
-    z = np.where(usable, np.abs(change) / np.sqrt(np.where(usable, variance, 1.0)), 0.0)
-    evidence, size_of = _evidence(change, variance, z)
+    moved = np.where(usable, (score @ designs) * np.where(usable, variance, 0.0), 0.0)
+    z = np.where(usable, np.abs(moved) / np.sqrt(np.where(usable, variance, 1.0)), 0.0)
+    evidence, size_of = _evidence(moved, variance, z)
     walk = _walk(x)
     grown, pulled = walk.T @ shifts @ walk, score @ walk
     kinds = (_two_sided(z[:, 0], dof), np.minimum(_two_sided(np.max(z[:, 1:], axis=1), dof) * max(1, count - 1), 1.0),
@@ -294,7 +294,7 @@ def _of_vehicle(
         if not usable[row].any():
             continue
         body = (vehicle, parameter, float(p[row]))
-        fixed = _fixed(body, change[row], variance[row], evidence[row], designs)
+        fixed = _fixed(body, moved[row], variance[row], evidence[row], designs)
         gain, wander = _walked(grown[row], pulled[row], size_of[row]) if p[row] < DOUBTFUL else (-math.inf, 0.0)
         best = float(evidence[row, 0] if fixed.kind == SLOPE else _averaged(evidence[row, 1:]))
         results.append(fixed if gain <= best else _as_walk(fixed, grown[row], pulled[row], wander, walk))
@@ -302,8 +302,7 @@ def _of_vehicle(
 
 
 def _two_sided(z: Array, dof: float) -> Array:
-    found: Array = 2.0 * stdtr(dof, -z)
-    return found
+    return np.asarray(2.0 * stdtr(dof, -z), dtype=np.float64)
 
 
 def _evidence(change: Array, variance: Array, z: Array) -> tuple[Array, Array]:
@@ -339,8 +338,9 @@ def _fixed(
 
 
 def _dated(evidence: Array) -> tuple[int, int]:
-    """First and last place of a step in the shortest interval that holds 95 % of the posterior; places are as likely
-    before anything is seen.
+    """First and last place of a step in the shortest interval that holds 95 % of the posterior.
+
+    All places are as likely before anything is seen.
     """
     share = np.exp(evidence - np.max(evidence))
     share /= np.sum(share)
@@ -353,7 +353,7 @@ def _dated(evidence: Array) -> tuple[int, int]:
 
 
 def _walk(x: Array) -> Array:
-    """What increments of a walk, each with the variance of the whole, add to recordings: (recordings, recordings - 1)."""
+    """What increments of a walk, of the variance of the whole, add to recordings: (recordings, recordings - 1)."""
     steps = np.tril(np.ones((len(x), len(x))))[:, 1:]
     grown: Array = steps * np.sqrt(np.maximum(np.diff(x), 0.0))
     return grown
@@ -370,7 +370,7 @@ def _wandering(grown: Array, pulled: Array, dof: float) -> Array:
         at = np.where(two > 0, freedom + (total - one) / np.sqrt(two) * np.sqrt(freedom), 0.0)
     p = np.where(two > 0, gammaincc(freedom / 2.0, np.maximum(at, 0.0) / 2.0), 1.0)
     for row in np.flatnonzero(p < DOUBTFUL):
-        p[row] = _tail(la.eigvalsh(grown[row]), float(total[row]))
+        p[row] = _tail(np.linalg.eigvalsh(grown[row]), float(total[row]))
     # the size of the scatter is known with so many degrees of freedom, as for slopes and steps
     found: Array = np.where(p < 1.0, 2.0 * stdtr(dof, ndtri(np.maximum(p, 1e-300) / 2.0)), 1.0)
     return found
@@ -463,8 +463,8 @@ def _unknowns(
 
 
 @dataclass(frozen=True)
-class Together:
-    """A vehicle along its recordings: mean (recordings, parameters), covariance, and its changes, estimated together."""
+class VehicleSeries:
+    """A vehicle along its recordings: mean (recordings, parameters), covariance, changes, estimated together."""
 
     mean: Array
     covariance: Array
@@ -473,7 +473,7 @@ class Together:
 
 def together(
     information: Array, vector: Array, found: Population, x: Array, taken: Sequence[VehicleChange]
-) -> Together:  # fmt: skip
+) -> VehicleSeries:  # fmt: skip
     """A vehicle at each of its recordings, and its changes, all estimated together.
 
     Parameters
@@ -485,7 +485,7 @@ def together(
 
     Returns
     -------
-    Together
+    VehicleSeries
         What is not known of the population's mean included.
     """
     size, count = len(found.mean), len(x)
@@ -512,7 +512,7 @@ def together(
             )
         )  # fmt: skip
         start += share.shape[1]
-    return Together(to @ estimate, to @ covariance @ to.transpose(0, 2, 1), changes)
+    return VehicleSeries(to @ estimate, to @ covariance @ to.transpose(0, 2, 1), changes)
 
 
 def _probability(p: float) -> float:

@@ -364,7 +364,8 @@ def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
                 "spread": tau * size if several else math.nan,
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
-                "vehicles": len(joined.vehicles), "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
+                "vehicles": len(joined.vehicles),
+                "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
                 "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
             }
         )  # fmt: skip
@@ -474,8 +475,8 @@ def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         low, high = (_natural(middle + end * width, log) for end in (-Z, Z))
         rows.append(
             {
-                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]), "time": float(at["time"]),
-                "name": name, "unit": unit, "value": value, "low": low, "high": high,
+                "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]),
+                "time": float(at["time"]), "name": name, "unit": unit, "value": value, "low": low, "high": high,
                 "distance": float(far.square[j]) ** 0.5, "p": float(far.p[j]),
                 "sentence": _why_apart(str(at["path"]), name, unit, value, (low, high), float(far.square[j]) ** 0.5),
             }

@@ -196,7 +196,8 @@ def marginal(seen: Informed) -> tuple[Array, Array]:
     own = np.diagonal(seen.information, axis1=1, axis2=2)
     unit = 1.0 / np.sqrt(np.where(own > 0, own, 1.0 / _noise(seen)))
     both = unit[:, :, None] * unit[:, None, :]
-    covariance = _symmetric(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1]))) * both
+    inverse = np.asarray(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1])), dtype=np.float64)
+    covariance = _symmetric(inverse) * both
     return (covariance @ seen.vector[:, :, None])[:, :, 0], covariance
 
 

@@ -61,9 +61,9 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     },
     "drift": {
         "vehicle": TEXT, "name": TEXT, "unit": TEXT, "model": TEXT, "over": TEXT, "probability": NUMBER, "p": NUMBER,
-        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_low": NUMBER, "at_high": NUMBER,
-        "at_time": NUMBER, "at_time_low": NUMBER, "at_time_high": NUMBER, "at_key": TEXT, "recordings": COUNT,
-        "sentence": TEXT,
+        "drifts": YES, "change": NUMBER, "low": NUMBER, "high": NUMBER, "at": NUMBER, "at_low": NUMBER,
+        "at_high": NUMBER, "at_time": NUMBER, "at_time_low": NUMBER, "at_time_high": NUMBER, "at_key": TEXT,
+        "recordings": COUNT, "sentence": TEXT,
     },
     "apart": {
         "key": TEXT, "path": TEXT, "vehicle": TEXT, "time": NUMBER, "name": TEXT, "unit": TEXT, "value": NUMBER,

@@ -11,7 +11,7 @@ from greybox_id.fleet.hierarchy import Informed, population
 
 
 def fleet(seed, vehicles=12, each=8, size=3, wrong=(), shifted=(), step=0.0):
-    """Half poorly excited; `wrong` lie six off with a narrow interval, vehicles `shifted` as a whole, vehicle 0 steps."""
+    """Half poorly excited; `wrong` lie six off with a narrow interval, `shifted` vehicles as a whole, 0 steps."""
     rng = np.random.default_rng(seed)
     truth = rng.normal(0.0, 0.1, (vehicles, size))
     truth[list(shifted)] += 3.0

@@ -59,7 +59,7 @@ def test_a_vehicle_of_few_recordings_is_not_tested():
 
 
 def moving(seed, move, vehicles=12, each=16):
-    """Vehicles 0 to 3 move in parameter 1 as told by `move`: a generator and the number of recordings -> their shifts."""
+    """Vehicles 0 to 3 move in parameter 1 as `move` tells: a generator and the number of recordings -> shifts."""
     rng, x = np.random.default_rng(seed), np.linspace(0, 1, each)
     information, vector, of, truth = [], [], [], []
     for v in range(vehicles):
