@@ -165,12 +165,10 @@ class _Work:
         precision = search.beliefs(self._own)
         with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off, and cost accordingly
             cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
-        if not np.isfinite(cost):
-            cost = np.inf
-        J = np.zeros((*base.shape, len(self.axes)))
-        for k, beside in zip(self._moving, e[1:], strict=True):
-            J[:, :, k] = (beside - e[0]) / self._beside(self.axes[k], m[k])
-        if not np.all(np.isfinite(J)):  # at the edge of spinning: no derivative, and no place to stay
+            J = np.zeros((*base.shape, len(self.axes)))
+            for k, beside in zip(self._moving, e[1:], strict=True):
+                J[:, :, k] = (beside - e[0]) / self._beside(self.axes[k], m[k])
+        if not (np.isfinite(cost) and np.all(np.isfinite(J))):  # it spins here or beside: no place to stay
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
             self._back()
