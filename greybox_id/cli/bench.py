@@ -65,7 +65,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
 @click.option("--curves", is_flag=True, help="Learning curves and what is learnt before training; no other networks.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
-@click.option("--out", default=None, metavar="FILE|FOLDER", help="Keep trainings there; the next run goes on from it.")
+@click.option("--out", default=None, metavar="FILE", help="Keep trainings there; the next run goes on from it.")
 @click.option("--minutes", type=click.FloatRange(min=0), help="Begin no training after so many; see --out.")
 @click.option("--report", default=None, metavar="FOLDER", help="Write tables and figures there: truck.html, truck.pdf.")
 @json_option
