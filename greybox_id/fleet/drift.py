@@ -378,15 +378,15 @@ def _wandering(grown: Array, pulled: Array, dof: float) -> Array:
 
 def _tail(weights: Array, value: float) -> float:
     """How often a sum of squares of normal numbers with these weights exceeds a value above its mean."""
-    own = weights[weights > 1e-12 * weights[-1]]
+    own, value = weights[weights > 1e-12 * weights[-1]] / weights[-1], value / weights[-1]  # of any unit
     if len(own) == 1:
-        return float(chdtrc(1.0, value / own[0]))
-    most = 0.5 / own[-1]
+        return float(chdtrc(1.0, value))
+    most = 0.5
 
     def slope(s: float) -> float:
         return float(np.sum(own / (1.0 - 2.0 * s * own))) - value
 
-    if slope(0.0) >= 0:
+    if slope(0.0) > -1e-6 * value:  # at the mean the approximation below is zero over zero
         return 1.0
     s = brentq(slope, 0.0, most * (1.0 - 1e-12))
     bend = 2.0 * float(np.sum(np.square(own / (1.0 - 2.0 * s * own))))

@@ -28,13 +28,14 @@ def late():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", [False, True])
-def test_tolerances_go_where_recordings_have_them_and_are_told(late, held):
+@pytest.mark.parametrize(("held", "value"), [(False, 2455.0), (True, 2500.0)])
+def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value):
+    """Beside model error 20 s tell I_z to 40 kg m^2: what is stated, 2274 +- 80, draws it a fifth of the way back."""
     recordings, others = late
     gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE, held_out=others if held else ())
     assert gap.applied == ("steering_delay",)
     assert [own.name for own in gap.moved] == ["I_z"]
-    assert gap.moved[0].value == pytest.approx(2500.0, rel=0.02)
+    assert gap.moved[0].value == pytest.approx(value, rel=0.02)
     assert gap.moved[0].far > 2.0
     assert float(gap.closed["I_z"].array) == gap.moved[0].value
     assert gap.to_json()["moved"][0]["stated"] == 2274.0

@@ -70,7 +70,7 @@ def ends_well(file):
         found = load(file, build)
         as_dict(found)
         as_text(parts(found))
-        page(_document([file], (), None, None))
+        page(_document([file], (), None, None, None))
     except GreyboxError:
         return False
     return True
