@@ -274,10 +274,11 @@ def _interrupted(number: int, frame: FrameType | None) -> None:
 
 
 def _do(number: int) -> tuple[Any, float]:
-    if _child["stopped"]:  # what was handed out already cannot be taken back
-        raise KeyboardInterrupt
-    clock, _child["working"] = time.process_time(), True
+    clock = time.process_time()
     try:
+        _child["working"] = True  # from here on an interrupt is raised; one that came before was noted
+        if _child["stopped"]:  # what was handed out already cannot be taken back
+            raise KeyboardInterrupt
         with interrupts_return():
             return _child["work"](number), time.process_time() - clock
     finally:

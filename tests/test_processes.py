@@ -1,7 +1,9 @@
 """Work side by side: what comes back, in which order, and what Ctrl-C leaves."""
 
+import itertools
 import os
 import signal
+import sys
 import threading
 import time
 import weakref
@@ -13,6 +15,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
+from greybox_id import processes
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.vehicle_file import vehicle
@@ -98,6 +101,31 @@ def test_an_interrupt_while_processes_are_begun_ends_them_too(early, monkeypatch
         child.join(20)
     assert not active_children()
     assert time.monotonic() - begun < 30
+
+
+@forks
+@pytest.mark.parametrize("line", range(1, 7))
+def test_an_interrupt_at_any_line_before_work_is_begun_keeps_it_from_beginning(line, monkeypatch):
+    begun, lines = [], itertools.count(1)
+    monkeypatch.setattr(processes, "_child", {"work": begun.append, "working": False, "stopped": False})
+    before = signal.signal(signal.SIGUSR1, processes._interrupted)
+
+    def trace(frame, event, _):
+        if frame.f_code is processes._do.__code__:
+            if event == "line" and next(lines) == line:
+                signal.raise_signal(signal.SIGUSR1)
+            return trace
+        return None
+
+    usual = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            processes._do(0)
+    finally:
+        sys.settrace(usual)
+        signal.signal(signal.SIGUSR1, before)
+    assert not begun
 
 
 @forks
