@@ -207,8 +207,7 @@ def must_be_horizon(horizon: object) -> None:
     """Raise `BadInput` for what is no time above zero; None is the free run."""
     if horizon is None:
         return
-    number = isinstance(horizon, int | float) and not isinstance(horizon, bool)
-    if not number or not 0 < horizon < np.inf:  # type: ignore[operator]
+    if not isinstance(horizon, int | float) or isinstance(horizon, bool) or not 0 < horizon < np.inf:
         raise BadInput(f"horizon: seconds above zero are needed, or None for the free run, not {horizon!r:.40}.")
 
 

@@ -121,8 +121,13 @@ def loop_tables(
     ]
     with threadpool_limits(1):
         for k, case in enumerate(wanted, 1):
-            case.run(chosen, lambda said, k=k: say(f"{k}/{len(wanted)} {said}"))  # type: ignore[misc]
+            case.run(chosen, _after(f"{k}/{len(wanted)} ", say))
     return {"quick": quick, "folder": str(folder), **reported(kept(folder))}
+
+
+def _after(words: str, say: Say) -> Say:
+    """Says what it is told after these words."""
+    return lambda said: say(words + said)
 
 
 def kept(folder: Path) -> list[dict[str, Any]]:
@@ -163,7 +168,7 @@ class _BenchCase:
         held = {f"{share:.0%}": held_out(self.scene, share) for share in SHARES}
         for name in waiting:
             say(f"{self.name}: {name}")
-            self._write(name, self._arm(name, base, held, lambda said, name=name: say(f"{self.name}: {name}, {said}")))  # type: ignore[misc]
+            self._write(name, self._arm(name, base, held, _after(f"{self.name}: {name}, ", say)))
 
     def _write(self, name: str, what: Mapping[str, Any]) -> None:
         text = json.dumps(without_nan(plain(dict(what))), allow_nan=False) + "\n"

@@ -30,7 +30,7 @@ NAMED, LEAST_NAMED = 4, 0.25
 
 @dataclass(frozen=True)
 class Undetermined:
-    """A parameter that the recording hardly tells.
+    """A weakly identifiable parameter: its standard deviation is large, or hardly less than its prior's.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Identifiability:
 
     Attributes
     ----------
-    undetermined : parameters that it hardly tells, the worst first.
+    undetermined : weakly identifiable parameters, the worst first.
     pairs : that stand for each other, the strongest correlation first.
     directions : open ones, the widest first; orthogonal in relative coordinates.
     condition : number of the normal matrix scaled to a unit diagonal; infinite if something is not told at all.

@@ -9,7 +9,7 @@ from .identifiability import Identifiability, identifiability
 
 
 def left_open(fit: Fit) -> Identifiability | None:
-    """Parameters that a fit hardly tells, or only together; None where its covariance was not kept."""
+    """Parameters weakly identifiable, or only in combination; None where its covariance was not kept."""
     if fit.covariance is None:
         return None
     names, x, places, prior_sd, start = [], [], [], [], 0

@@ -19,7 +19,7 @@ from ..figures.style import NEAR
 from ..numbers import capital, counted, listed, number, pretty_unit, short_with_sd, signal_words
 
 MOST_PAIRS = 3
-"""Pairs of parameters told only together that are named."""
+"""Pairs of parameters identifiable only in combination that are named."""
 
 
 def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ def probability(value: float) -> str:
 
 
 def _silent(gap: Gap) -> list[str]:
-    """What would not show on these recordings, and what would be taken up by something else."""
+    """What is below the detection limit of these recordings, and what would be taken up by something else."""
     lines = []
     if gap.not_excited:
         named = [f"{name} up to {_printed(size)}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
