@@ -11,7 +11,7 @@ from ..reports.text.screen import plain_table
 def tables(found: Mapping[str, Any]) -> list[Any]:
     """Parts to print: an arm a row, then bar by bar."""
     arms = plain_table(
-        "arm", "cases", "path error, mm", "p95", "removed", "lap, s", "at the last cap: mm", "lap, s", "crashes",
+        "arm", "cases", "path error, mm", "p95, mm", "removed", "lap, s", "at the last cap: mm", "lap, s", "crashes",
         "model, rad/s", "CPU s",
     )  # fmt: skip
     for row in found["table"]:
