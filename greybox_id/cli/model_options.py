@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from ..models.names import MODEL_NAMES
+from ..models import MODEL_NAMES
 from .completion import names
 from .options import VEHICLES, settings_of
 from .own import named_effects, named_model

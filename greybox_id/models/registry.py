@@ -31,14 +31,20 @@ from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
-from .msnn_full import FullSettings, covering_full, msnn_full
-from .msnn_full_plus import PlusSettings, alternatives_plus, covering_plus, msnn_full_plus
+from .msnn_full import (
+    FullSettings,
+    PlusSettings,
+    alternatives_plus,
+    covering_full,
+    covering_plus,
+    msnn_full,
+    msnn_full_plus,
+)
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
 from .single_track import DRIVES, single_track
-from .tyres import TYRES
-from .tyres.settings import TyreSettings
+from .tyres import TYRES, TyreSettings
 from .vehicles import stated_effect, with_vehicle
 
 __all__ = [
