@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..engine.layout import NormalEquations
+from ..engine.least_squares import NormalEquations
 from ..engine.shooting import Nodes, Problem
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel

@@ -26,8 +26,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..combined import combined
-from ..engine.layout import NormalEquations
-from ..engine.least_squares import LeastSquares
+from ..engine.least_squares import LeastSquares, NormalEquations
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..engine.motion.simulator import Simulator

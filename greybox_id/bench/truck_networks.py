@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..engine.hybrid.free_run import free_run
+from ..engine.hybrid.cell import free_run
 from ..engine.hybrid.problem import WindowErrors
 from ..engine.hybrid.stretches import stretches
 from ..fitting.how import How, Say

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import casadi as cs
 
-from ..engine.lanes import product
+from ..engine.vectors import product
 from .written import written
 
 _EKF = r"""

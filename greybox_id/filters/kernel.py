@@ -115,5 +115,5 @@ def _writers() -> str:
     """The modules that write the C source, as text."""
     engine = Path(__file__).parents[1] / "engine"
     own = (Path(__file__).with_name(f"{name}.py") for name in ("written", "ekf_source", "ukf_source"))
-    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "lanes")), *own]
+    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "vectors")), *own]
     return "\0".join(file.read_text("utf-8") for file in files)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.motion.runs import Index, MotionRun, motion_runs
-from ..engine.motion.schedule import schedule
-from ..engine.motion.stiffness import longest_segment
+from ..engine.motion.schedule import longest_segment, schedule
 from ..parameter import Array
 from ..recording import Recording
 from .state_space import StateSpace

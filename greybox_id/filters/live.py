@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..engine.motion.runs import MotionRun
-from ..engine.motion.stiffness import longest_segment
+from ..engine.motion.schedule import longest_segment
 from ..errors import BadInput
 from ..parameter import Array
 from .filtering import Filtering

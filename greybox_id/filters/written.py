@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as cs
 
 from ..engine.emit import Result, straight_line
-from ..engine.lanes import PRELUDE
+from ..engine.vectors import PRELUDE
 
 NARROW = "#define NARROW"
 """Asks for vectors of four lanes where there are wider ones."""

@@ -15,10 +15,10 @@ from functools import partial
 
 import numpy as np
 
+from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
+from ..engine.motion.schedule import longest_segment
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
-from ..engine.motion.stiffness import MOST_STEPS as SEGMENTS
-from ..engine.motion.stiffness import longest_segment
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array

@@ -20,11 +20,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..engine.hybrid.free_run import free_run
+from ..engine.elements import Sensing
+from ..engine.hybrid.cell import free_run
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.runs import Mask
 from ..engine.motion.simulator import Simulator
-from ..engine.sensing import Sensing
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
 from ..fit import FREE_RUN as FREE_RUN
