@@ -133,10 +133,6 @@ class NetworkTraining:
         """Split -> (trajectories, outputs) RMSE of the mean of all seeds' free runs."""
         return {split: np.sqrt(np.mean(np.mean(own, axis=0) ** 2, axis=1)) for split, own in self.errors.items()}
 
-    def along(self, split: str) -> Array:
-        """(rows, outputs) RMSE over all trajectories up to a row, mean over seeds."""
-        return np.asarray(np.mean([along(own) for own in self.errors[split]], axis=0))
-
 
 def along(errors: Array) -> Array:
     """(trajectories, rows, outputs) -> (rows, outputs) RMSE over all trajectories up to a row."""

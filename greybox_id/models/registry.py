@@ -13,6 +13,7 @@ from typing import Any
 from ..effect import Effect
 from ..errors import BadInput, near
 from ..model import Model
+from ..motion_model import MotionModel
 from ..recording import Recording
 from ..vehicle import Stated, Vehicle
 from .baselines import (
@@ -55,6 +56,7 @@ __all__ = [
         "install",
         "known",
         "model_of",
+        "motion_model_of",
         "prepared",
         "register",
         "vehicle_parameters",
@@ -191,6 +193,14 @@ def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
     if chosen is None:
         return build(otherwise, vehicle=vehicle)
     return build(chosen.name, chosen.settings, chosen.effects, vehicle)
+
+
+def motion_model_of(vehicle: Vehicle) -> MotionModel:
+    """The model of a vehicle, one of motion. Raises `BadInput` where it has one of another kind."""
+    model = model_of(vehicle)
+    if not isinstance(model, MotionModel):
+        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
+    return model
 
 
 def vehicle_parameters() -> tuple[str, ...]:
