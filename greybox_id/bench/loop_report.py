@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from ..exam.statistics import wilson
+from ..exam.measures import wilson
 from ..reports.text.screen import plain_table
 
 BASE, ORACLE = "base", "oracle"
