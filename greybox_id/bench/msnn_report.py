@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from .. import __version__
-from ..adaptation.parting import parted
+from ..adaptation.outcome import parted
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..reports.document import Document, Part, Points, Table, Text, titled

@@ -77,7 +77,7 @@ def wanted(
     per_run: Sequence[str] = (),
 ) -> Wanted:
     """What these options ask for."""
-    from ..choices.parameters import Choices, magnitudes, wanted_vehicle  # not for --help: these load every model
+    from ..choices.parameters import Choices, magnitudes, wanted_vehicle
     from ..choices.wanted import Wanted
 
     choices = Choices(fix, free, prior, start, per_run)

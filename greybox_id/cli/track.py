@@ -12,7 +12,7 @@ import click
 from .. import __version__
 from ..api.track_result import TrackResult
 from ..api.tracking import TrackSetup
-from ..choices.quantity import named, number
+from ..choices.parameters import named, number
 from ..choices.wanted import Wanted
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table

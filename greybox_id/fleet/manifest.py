@@ -14,8 +14,7 @@ from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from ..choices.parameters import wanted_vehicle
-from ..choices.quantity import number
+from ..choices.parameters import number, wanted_vehicle
 from ..datasets.formats import SUFFIXES, hash_of
 from ..errors import BadInput
 from ..files import near_file

@@ -28,7 +28,7 @@ from ..models.own import is_place
 from ..models.registry import install
 from ..parameter import Array, Parameter
 from ..recording import Recording
-from ..uncertainty.left_open import left_open
+from ..uncertainty.identifiability import left_open
 from ..vehicle import Vehicle
 from .states import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
 
