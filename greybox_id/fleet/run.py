@@ -19,12 +19,12 @@ from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
 from ..processes import duration
+from . import FAILED, FIT, MEMORY, OK, STATUSES, TIMEOUT
 from .contained import Broken
 from .engines import engine as engine_of
 from .estimate import second_pass
 from .manifest import FleetEntry, entries
 from .plan import FleetPlan, plan_of
-from .states import FAILED, FIT, MEMORY, OK, STATUSES, TIMEOUT
 from .store import OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 

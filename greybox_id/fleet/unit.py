@@ -30,7 +30,7 @@ from ..parameter import Array, Parameter
 from ..recording import Recording
 from ..uncertainty.identifiability import left_open
 from ..vehicle import Vehicle
-from .states import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
+from . import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
 
 MADE_BY = __version__
 """The version of what computes: part of every key."""
