@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..parameter import Array
+from . import OK
 from .apart import Flags
 from .hierarchy import Informed, informed
-from . import OK
 from .store import Store
 from .unit import unpacked
 
