@@ -7,9 +7,9 @@ integrated out: the posterior over the places of a step gives the interval of it
 
 Sources: the probability is one minus the least posterior probability of no change that a p-value leaves, Sellke,
 Bayarri & Berger, Calibration of p values for testing precise null hypotheses, The American Statistician 55 (2001); a
-walk is tested by its score, whose distribution is a sum of weighted squares: Nyblom, Testing for the constancy of parameters
-over time, JASA 84 (1989), tails by Kuonen, Saddlepoint approximations for distributions of quadratic forms, Biometrika
-86 (1999).
+walk is tested by its score, whose distribution is a sum of weighted squares: Nyblom, Testing for the constancy of
+parameters over time, JASA 84 (1989), tails by Kuonen, Saddlepoint approximations for distributions of quadratic forms,
+Biometrika 86 (1999).
 """
 
 from __future__ import annotations
