@@ -1,6 +1,6 @@
 """Predictions of a motion model over fixed horizons and in free run, each from readings of a row.
 
-States that are not recorded come from an observer (observer.py): the model run along the recording with every state
+States that are not recorded come from an observer (simulator.py): the model run along the recording with every state
 that is read set back to its reading row by row.
 """
 
@@ -14,11 +14,9 @@ import numpy as np
 from ...parameter import Array
 from ...recording import Recording
 from .lanes import Interval, lay
-from .observer import observed
 from .runs import Index, MotionRun, motion_runs
-from .schedule import Schedule, schedule
-from .simulator import Simulator
-from .stiffness import least_segment, longest_segment
+from .schedule import Schedule, least_segment, longest_segment, schedule
+from .simulator import Simulator, observed
 
 MOST_STARTS = 4000
 """Rows predicted from, at most; beyond it every second, third ... row is."""
