@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .. import __version__
-from ..reports.document import Document, Part, Points, Table, Text, titled
-from ..reports.drawing import Drawing
+from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.numbers import number
 from .truck_figures import UNITS, learning_curves, over_durations, slalom
 from .truck_networks import WORDS

@@ -11,8 +11,7 @@ from ..files import ensure_writable, write_atomically
 from ..gap import Gap
 from ..gap.closed_vehicle import no_place, not_held
 from ..guard import claim, option_of
-from ..reports.gap.content import Made
-from ..reports.gap.saved import as_text
+from ..reports.gap.saved import Made, as_text
 from ..vehicle import Vehicle
 
 IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}

@@ -14,9 +14,8 @@ from ..gap import Gap
 from ..gap.changed import Changed
 from ..json_data import finite, plain
 from ..models.effects import EFFECTS
-from ..reports.gap.content import Made
-from ..reports.gap.quantities import magnitude_words
-from ..reports.gap.words import budget
+from ..reports.gap.saved import Made
+from ..reports.gap.words import budget, magnitude_words
 from ..reports.numbers import listed, number, pretty_unit
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led

@@ -19,7 +19,7 @@ from ..model import Model
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
-from ..reports.text.timing import timing_lines
+from ..reports.text.fit import timing_lines
 from ..scores.metrics import Prediction, as_dict, prediction_errors
 from ..scores.prediction import as_table, assumed
 from ..scores.prediction import predict as predict_rows

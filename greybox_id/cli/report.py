@@ -61,7 +61,7 @@ def report(
     compared.
     """
     # The reports load the typesetter: commands that write none, and --help, do without.
-    from ..reports.drawing import write_drawings
+    from ..reports.document import write_drawings
     from ..reports.report import kind_of, write
 
     target = Path(out) if out is not None else _beside([Path(file) for file in files], kind or "pdf")
@@ -116,8 +116,8 @@ def _of_gap(file: Path) -> Document:
 
 
 def _of_track(file: Path) -> Document:
+    from ..reports.track.digest import load_track
     from ..reports.track.report import track_report
-    from ..reports.track.saved import load_track
 
     return track_report(load_track(file))
 

@@ -25,8 +25,7 @@ from ..filters.applied import tracked_vehicle
 from ..guard import claim
 from ..models.effects import EFFECTS
 from ..reports.text.track import as_dict, parts
-from ..reports.track.digest import TrackMade
-from ..reports.track.saved import as_text
+from ..reports.track.digest import TrackMade, as_text
 from .defaults import command_line
 from .fit_file import fit_of
 from .model_options import model_options, wanted
@@ -142,8 +141,8 @@ def track(
         if apply is not None and chosen.vehicle is not None:
             written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, found, own, others, EFFECTS), apply)))
         if figures is not None:
-            from ..reports.drawing import write_drawings
-            from ..reports.track.drawings import drawings
+            from ..reports.document import write_drawings
+            from ..reports.track.report import drawings
 
             written += [str(path) for path in write_drawings(drawings(told), figures)]
     if as_json:

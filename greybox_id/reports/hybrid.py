@@ -6,28 +6,34 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...fit import Fit
-from ...hybrid_model import HybridModel
-from ...parameter import Array
-from ...recording import Recording
-from ...scores.estimates import apply_hybrid
-from ...scores.metrics import FREE_RUN, hybrid_predictions
-from ...signals import unit_of
-from ..content import ROLE_WORDS, can_be_used, circumstances, made_with, noise_words, recorded
-from ..convergence import ended, stages
-from ..data import data_parts, limits
-from ..document import Document, Formulas, Pairs, Part, Table, Text, VerdictBox, titled
-from ..drawing import Drawing, spectrum_words
-from ..equations.hybrid import hybrid_equations, network_words
-from ..equations.shared import readable
-from ..figures.convergence import convergence
-from ..figures.slips import forces_over_slip
-from ..figures.spectrum import spectrum
-from ..figures_of import residual_drawings, trace_drawings
-from ..noise import Noise, noise
-from ..numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
-from ..parameters import scalars
-from ..recordings import Seen, matched, shown_first
+from ..fit import Fit
+from ..hybrid_model import HybridModel
+from ..parameter import Array
+from ..recording import Recording
+from ..scores.estimates import apply_hybrid
+from ..scores.metrics import FREE_RUN, hybrid_predictions
+from ..signals import unit_of
+from .content import (
+    ROLE_WORDS,
+    can_be_used,
+    circumstances,
+    ended,
+    made_with,
+    noise_words,
+    recorded,
+    scalars,
+    stages,
+    written_down,
+)
+from .data import data_parts, limits
+from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
+from .equations.tracing import hybrid_equations, network_words
+from .figures.characteristics import forces_over_slip
+from .figures.estimates import convergence
+from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
+from .noise import noise
+from .numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
+from .recordings import Seen, matched
 
 LOSS = (
     "The objective is half the mean square of the errors over windows, in standard deviations of each output's noise; "
@@ -44,20 +50,21 @@ def hybrid_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
     heard = noise([one.recording for one in runs])
     signals = tuple(dict.fromkeys((*model.inputs, *model.outputs)))
     parts = (
-        VerdictBox(
-            (*can_be_used(fit), *zip(("How good", "Against what", "How trained"), verdict(fit, runs), strict=True))
-        ),
+        VerdictBox((*can_be_used(fit), *zip(LEADS, verdict(fit, runs), strict=True))),
         *titled("Provenance", recorded(fit), Pairs(made_with(fit, ("size", counted(model.size, "parameter"))))),
         *titled("Errors in free run", errors(fit)),
         *titled("Measured and predicted", *trace_drawings(runs)),
-        *titled("Residual analysis", *_residuals(runs, model, heard), Text(noise_words(model.outputs, heard))),
+        *titled(
+            "Residual analysis", *residual_drawings(runs, model.inputs), *spectrum_drawings(runs, heard),
+            Text(noise_words(model.outputs, heard)),
+        ),
         *titled("What it estimates", *_estimates(fit, runs)),
         *titled("Parameters", scalars(fit)),
-        *_equations(model),
+        *titled("Equations of the model", *written_down(hybrid_equations(model), network_words(model))),
         *data_parts(runs, signals),
         *limits(runs, signals),
         *titled("How it was trained", stages(fit, lambda stage: stage.model), Text(LOSS), *_training(fit)),
-    )
+    )  # fmt: skip
     return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
 
 
@@ -128,13 +135,6 @@ def errors(fit: Fit) -> Table:
     return Table(head, tuple(rows), "l" + "R" * (len(head) - 1))
 
 
-def _residuals(runs: Sequence[Seen], model: HybridModel, heard: Noise | None) -> tuple[Drawing, ...]:
-    one = shown_first(runs)
-    figure = spectrum(one, heard)
-    spectra = [Drawing("spectrum", figure, spectrum_words(one, heard), "Power spectra.")] if figure is not None else []
-    return (*residual_drawings(runs, model.inputs), *spectra)
-
-
 def _estimates(fit: Fit, runs: Sequence[Seen]) -> tuple[Part, ...]:
     every = [apply_hybrid(fit, one.recording).columns for one in runs]
     values: Mapping[str, Array] = {name: np.concatenate([own[name] for own in every]) for name in every[0]}
@@ -146,11 +146,6 @@ def _estimates(fit: Fit, runs: Sequence[Seen]) -> tuple[Part, ...]:
         "lie. No tyre force was measured: the network was trained through the vehicle's equations."
     )
     return (Drawing("forces_over_slip", figure, caption, "Estimated lateral force over slip angle, front and rear."),)
-
-
-def _equations(model: HybridModel) -> tuple[Part, ...]:
-    found, _ = readable(hybrid_equations(model))
-    return titled("Equations of the model", Text(network_words(model)), Formulas(found))
 
 
 def _training(fit: Fit) -> tuple[Drawing, ...]:

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...fit import Fit
-from ...posterior.posterior import Posterior
-from ...posterior.predictive import PredictiveBand, predictive_band
-from ...recording import Recording
-from ..document import Part, Points, Table, Text, titled
-from ..drawing import Drawing, stretch_words
-from ..driven import Driven
-from ..figures.corner import corner
-from ..figures.sheet import Sheet, band
-from ..figures.style import BLUE, DASHED, MEASURED, look, signal_label
-from ..numbers import interval, number, pretty_unit, signal_words
-from ..recordings import shown_first, typical_stretch
+from ..fit import Fit
+from ..posterior.posterior import Posterior
+from ..posterior.predictive import PredictiveBand, predictive_band
+from ..recording import Recording
+from .document import Drawing, Part, Points, Table, Text, titled
+from .driven import Driven
+from .figures.estimates import corner
+from .figures.sheet import Sheet, band
+from .figures.style import BLUE, DASHED, MEASURED, look, signal_label
+from .figures_of import stretch_words
+from .numbers import interval, number, pretty_unit, signal_words
+from .recordings import shown_first, typical_stretch
 
 MOST_DRAWN = 7
 """Parameters of a corner plot: those of which the draws know least, relative to the fit's standard deviations."""
