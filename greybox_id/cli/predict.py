@@ -26,11 +26,17 @@ from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs
 from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing
 from ..signals import unit_of
-from .fit_file import fit_of
-from .model_options import simulated_model_options, wanted
-from .options import calibrate_option, columns_option, json_option, read_part
+from .options import (
+    calibrate_option,
+    columns_option,
+    fit_of,
+    json_option,
+    own_option,
+    read_part,
+    simulated_model_options,
+    wanted,
+)
 from .output import console, print_json, working
-from .own import own_option
 from .terminal import tell
 
 PREDICTIONS, SIMULATIONS = "a table of predictions", "a table of simulations"

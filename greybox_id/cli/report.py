@@ -16,9 +16,8 @@ from ..guard import claim
 from ..models.registry import build
 from ..recording import Recording
 from ..saved import format_of
-from .options import json_option, part
+from .options import json_option, own_option, part
 from .output import console, print_json, working
-from .own import own_option
 
 if TYPE_CHECKING:
     from ..reports.document import Document

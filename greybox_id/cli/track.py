@@ -16,7 +16,7 @@ from ..choices.quantity import named, number
 from ..choices.wanted import Wanted
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
-from ..datasets.vehicle_text import write_vehicle
+from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput
 from ..files import at_once, write_atomically
 from ..filters import How
@@ -27,11 +27,8 @@ from ..models.effects import EFFECTS
 from ..reports.text.track import as_dict, parts
 from ..reports.track.digest import TrackMade, as_text
 from .defaults import command_line
-from .fit_file import fit_of
-from .model_options import model_options, wanted
-from .options import columns_option, json_option, read_part
+from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
 from .output import console, print_json, progress, show
-from .own import own_option
 
 FROM_STDIN = "-"
 

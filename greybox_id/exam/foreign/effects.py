@@ -12,8 +12,8 @@ import numpy as np
 from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
 from ...datasets.virtual_vehicle import OUTSIDE as KNOWN_OUTSIDE
 from ...datasets.virtual_vehicle import Entry, VirtualCar
+from ...datasets.virtual_vehicle.drive import combined
 from ...datasets.virtual_vehicle.effects import OF_THE_SENSORS
-from ...datasets.virtual_vehicle.made import combined
 
 _FACTORS = {
     "grip_scale": ("mu_f", "mu_r", "slope_f", "slope_r"),
