@@ -12,6 +12,7 @@ import numpy as np
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.virtual_vehicle import EFFECTS, MANOEUVRES, drive, random_vehicle, steered
+from greybox_id.datasets.virtual_vehicle.scale import Scale
 from greybox_id.recording import Array, Recording
 
 RATES = (20.0, 25.0, 40.0, 50.0, 100.0, 125.0, 200.0)
@@ -54,15 +55,15 @@ def clean(seed: int) -> Recording:
     return replace(found, name=f"{car.kind}, {manoeuvre}, {seconds:.0f} s at {rate:g} Hz, seed {seed}")
 
 
-def _calm(style: str, size: object, seconds: float, rate: float, rng: np.random.Generator) -> tuple[Array, Array]:
+def _calm(style: str, size: Scale, seconds: float, rate: float, rng: np.random.Generator) -> tuple[Array, Array]:
     """Steering and speed of gentle, straight or circular driving."""
     rows = int(seconds * rate)
-    time, top = np.arange(rows) / rate, size.top_speed  # type: ignore[attr-defined]
+    time, top = np.arange(rows) / rate, size.top_speed
     speed = top * rng.uniform(0.3, 0.8) * (1 + rng.choice([0.0, 0.05]) * np.sin(2 * np.pi * time / rng.uniform(8, 30)))
     if style == "straight":
         return np.zeros(rows), speed
     share = rng.uniform(0.02, 0.1) if style == "gentle" else rng.uniform(0.2, 0.5)
-    most = share * G * size.length / speed**2  # type: ignore[attr-defined]
+    most = share * G * size.length / speed**2
     if style == "circle":
         return rng.choice([-1.0, 1.0]) * most * np.minimum(time / 2.0, 1.0), speed
     waves = [np.sin(2 * np.pi * (f * time + rng.random())) for f in np.exp(rng.uniform(np.log(0.05), 0.0, 6))]
@@ -213,13 +214,12 @@ def twelve() -> list[Recording]:
         found += [replace(ferrari.rows(0, 20_000), name="250 LM, first 200 s"),
                   replace(ferrari.rows(20_000, 40_000), name="250 LM, next 200 s")]  # fmt: skip
     found.append(read(shipped("racer_valid"), "roboracer"))
-    for seed, kind in ((71, "car"), (72, "truck")):
-        car = random_vehicle(seed, kind)  # type: ignore[arg-type]
+    for seed, car in ((71, random_vehicle(71, "car")), (72, random_vehicle(72, "truck"))):
         recording, truth = drive(car, "mixed", 90.0, 50.0, seed=seed)
         rng = np.random.default_rng((seed, 611))
         more = {"v_y": truth.states["v_y"] + 0.03 * rng.standard_normal(len(recording))}
         more |= {name: truth.states[name] + 0.01 * rng.standard_normal(len(recording)) for name in ("x", "y")}
         more["yaw"] = truth.states["yaw"] + 0.002 * rng.standard_normal(len(recording))
         more |= {f"wheel_speed_{c}": truth.states[f"wheel_speed_{c}"] for c in CORNERS}
-        found.append(replace(recording.with_signals(**more), name=f"virtual {kind}"))
+        found.append(replace(recording.with_signals(**more), name=f"virtual {car.kind}"))
     return found

@@ -33,8 +33,7 @@ from threadpoolctl import threadpool_limits
 from greybox_id.choices.parameters import wanted_vehicle
 from greybox_id.choices.wanted import Wanted
 from greybox_id.datasets.read import SUFFIXES, read
-from greybox_id.datasets.synthetic_simrod import make
-from greybox_id.datasets.synthetic_simrod.truth import EXCITED
+from greybox_id.datasets.synthetic_simrod import EXCITED, make
 from greybox_id.errors import GreyboxError
 from greybox_id.filters import How, Track, track
 from greybox_id.models.effects import EFFECTS

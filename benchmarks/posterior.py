@@ -110,7 +110,7 @@ def _driven(model: Any, rng: np.random.Generator, number: int) -> Recording:
     return own.with_signals(**read)
 
 
-def truck_fit(data: Path, seed: int, method: str, draws: int) -> dict[str, Any]:
+def truck_fit(data: Path, options: SampleOptions) -> dict[str, Any]:
     """The truck's bicycle with one angle, fitted by the verb, and sampled."""
     from greybox_id.bench.truck_inputs import prepared
     from greybox_id.bench.truck_models import LEVER_ARM, truck, v_y_bias
@@ -123,12 +123,12 @@ def truck_fit(data: Path, seed: int, method: str, draws: int) -> dict[str, Any]:
     with known(v_y_bias):
         found = fit(model, [train], how=How(solver="gauss-newton", start_from="measured"))
         clock = time.process_time()
-        own = sample(found, [train], SampleOptions(method, draws, seed))  # type: ignore[arg-type]
+        own = sample(found, [train], options)
         seconds = time.process_time() - clock
         band = predictive_band(found, own, val)
     sandwich = {p.name: float(found.sd[p.name]) for p in found.model.parameters if not p.fixed and p.shape == ()}
     return {
-        "method": method, "evaluations": own.evaluations, "cpu_seconds": seconds, "acceptance": own.acceptance,
+        "method": options.method, "evaluations": own.evaluations, "cpu_seconds": seconds, "acceptance": own.acceptance,
         "table": {name: {"mean": row["mean"], "sd": row["sd"], "sandwich_sd": sandwich.get(str(name))}
                   for name, row in own.table.iterrows()},
         "r_hat": float(own.r_hat.max()), "ess": float(own.ess.min()),
@@ -152,8 +152,10 @@ def main() -> int:
             elif given.data is None:
                 raise GreyboxError("--part cost and abc need --data DIR, the folder of the truck's recordings.")
             else:
-                method, draws = ("mcmc", 1700) if given.part == "cost" else ("abc-smc", 1000)
-                found = truck_fit(given.data, given.seed, method, draws)
+                cost = SampleOptions("mcmc", 1700, given.seed)
+                found = truck_fit(
+                    given.data, cost if given.part == "cost" else SampleOptions("abc-smc", 1000, given.seed)
+                )
     except (GreyboxError, OSError) as error:
         sys.stderr.write(f"posterior: {error}\n")
         return 2

@@ -25,9 +25,8 @@ from ..models.effects import EFFECTS
 from ..models.registry import build
 from ..models.vehicles import with_tolerances
 from ..motion_model import MotionModel
-from ..reports.gap.content import Made
 from ..reports.gap.saved import KIND as GAP_KIND
-from ..reports.gap.saved import load_gap
+from ..reports.gap.saved import Made, load_gap
 from ..reports.manoeuvre import manoeuvre
 from ..reports.numbers import number, pretty_unit
 from ..reports.text.screen import as_text, plain_table

@@ -25,7 +25,7 @@ from ..models.registry import install, known, model_of
 from ..motion_model import MotionModel
 from ..provenance import data_record
 from ..recording import Recording
-from ..reports.gap.content import Made, stated_numbers
+from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
 from . import given
 from .fitting import Progress

@@ -13,7 +13,7 @@ from ..errors import BadInput
 from ..gap.changed import Changed
 from ..gap.gap import Gap
 from ..model import Model
-from ..reports.gap.content import Made
+from ..reports.gap.saved import Made
 from ..reports.gap.words import judged, whether
 from ..reports.numbers import number, percent, pretty_unit
 from ..reports.text.gap import parts

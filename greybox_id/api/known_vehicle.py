@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from ..choices.parameters import wanted_vehicle
-from ..datasets.vehicle_text import write_vehicle
+from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput
 from ..vehicle import Vehicle
 

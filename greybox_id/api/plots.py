@@ -17,10 +17,17 @@ from ..model import Model
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from ..reports.figures.handling import A_Y, BEYOND, is_steered, turns_beyond_curvature
+from ..reports.figures.characteristics import (
+    A_Y,
+    AXLES,
+    BEYOND,
+    draw_tyre,
+    has_tyres,
+    is_steered,
+    turns_beyond_curvature,
+)
 from ..reports.figures.sheet import band
 from ..reports.figures.style import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, look
-from ..reports.figures.tyres import AXLES, draw_tyre, has_tyres
 from ..reports.numbers import pretty_unit
 from ..reports.settled import OverSlip
 from ..signals import unit_of, unit_of_quantity

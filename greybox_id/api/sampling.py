@@ -23,7 +23,7 @@ from ..posterior.predictive import banded_table, predictive_band
 from ..posterior.verb import SampleOptions, must_suit_sampling
 from ..posterior.verb import sample as sample_fit
 from ..recording import Recording
-from ..reports.figures.corner import corner
+from ..reports.figures.estimates import corner
 from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table

@@ -17,8 +17,7 @@ from ..recording import Recording
 from ..reports.numbers import pretty_unit, with_sd
 from ..reports.text.screen import as_text
 from ..reports.text.track import parts
-from ..reports.track.digest import Digest, TrackMade
-from ..reports.track.digesting import digest
+from ..reports.track.digest import Digest, TrackMade, digest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -39,7 +39,7 @@ from ..memory_model import MemoryModel
 from ..models.registry import candidates, prepared
 from ..parameter import Array
 from ..recording import Recording
-from ..reports.pairing import paired
+from ..reports.comparison import paired
 from ..scores.metrics import BATCH, Error, Prediction, errors, predictions
 from ..scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from ..solvers.gauss_newton import Status, gauss_newton

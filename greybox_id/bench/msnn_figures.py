@@ -12,9 +12,8 @@ from ..fitting.grid import Grid
 from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
-from ..reports.figures.density import density, scale_of_counts
-from ..reports.figures.sheet import Sheet, band
-from ..reports.figures.spectrum import psd
+from ..reports.figures.predictions import psd
+from ..reports.figures.sheet import Sheet, band, density, scale_of_counts
 from ..reports.figures.style import (
     BLUE,
     CHAIN,

@@ -11,8 +11,7 @@ from .. import __version__
 from ..adaptation.outcome import parted
 from ..memory_model import MemoryModel
 from ..recording import Recording
-from ..reports.document import Document, Part, Points, Table, Text, titled
-from ..reports.drawing import Drawing
+from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.noise import noise
 from ..reports.numbers import number
 from ..reports.text.screen import plain_table

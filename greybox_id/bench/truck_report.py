@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..reports.document import Document, Part, Points, Table, Text, titled
-from ..reports.drawing import Drawing
+from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, CHAIN, DASHED, DOTTED, MEASURED, ORANGE, PURPLE, RUST, Look, label, look
 from ..reports.numbers import number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from typing import Any
 
 import click
 
@@ -42,7 +43,7 @@ def main() -> None:
     What libraries warn of is not for users: they cannot act on it. What they must know, the commands say.
     """
     with warnings.catch_warnings(), streams(), interrupts() as sent:
-        warnings.showwarning = _unsaid  # type: ignore[assignment]
+        warnings.showwarning = _unsaid
         try:
             _run(sent)
             if sent:  # what was known is kept
@@ -53,7 +54,9 @@ def main() -> None:
             _end("interrupted", INTERRUPTED)
 
 
-def _unsaid(*_: object) -> None:
+def _unsaid(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+) -> None:
     """Where warnings go; filters that make errors of them still do."""
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from .defaults import command_line
-from .options import calibrate_option, columns_option, json_option, read_part
+from .options import calibrate_option, columns_option, json_option, own_option, read_part
 from .output import console, print_json, show
-from .own import own_option
 
 
 @click.command(name="adapt")
@@ -61,7 +60,7 @@ def adapt(
     from ..api.adapting import adapted
     from ..files import ensure_writable
     from ..guard import claim
-    from .fit_file import fit_of
+    from .options import fit_of
 
     fit = fit_of(fit_file)
     target = Path(out or f"{fit.model.name}_adapted") / "fit.json"

@@ -8,9 +8,8 @@ from typing import Any
 import click
 from rich.table import Table
 
-from ..datasets.fetch import fetch, folder_of
 from ..datasets.made import MADE, make
-from ..datasets.public import PUBLIC, PublicDataset, public
+from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, public
 from .commands import CommandGroup
 from .completion import names
 from .options import json_option

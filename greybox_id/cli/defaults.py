@@ -28,7 +28,7 @@ from ..errors import BadInput, near_or_all
 from ..files import near_file
 from ..guard import protect
 from .commands import COMMANDS
-from .own import MARK
+from .options import MARK
 from .terminal import tell
 
 FILE = "greybox.toml"

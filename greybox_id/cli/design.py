@@ -8,9 +8,8 @@ import click
 
 from ..api.designing import GOALS, as_dict, targets
 from ..api.designing import design as designed
-from .options import json_option
+from .options import json_option, own_option
 from .output import console, print_json, progress, show
-from .own import own_option
 
 
 @click.command(name="design")

@@ -202,7 +202,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     folder : with recording.csv, and vehicle.toml or fit.json.
     """
     from ..datasets.vehicle_file import vehicle as stated_in
-    from ..datasets.vehicle_text import write_vehicle
+    from ..datasets.vehicle_file import write_vehicle
     from ..exam.folder import CLOSED
     from ..exam.verification import plain_model
     from ..fit import load

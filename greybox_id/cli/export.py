@@ -23,11 +23,8 @@ from ..reports.text.screen import plain
 from ..saved import format_of
 from .completion import names
 from .defaults import command_line
-from .fit_file import fit_of
-from .model_options import simulated_model_options, wanted
-from .options import json_option
+from .options import fit_of, json_option, own_option, simulated_model_options, wanted
 from .output import console, end_by, print_json, working
-from .own import own_option
 from .terminal import tell
 
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .defaults import command_line
-from .model_options import model_options, wanted
-from .options import calibrate_option, columns_option, jobs_option, json_option, read_part
+from .options import calibrate_option, columns_option, jobs_option, json_option, model_options, read_part, wanted
 from .output import console, end_by, print_json, progress, show
 
 if TYPE_CHECKING:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.console import Console, Group
+from rich.table import Table
 
 from ..api.diagnosing import (
     doubted,
@@ -21,28 +24,157 @@ from ..api.diagnosing import (
 )
 from ..choices.parameters import wanted_vehicle
 from ..choices.wanted import must_be_recorded
+from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput
-from ..files import at_once
+from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
 from ..gap import Gap
 from ..gap.changed import Changed, diagnose_change
-from ..gap.closed_vehicle import closed_vehicle
+from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
 from ..gap.kinds import Diagnosed
+from ..guard import claim, option_of
+from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
 from ..motion_model import MotionModel
 from ..recording import Recording
+from ..reports.gap.saved import Made, as_text
+from ..reports.gap.words import budget, magnitude_words
+from ..reports.numbers import listed, number, pretty_unit
+from ..reports.text.gap import parts, probability
+from ..reports.text.screen import led
 from ..vehicle import Vehicle
 from .completion import names
 from .defaults import command_line
-from .fit_file import fit_of
-from .gap_files import targets_of, warnings_of, without_vehicle, write
-from .gap_output import as_json_text, show, show_changed
-from .options import VEHICLES, columns_option, json_option, read_part
+from .options import VEHICLES, columns_option, fit_of, json_option, named_model, own_option, read_part
 from .output import console, progress
-from .own import named_model, own_option
 from .terminal import clean_json, tell
+
+IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
+"""Kind of file -> its name in the folder of --out."""
+BECOMES = {
+    "json": "a gap",
+    "vehicle": "a vehicle file that greybox wrote",
+    "picture": "a figure",
+    "report": "a report",
+}
+"""Kind of file -> what the guard calls it."""
+
+
+def targets_of(out: str | None, report: str | None, apply: str | None) -> list[tuple[str, Path]]:
+    """What is to be written where, as (kind, file), checked before long work.
+
+    Parameters
+    ----------
+    out, report, apply : options of these names.
+
+    Raises
+    ------
+    BadInput : a file is named wrongly, cannot be written, or is read as well.
+    """
+    if report is not None and Path(report).suffix.lower() not in (".pdf", ".html"):
+        raise BadInput(f"{report}: a report is a .pdf or a .html file; name it so with --report.")
+    if apply is not None and Path(apply).suffix.lower() not in (".toml", ".json"):
+        raise BadInput(f"{apply}: a vehicle file ends in .toml or .json; name it so with --apply.")
+    found = [(kind, Path(out) / name) for kind, name in IN_FOLDER.items()] if out is not None else []
+    if report is not None or out is not None:
+        found.append(("report", Path(report) if report is not None else Path(out or "") / "gap.pdf"))
+    if apply is not None:
+        found.append(("vehicle", Path(apply)))
+    for kind, target in found:
+        option = "‹apply›" if apply is not None and target == Path(apply) else option_of(target)
+        claim(target, option, BECOMES[kind])
+    for folder in dict.fromkeys(target.parent for _, target in found):
+        ensure_writable(folder)
+    return found
+
+
+def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str | None) -> list[tuple[str, Path]]:
+    """Targets of a model whose weights a vehicle file has no place for.
+
+    Raises
+    ------
+    BadInput : a vehicle file was asked for.
+    """
+    if apply is not None:
+        raise BadInput(f"{apply}: {no_place(model)} Omit --apply.")
+    return [(kind, target) for kind, target in targets if kind != "vehicle"]
+
+
+def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made) -> None:
+    """Write one of the files, atomically."""
+    # Reports load the typesetter: without them, and for --help, it is done without.
+    if kind == "json":
+        write_atomically(target, as_text(gap, made))
+    elif kind == "vehicle":
+        assert closed is not None
+        write_vehicle(closed, target)
+    elif kind == "picture":
+        from ..reports.gap.page import write_picture
+
+        write_picture(gap, target)
+    else:
+        from ..reports.gap.report import write_report
+
+        write_report(gap, made, target)
+
+
+def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | None = None) -> list[str]:
+    """What is to be known of the closed vehicle, or of why there is none."""
+    if closed is None:
+        return [f"{IN_FOLDER['vehicle']} is left out: {no_place(gap.model)}"] if out is not None else []
+    lost = not_held(closed, gap)
+    said = []
+    if lost:
+        said.append(f"a vehicle file has no place for {', '.join(lost)}: the closed vehicle takes what is usual.")
+    if apply is not None and not gap.applied:
+        said.append(f"no effect was found to apply: {apply} describes the vehicle as it was.")
+    return said
+
+
+def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed | None = None) -> str:
+    """The diagnosis and what it was made with as one JSON object; what is not a finite number becomes null."""
+    told = gap.to_json() if changed is None else changed.to_json()
+    body = plain({**told, **asdict(made), "written": [str(target) for target in written]})
+    return json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def show(out: Console, gap: Gap) -> None:
+    """Print a diagnosis for people: doubts on the data, whether, where, which, how far, what is left."""
+    for part in parts(gap, out.width):
+        out.print(part)
+
+
+def show_changed(out: Console, found: Changed) -> None:
+    """Print what changed since other recordings, how much of the gap that is, and what did not change."""
+    gap = found.gap
+    for doubt in (*gap.doubts, *found.drift):
+        out.print(led("Doubt", doubt))
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for _ in range(4):
+        table.add_column(overflow="fold")
+    for own in gap.ranking:
+        if own.effect in gap.applied:
+            mean = number(found.scatter[own.effect][0], 2)
+            table.add_row(own.effect, magnitude_words(own), probability(own.probability), f"before: {mean}")
+    before = listed([*found.since])
+    lead = f"beyond what {before} scatter by" if gap.applied else f"nothing beyond what {before} scatter by"
+    out.print(led("Changed", Group(lead, table) if gap.applied else lead))
+    for own in gap.ranking:
+        if own.reason:
+            out.print(led("", f"{own.effect} {number(own.magnitude, 2)} not applied: {own.reason}"))
+    if gap.budget is not None:
+        out.print(led("Budget", budget(gap)))
+    still = [f"{name} (± {_within(found, name)})" for name in found.scatter if name not in gap.applied]
+    out.print(led("Same", f"within two standard deviations of the scatter: {listed(still)}"))
+    out.print(led("Left", gap.unknown or "nothing unnamed shows"))
+
+
+def _within(found: Changed, name: str) -> str:
+    """Twice the standard deviation of an effect's scatter, in its unit; factors in per cent."""
+    size, unit = 2 * found.scatter[name][1], EFFECTS[name].parameter.unit
+    return f"{number(100 * size, 2)} %" if unit == "1" else f"{number(size, 2)} {pretty_unit(unit)}"
 
 
 class _Since(click.Command):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ..datasets.vehicle_text import as_plain, write_vehicle
+from ..datasets.vehicle_file import as_plain, write_vehicle
 from ..errors import BadInput
 from ..exchange import Imported, ImportedVehicle, import_network, import_vehicle
 from ..exchange.vehicles import SUFFIXES

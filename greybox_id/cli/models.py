@@ -21,9 +21,8 @@ from ..reports.numbers import pretty_unit
 from ..reports.text.screen import plain
 from ..signals import unit_of
 from .completion import names
-from .options import VEHICLES, json_option, settings_of
+from .options import VEHICLES, json_option, named_effect, named_model, settings_of
 from .output import console, print_json
-from .own import named_effect, named_model
 
 
 @click.command(name="models")

@@ -1,19 +1,23 @@
-"""Options that several commands share."""
+"""Options that several commands share, and what they name: models, effects, vehicles, a fit to build on."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from ..models import MODEL_NAMES
 from .completion import names
+from .terminal import tell
 
 if TYPE_CHECKING:
+    from ..choices.wanted import Wanted
     from ..datasets.column_map import ColumnMap
+    from ..fit import Fit
     from ..recording import Recording
 
 
@@ -126,4 +130,140 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
             if not isinstance(inner, dict):
                 raise click.UsageError(f"{pair!r}: {group} is given as a value and as a group.")
         inner[last] = value
+    return found
+
+
+MARK = ".py:"
+"""What tells a place in a file from a name."""
+
+
+def named_model(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """The name of a model: that of the model in a file, which is known from now on."""
+    del ctx, param
+    if value is None or MARK not in value:
+        return value
+    from ..models.own import own_model
+
+    return own_model(value).name
+
+
+def named_effects(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> tuple[str, ...]:
+    """EFFECT[=VALUE] with the names of effects that are in files, which are known from now on."""
+    del ctx, param
+    found = []
+    for value in values:
+        place, equals, magnitude = value.partition("=")
+        if MARK in place:
+            from ..models.own import own_effect
+
+            place = own_effect(place.strip()).name
+        found.append(f"{place}{equals}{magnitude}")
+    return tuple(found)
+
+
+def named_effect(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """The name of an effect: that of the effect in a file, which is known from now on."""
+    return value if value is None else named_effects(ctx, param, [value])[0]
+
+
+def _known(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> None:
+    del ctx, param
+    for value in values:
+        from ..models.own import own
+
+        own(value)
+
+
+own_option = click.option(
+    "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
+    help="A model or an effect of your own, that a fit was made with or that is to be tried; the file is run.",
+)  # fmt: skip
+
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def _effects() -> Collection[str]:
+    from ..models.effects import EFFECTS
+
+    return EFFECTS
+
+
+_MODEL = (
+    click.option(
+        "--model", "name", metavar="NAME", shell_complete=names(MODEL_NAMES), callback=named_model,
+        help=f"One of {', '.join(MODEL_NAMES)}, or FILE.py:NAME, which is run; default: the vehicle's own.",
+    ),
+    click.option(
+        "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,
+        help="Numbers to start from: a shipped vehicle or a file.",
+    ),
+    click.option(
+        "--set", "settings", multiple=True, metavar="NAME=VALUE",
+        help="A hyperparameter, such as tyre=brush or lat.q=14.",
+    ),
+)  # fmt: skip
+_EFFECTS = click.option(
+    "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(_effects),
+    callback=named_effects,
+    help="Add an effect or FILE.py:NAME: free, held at a VALUE[unit], or free with a prior MEAN±SD[unit].",
+)  # fmt: skip
+_FIX = click.option(
+    "--fix", multiple=True, metavar="NAME[=VALUE]",
+    help="Hold a parameter where it stands or at a VALUE[unit]: m=3.5kg.",
+)  # fmt: skip
+_ESTIMATED = (
+    click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that is held otherwise."),
+    click.option("--prior", multiple=True, metavar="NAME=MEAN±SD", help="Prior of a parameter: B_f=6±3 or B_f=6+-3."),
+    click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where a parameter's estimation starts."),
+    click.option("--per-run", multiple=True, metavar="NAME", help="One value for each unbroken run."),
+)
+
+
+def model_options(command: Command) -> Command:
+    """What a model to be fitted is made of."""
+    return _with((*_MODEL, _EFFECTS, _FIX, *_ESTIMATED), command)
+
+
+def simulated_model_options(command: Command) -> Command:
+    """What a model to be simulated is made of."""
+    return _with((*_MODEL, _EFFECTS, _FIX), command)
+
+
+def wanted(
+    name: str | None,
+    vehicle: str | None,
+    settings: Sequence[str],
+    effects: Sequence[str],
+    fix: Sequence[str],
+    free: Sequence[str] = (),
+    prior: Sequence[str] = (),
+    start: Sequence[str] = (),
+    per_run: Sequence[str] = (),
+) -> Wanted:
+    """What these options ask for."""
+    from ..choices.parameters import Choices, magnitudes, wanted_vehicle  # not for --help: these load every model
+    from ..choices.wanted import Wanted
+
+    choices = Choices(fix, free, prior, start, per_run)
+    return Wanted(name, wanted_vehicle(vehicle), settings_of(settings), magnitudes(effects), choices)
+
+
+def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> Command:
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def fit_of(file: str | Path) -> Fit:
+    """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
+    from ..fit import load
+    from ..models.registry import build
+    from ..verdict import NOT_USABLE
+
+    found = load(file, build)
+    if found.verdict is not None and found.verdict.usability == NOT_USABLE:
+        tell(
+            f"warning: {file} is {NOT_USABLE}: {' '.join(found.verdict.reasons[:1])} What follows from it is no better."
+        )
     return found

@@ -19,18 +19,24 @@ from ..model import Model
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..reports.numbers import counted, pretty_unit, with_sd
-from ..reports.text.timing import timing_lines
+from ..reports.text.fit import timing_lines
 from ..scores.metrics import Prediction, as_dict, prediction_errors
 from ..scores.prediction import as_table, assumed
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs
 from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing
 from ..signals import unit_of
-from .fit_file import fit_of
-from .model_options import simulated_model_options, wanted
-from .options import calibrate_option, columns_option, json_option, read_part
+from .options import (
+    calibrate_option,
+    columns_option,
+    fit_of,
+    json_option,
+    own_option,
+    read_part,
+    simulated_model_options,
+    wanted,
+)
 from .output import console, print_json, working
-from .own import own_option
 from .terminal import tell
 
 PREDICTIONS, SIMULATIONS = "a table of predictions", "a table of simulations"

@@ -11,10 +11,8 @@ from ..api.profiles import profiles, trained
 from ..datasets.result_table import PLAIN, target_of, write_table
 from ..fitting.restated import profiled
 from ..guard import claim
-from .fit_file import fit_of
-from .options import jobs_option, json_option
+from .options import fit_of, jobs_option, json_option, own_option
 from .output import console, print_json, progress, show
-from .own import own_option
 from .report import recordings_of
 
 

@@ -16,9 +16,8 @@ from ..guard import claim
 from ..models.registry import build
 from ..recording import Recording
 from ..saved import format_of
-from .options import json_option, part
+from .options import json_option, own_option, part
 from .output import console, print_json, working
-from .own import own_option
 
 if TYPE_CHECKING:
     from ..reports.document import Document
@@ -61,7 +60,7 @@ def report(
     compared.
     """
     # The reports load the typesetter: commands that write none, and --help, do without.
-    from ..reports.drawing import write_drawings
+    from ..reports.document import write_drawings
     from ..reports.report import kind_of, write
 
     target = Path(out) if out is not None else _beside([Path(file) for file in files], kind or "pdf")
@@ -116,8 +115,8 @@ def _of_gap(file: Path) -> Document:
 
 
 def _of_track(file: Path) -> Document:
+    from ..reports.track.digest import load_track
     from ..reports.track.report import track_report
-    from ..reports.track.saved import load_track
 
     return track_report(load_track(file))
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import click
 
-from .options import json_option
+from .options import json_option, own_option
 from .output import console, print_json, progress, show
-from .own import own_option
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of other commands; what there is was kept."""
@@ -70,7 +69,7 @@ def sample(
     from ..api.profiles import trained
     from ..api.sampling import posterior_target, sampled
     from ..posterior.verb import SampleOptions, must_suit_sampling
-    from .fit_file import fit_of
+    from .options import fit_of
     from .report import recordings_of
 
     target = posterior_target(out)

@@ -16,7 +16,7 @@ from ..choices.parameters import named, number
 from ..choices.wanted import Wanted
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
-from ..datasets.vehicle_text import write_vehicle
+from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput
 from ..files import at_once, write_atomically
 from ..filters import How
@@ -25,14 +25,10 @@ from ..filters.track import tracked_vehicle
 from ..guard import claim
 from ..models.effects import EFFECTS
 from ..reports.text.track import as_dict, parts
-from ..reports.track.digest import TrackMade
-from ..reports.track.saved import as_text
+from ..reports.track.digest import TrackMade, as_text
 from .defaults import command_line
-from .fit_file import fit_of
-from .model_options import model_options, wanted
-from .options import columns_option, json_option, read_part
+from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
 from .output import console, print_json, progress, show
-from .own import own_option
 
 FROM_STDIN = "-"
 
@@ -142,8 +138,8 @@ def track(
         if apply is not None and chosen.vehicle is not None:
             written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, found, own, others, EFFECTS), apply)))
         if figures is not None:
-            from ..reports.drawing import write_drawings
-            from ..reports.track.drawings import drawings
+            from ..reports.document import write_drawings
+            from ..reports.track.report import drawings
 
             written += [str(path) for path in write_drawings(drawings(told), figures)]
     if as_json:

@@ -10,9 +10,8 @@ from ..api.validating import validation
 from ..fit import load
 from ..models.registry import build
 from ..reports.numbers import counted
-from .options import columns_option, json_option, read_part
+from .options import columns_option, json_option, own_option, read_part
 from .output import end_by, print_json, show, working
-from .own import own_option
 
 
 @click.command(name="validate")

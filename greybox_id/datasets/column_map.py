@@ -17,8 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import BadInput, near
-from ..files import near_file
-from ..guard import protect
+from ..files import near_file, small_file
 from ..recording import Array
 from ..signals import SIGNALS
 from ..units import to_si
@@ -172,16 +171,10 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
             f'There is no column map "{wanted}".{near(wanted, shipped_maps()) or near_file(Path(wanted))} '
             f"Shipped maps: {', '.join(shipped_maps())}; your own is named by the path of its .toml file."
         )
-    protect(wanted)
     try:
-        text = Path(wanted).read_bytes().decode("utf-8-sig")
+        text = small_file(wanted, "column map").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"{wanted}: this column map is not UTF-8 text; save it as UTF-8.") from error
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
-        raise BadInput(
-            f"{wanted}: the column map cannot be read ({reason}).{near_file(Path(wanted))} Check the path."
-        ) from error
     return parse_column_map(text, wanted)
 
 

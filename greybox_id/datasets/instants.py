@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from ..recording import Array
 from .column_map import Column
-from .table import RawTable
+from .formats.contents import RawTable
 
 EPOCH = 1e8
 """Times beyond this many seconds (three years) count from 1970, not from the start of a recording."""

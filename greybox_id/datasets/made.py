@@ -10,13 +10,13 @@ from .formats import write as write_recording
 
 
 def _racer(folder: Path, seed: int | None) -> tuple[Path, ...]:
-    from .synthetic_racer.files import SEED, make
+    from .synthetic_racer.drive import SEED, make
 
     return make(folder, SEED if seed is None else seed)
 
 
 def _simrod(folder: Path, seed: int | None) -> tuple[Path, ...]:
-    from .synthetic_simrod.files import write
+    from .synthetic_simrod import write
 
     return write(folder, seed or 0)
 

@@ -1,14 +1,28 @@
-"""Public recordings that the package has column maps for: where their authors keep them, and under which licence.
+"""Public recordings: their authors' addresses and licences, and fetching them, resumed and checked by SHA-256.
 
 Addresses name a commit where one is known: what lies there never changes.
 """
 
 from __future__ import annotations
 
+import http.client
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+import pandas as pd
+
+from .. import __version__
 from ..errors import BadInput, near_or_all
+from ..files import cache_folder, replacing, writable, write_atomically
+from ..guard import permit
+from .formats import hash_of
 
 
 @dataclass(frozen=True)
@@ -122,3 +136,137 @@ def public(name: str) -> PublicDataset:
     if name not in PUBLIC:
         raise BadInput(f'There is no public dataset "{name}".{near_or_all(name, PUBLIC)}')
     return PUBLIC[name]
+
+
+CHUNK = 1 << 16
+SECONDS = 30
+"""Without a byte for so long, a connection has failed."""
+ATTEMPTS = 5
+"""Times that a transfer is taken up again where it broke off."""
+HASHES = "sha256.json"
+"""Hashes of files whose hash is not known beforehand, as they were fetched first."""
+Say = Callable[[str], None]
+
+
+def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda _: None) -> tuple[Path, ...]:
+    """Fetch a dataset's files, those that are not there yet.
+
+    Parameters
+    ----------
+    dataset : what to fetch.
+    folder : where to; None takes the folder `datasets` of the cache.
+    say : is told what is going on.
+
+    Returns
+    -------
+    The recordings' paths.
+
+    Raises
+    ------
+    BadInput
+        The source cannot be reached or has nothing there, or a file is not the one that is known.
+    """
+    if not dataset.files:
+        raise BadInput(
+            f"The files of {dataset.name} have no address that is known here; fetch them from {dataset.source} "
+            f"yourself and read them with ‹columns› {dataset.columns}."
+        )
+    target = folder or folder_of(dataset)
+    known = _known(target)
+    paths = []
+    for remote in dataset.files:
+        path = target / remote.name
+        expected = remote.sha256 or known.get(remote.name, "")
+        if path.is_file() and (not expected or hash_of(path) == expected):
+            say(f"{remote.name} is there")
+        else:
+            _fetched(remote, path, expected, say)
+        if not remote.sha256:
+            known[remote.name] = hash_of(path)
+            write_atomically(target / HASHES, json.dumps(known, indent=1) + "\n", continued=True)
+        paths.append(path)
+    return (_joined(paths, target / dataset.joined),) if dataset.joined else tuple(paths)
+
+
+def folder_of(dataset: PublicDataset) -> Path:
+    """Where a dataset lies in the cache."""
+    return cache_folder() / "datasets" / dataset.name
+
+
+def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
+    part = path.with_name(f"{path.name}.part")
+    with writable(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for attempt in range(1, ATTEMPTS + 1):
+            if _transferred(remote, part, say):
+                break
+            say(f"{remote.name} broke off after {part.stat().st_size} bytes, attempt {attempt} of {ATTEMPTS}")
+        else:
+            raise BadInput(
+                f"{remote.address} broke off {ATTEMPTS} times; what has come is kept in {part}, call again to go on."
+            )
+        found = hash_of(part)
+        if expected and found != expected:
+            part.unlink()
+            raise BadInput(
+                f"{remote.address} is not the file that is known: its SHA-256 is {found}, expected is {expected}. "
+                "Nothing of it was kept. It may have been changed by its authors, or on the way."
+            )
+        permit(part, path)
+        part.replace(path)
+
+
+def _transferred(remote: Remote, part: Path, say: Say) -> bool:
+    """Fetch what is missing of a file; False where the connection broke off before its end."""
+    have = part.stat().st_size if part.exists() else 0
+    request = urllib.request.Request(remote.address, headers={"User-Agent": f"greybox-id/{__version__}"})
+    if have:
+        request.add_header("Range", f"bytes={have}-")
+    try:
+        with urllib.request.urlopen(request, timeout=SECONDS) as answer:
+            if answer.status != http.client.PARTIAL_CONTENT:
+                have = 0  # the server sends all of it again
+            length = answer.headers.get("Content-Length")
+            whole = have + int(length) if length else None
+            size = f", {whole / 1e6:.2f} MB" if whole else ""
+            say(f"{'going on with' if have else 'fetching'} {remote.name}{size}")
+            with part.open("ab" if have else "wb") as opened:
+                while chunk := answer.read(CHUNK):
+                    opened.write(chunk)
+        return whole is None or part.stat().st_size >= whole
+    except urllib.error.HTTPError as error:
+        if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and have:
+            return True  # all of it had come; the hash tells whether it is right
+        raise BadInput(f"{remote.address} answers {error.code} {error.reason}; has it moved?") from error
+    except (urllib.error.URLError, TimeoutError, ConnectionError, http.client.HTTPException) as error:
+        if part.exists() and part.stat().st_size > have:
+            return False
+        reason = getattr(error, "reason", error)
+        raise BadInput(
+            f"{remote.address} cannot be reached ({reason}). Is this machine online? Call again when it is; "
+            "what has come is kept."
+        ) from error
+
+
+def _known(folder: Path) -> dict[str, Any]:
+    try:
+        known = json.loads((folder / HASHES).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return known if isinstance(known, dict) else {}
+
+
+def _joined(paths: list[Path], target: Path) -> Path:
+    """One CSV file of columns that lie in files of their own."""
+    columns = {}
+    for path in paths:
+        try:
+            columns[path.stem] = np.loadtxt(path, ndmin=1)
+        except (ValueError, OSError) as error:
+            raise BadInput(f"{path} holds no column of numbers ({error}). Remove it and fetch again.") from error
+    lengths = {len(values) for values in columns.values()}
+    if len(lengths) != 1:
+        raise BadInput(f"{target}: its columns have {sorted(lengths)} rows. Remove {target.parent} and fetch again.")
+    with replacing(target) as beside:
+        pd.DataFrame(columns).to_csv(beside, index=False)
+    return target

@@ -15,9 +15,8 @@ from ..signals import SD, unit_of
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
-from .formats.contents import TIME
+from .formats.contents import TIME, RawTable, one_column
 from .instants import Instants, instants, origin_of
-from .table import RawTable, one_column
 
 __all__ = ["SUFFIXES", "read"]
 

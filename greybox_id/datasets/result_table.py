@@ -15,8 +15,7 @@ from ..files import replacing
 from ..guard import MARK
 from ..signals import unit_of, unit_of_quantity
 from .formats import mdf
-from .formats.columns import BETWEEN_RUNS, Columns
-from .formats.contents import needed
+from .formats.contents import BETWEEN_RUNS, Columns, needed
 
 PLAIN = (".csv", ".parquet")
 SUFFIXES = (*PLAIN, ".mf4", ".mcap")

@@ -27,16 +27,18 @@ Shipped ones lie in `vehicles/`.
 from __future__ import annotations
 
 import json
+import re
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from importlib import resources
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
+from .. import __version__
 from ..errors import BadInput, near
-from ..files import near_file
-from ..guard import protect
+from ..files import near_file, small_file, write_atomically
+from ..guard import VEHICLE_MARK
 from ..signals import SIGNALS
 from ..vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
 from .tyre_file import read_tyre_file
@@ -78,16 +80,10 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
             f'There is no vehicle "{name}".{near(name, shipped_vehicles()) or near_file(Path(name))} Shipped vehicles: '
             f"{', '.join(shipped_vehicles())}; your own is named by the path of its .toml or .json file."
         )
-    protect(name)
     try:
-        text = Path(name).read_bytes().decode("utf-8-sig")
+        text = small_file(name, "vehicle file").decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"{name}: this vehicle file is not UTF-8 text; save it as UTF-8.") from error
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "no valid path"
-        raise BadInput(
-            f"{name}: the vehicle file cannot be read ({reason}).{near_file(Path(name))} Check the path."
-        ) from error
     return parse_vehicle(text, Path(name), parameters, effects)
 
 
@@ -101,12 +97,9 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
     """
     where = str(path)
     table = _parsed(text, path)
-    for key in table:
-        if key in KEYS:
-            continue
-        if key in parameters:
-            raise BadInput(f"{where}: {key} is a parameter and belongs under [parameters].")
-        raise BadInput(f'{where}: there is no key "{key}".{near(key, KEYS)} Known are {", ".join(KEYS)}.')
+    if misplaced := [key for key in table if key in parameters and key not in KEYS]:
+        raise BadInput(f"{where}: {misplaced[0]} is a parameter and belongs under [parameters].")
+    _only(table, KEYS, where)
     stated, tolerated, sensors = (_table(table, key, where) for key in ("parameters", "effects", "noise"))
     _all_known(stated, parameters, "parameter", f"{where}: [parameters]")
     _all_known(tolerated, effects, "effect", f"{where}: [effects]")
@@ -167,10 +160,7 @@ def _model(table: Mapping[str, Any], effects: Collection[str], where: str) -> Ch
 
 
 def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
-    for key in table:
-        if key not in TRACKING_KEYS:
-            hint = near(key, TRACKING_KEYS)
-            raise BadInput(f'{where}: there is no key "{key}".{hint} Known are {", ".join(TRACKING_KEYS)}.')
+    _only(table, TRACKING_KEYS, where)
     sizes = _table(table, "noise", where)
     return TrackingPlan(
         parameters=_names(table, "parameters", where),
@@ -181,17 +171,10 @@ def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
 
 def _model_errors(table: Mapping[str, Any], where: str) -> dict[str, StatedModelError]:
     found = dict[str, StatedModelError]()
+    _only(table, FORCES, where, "force")
     for force in table:
-        if force not in FORCES:
-            hint = near(force, FORCES)
-            raise BadInput(f'{where}: there is no force "{force}".{hint} Known are {", ".join(FORCES)}.')
         own = _table(table, force, where)
-        for key in own:
-            if key not in MODEL_ERROR_KEYS:
-                hint = near(key, MODEL_ERROR_KEYS)
-                raise BadInput(
-                    f'{where} {force}: there is no key "{key}".{hint} Known are {", ".join(MODEL_ERROR_KEYS)}.'
-                )
+        _only(own, MODEL_ERROR_KEYS, f"{where} {force}")
         found[force] = StatedModelError(**{key: _above_zero(own[key], f"{where} {force} {key}") for key in own})
     return found
 
@@ -231,10 +214,7 @@ def _stated(entry: object, where: str) -> Stated:
     """A number, or a table of value, sd, min, max and source."""
     if not isinstance(entry, Mapping):
         return Stated(_number(entry, where))
-    for key in entry:
-        if key not in STATED_KEYS:
-            hint = near(key, STATED_KEYS)
-            raise BadInput(f'{where}: there is no key "{key}".{hint} Known are {", ".join(STATED_KEYS)}.')
+    _only(entry, STATED_KEYS, where)
     given = {key: _number(entry[key], f"{where}: {key}", key) for key in STATED_KEYS[:-1] if key in entry}
     low, high, value, sd = given.get("min", -inf), given.get("max", inf), given.get("value"), given.get("sd")
     if sd is not None and sd <= 0:
@@ -259,6 +239,12 @@ def _number(value: object, where: str, key: str = "value") -> float:
     return float(value)
 
 
+def _only(table: Mapping[str, Any], keys: Collection[str], where: str, what: str = "key") -> None:
+    for key in table:
+        if key not in keys:
+            raise BadInput(f'{where}: there is no {what} "{key}".{near(key, keys)} Known are {", ".join(keys)}.')
+
+
 def _all_known(table: Mapping[str, Any], names: Collection[str], what: str, where: str) -> None:
     for key in table:
         if names and key not in names:
@@ -279,3 +265,100 @@ def _text(table: Mapping[str, Any], key: str, where: str, default: str) -> str:
     if not isinstance(value, str) or (key == "name" and not value.strip()):
         raise BadInput(f"{where}: {key} must be text in quotes, not {value!r:.60}.")
     return value
+
+
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
+    """Write a vehicle as TOML or, where the path ends in .json, as JSON; atomically.
+
+    Comments of the file it was read from are not kept, sources are.
+
+    Raises
+    ------
+    BadInput : the file cannot be written there.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in (".toml", ".json"):
+        raise BadInput(f"{file}: a vehicle file ends in .toml or .json; name it so.")
+    if suffix == ".json":
+        return write_atomically(file, json.dumps(as_plain(vehicle), indent=1, ensure_ascii=False) + "\n")
+    return write_atomically(file, vehicle_text(vehicle))
+
+
+def vehicle_text(vehicle: Vehicle) -> str:
+    """The text of its TOML file."""
+    return "\n".join([f"{VEHICLE_MARK} {__version__}", *_toml(as_plain(vehicle))]).strip() + "\n"
+
+
+def as_plain(vehicle: Vehicle) -> dict[str, Any]:
+    """A vehicle as plain data, with the keys of a vehicle file."""
+    plain: dict[str, Any] = {"name": vehicle.name}
+    if vehicle.about:
+        plain["about"] = vehicle.about
+    if vehicle.steer_max is not None:
+        plain["steer_max"] = vehicle.steer_max
+    if vehicle.model is not None:
+        chosen = vehicle.model
+        settings = {key: value for key, value in chosen.settings.items() if value is not None}
+        plain["model"] = {"name": chosen.name, **settings}
+        if chosen.effects:
+            plain["model"]["effects"] = _plainly(chosen.effects)
+    plain["parameters"] = _plainly(vehicle.values)
+    plain["effects"] = _plainly(vehicle.effects)
+    plain["noise"] = dict(vehicle.noise)
+    plain["model_error"] = {
+        force: {key: value for key, value in vars(own).items() if value is not None}
+        for force, own in vehicle.model_error.items()
+    }
+    if vehicle.tracking is not None:
+        own = vehicle.tracking
+        plan = {"parameters": list(own.parameters), "disturbances": list(own.disturbances), "noise": dict(own.noise)}
+        plain["tracking"] = {key: value for key, value in plan.items() if value}
+    return {key: value for key, value in plain.items() if value != {}}
+
+
+def _plainly(stated: Mapping[str, Stated]) -> dict[str, Any]:
+    return {name: _plain(own) for name, own in stated.items()}
+
+
+def _plain(stated: Stated) -> float | dict[str, float | str]:
+    if stated.plain and not stated.source and stated.value is not None:
+        return stated.value
+    return {key: value for key, value in vars(stated).items() if value is not None and value != ""}
+
+
+def _toml(plain: Mapping[str, Any]) -> Iterator[str]:
+    """Lines: first what belongs to no table, then one table after the other, an entry each line."""
+    tables = {key: value for key, value in plain.items() if isinstance(value, Mapping)}
+    for key, value in plain.items():
+        if key not in tables:
+            yield f"{_key(key)} = {_inline(value)}"
+    for key, table in tables.items():
+        yield f"\n[{_key(key)}]"
+        for name, value in table.items():
+            yield f"{_key(name)} = {_inline(value)}"
+
+
+def _key(name: str) -> str:
+    return name if BARE_KEY.fullmatch(name) else _quoted(name)
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, Mapping):
+        entries = [f"{_key(key)} = {_inline(own)}" for key, own in value.items() if own is not None]
+        return f"{{ {', '.join(entries)} }}" if entries else "{}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(_inline(own) for own in value)}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    return _quoted(str(value))
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string; JSON's escapes are its own but for the one character JSON leaves as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -22,7 +22,7 @@ from ..datasets.virtual_vehicle import (
     tolerances,
     vehicle_file_text,
 )
-from ..datasets.virtual_vehicle.entries import Kind as Class
+from ..datasets.virtual_vehicle.effects import Kind as Class
 from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording

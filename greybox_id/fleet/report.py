@@ -14,8 +14,7 @@ from matplotlib.axes import Axes
 from ..errors import BadInput, near_or_all
 from ..guard import claim
 from ..parameter import Array
-from ..reports.document import Document, Pairs, Part, Points, Section, Table, Text, VerdictBox, titled
-from ..reports.drawing import Drawing
+from ..reports.document import Document, Drawing, Pairs, Part, Points, Section, Table, Text, VerdictBox, titled
 from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from ..reports.html import write_html

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..datasets.vehicle_text import write_vehicle
+from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
 from ..files import write_atomically

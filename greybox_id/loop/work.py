@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..datasets.readers.child import limit
-from ..datasets.vehicle_text import vehicle_text
+from ..datasets.vehicle_file import vehicle_text
 from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import finite

@@ -1,48 +1,25 @@
-"""What a report says, as plain data: sentences and tables of words. Here stands what reports of all models say."""
+"""What reports of fits of all models say: sentences and tables of words."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from ..fit import Fit
-from ..provenance import DataRecord
+from ..parameter import Parameter
+from ..provenance import DataRecord, Stage
 from ..signals import unit_of
-from .document import Pairs, Part, Points, Table, Text, VerdictBox, titled
+from .document import Formulas, Part, Points, Table, Text
+from .equations.expression import Equation, readable
+from .figures.estimates import same_as_best, spread_of
 from .noise import Noise
-from .numbers import capital, counted, listed, number, pretty_unit, signal_words
+from .numbers import capital, counted, interval, listed, number, percent, pretty_unit, signal_words, with_sd
 from .recordings import Seen, of_role
 
 ROLE_WORDS = {"train": "training", "validate": "validation"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Content:
-    """Everything a report says.
-
-    Attributes
-    ----------
-    model, about : name of the model and one sentence on it.
-    verdict : three sentences.
-    errors : by output, and by protocol or horizon.
-    noise : a sentence on the sensors' noise.
-    recordings, provenance : files seen, and (what, value) pairs.
-    parameters : physical (scalar) parameters; together: what cannot be distinguished.
-    stages : how it was fitted.
-    """
-
-    model: str
-    about: str
-    verdict: tuple[str, ...]
-    errors: Table
-    noise: str
-    recordings: Table
-    provenance: tuple[tuple[str, str], ...]
-    parameters: Table
-    together: tuple[str, ...]
-    stages: Table
+HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
+OBJECTIVE = "The objective is half the sum of squares of residuals and priors, in standard deviations."
 
 
 def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str = "") -> str:
@@ -115,11 +92,6 @@ def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def opening(fit: Fit, said: Content, leads: tuple[str, str, str]) -> tuple[Part, ...]:
-    """The verdict, each sentence behind its lead; whether the fit can be used first."""
-    return (VerdictBox((*can_be_used(fit), *zip(leads, said.verdict, strict=True))),)
-
-
 def can_be_used(fit: Fit) -> tuple[tuple[str, str], ...]:
     """The verdict on a fit with its reasons, behind its lead; nothing where nobody judged it."""
     if fit.verdict is None:
@@ -127,17 +99,138 @@ def can_be_used(fit: Fit) -> tuple[tuple[str, str], ...]:
     return (("Verdict", " ".join([f"{capital(fit.verdict.usability)}.", *fit.verdict.reasons])),)
 
 
-def provenance(said: Content) -> tuple[Part, ...]:
-    """Files and what reproduces the fit."""
-    return titled("Provenance", said.recordings, Pairs(said.provenance))
-
-
-def told_together(said: Content) -> tuple[Part, ...]:
+def indistinguishable(sentences: Iterable[str]) -> tuple[Part, ...]:
     """What no recording can tell apart."""
-    if not said.together:
+    items = tuple(sentences)
+    if not items:
         return ()
     lead = Text("by any recording, because the equations let them act together only:", lead="Cannot be distinguished")
-    return (lead, Points(said.together))
+    return (lead, Points(items))
 
 
-OBJECTIVE = "The objective is half the sum of squares of residuals and priors, in standard deviations."
+def scalars(fit: Fit, parameters: Sequence[Parameter] | None = None, notes: dict[str, str] | None = None) -> Table:
+    """Estimates of single numbers.
+
+    Parameters
+    ----------
+    fit : the fit.
+    parameters : which of them; all by default.
+    notes : name -> what to know of it besides what the fit itself notes.
+    """
+    chosen = fit.model.parameters if parameters is None else parameters
+    said = fit.notes()
+    rows = [
+        _row(fit, p, [words[p.name] for words in (said, notes or {}) if p.name in words]) for p in chosen if not p.shape
+    ]
+    return Table(HEAD, tuple(rows), "lLrrllL")
+
+
+def _row(fit: Fit, parameter: Parameter, notes: list[str]) -> tuple[str, ...]:
+    value = float(parameter.array)
+    sd = 0.0 if parameter.fixed else float(np.ravel(fit.sd.get(parameter.name, 0.0))[0])
+    low, high = (float(end) for end in fit.interval(parameter.name))
+    if parameter.scope == "run" and parameter.name in fit.per_run:
+        runs = ", ".join(number(float(value)) for value in np.ravel(fit.per_run[parameter.name]))
+        notes = [*notes, f"one per training run: {runs}; the estimate is what new runs get"]
+    return (
+        parameter.name, parameter.about, with_sd(value, sd), interval(low, high, sd),
+        pretty_unit(parameter.unit), "held" if parameter.fixed else _believed(parameter), "; ".join(notes),
+    )  # fmt: skip
+
+
+def _believed(parameter: Parameter) -> str:
+    """What was believed of a number before: mean and standard deviation."""
+    prior = parameter.prior
+    if prior is None:
+        return "none"
+    mean = parameter.array if prior.mean is None else np.asarray(prior.mean, dtype=float)
+    return with_sd(float(np.ravel(mean)[0]), float(np.max(np.asarray(prior.sd, dtype=float))))
+
+
+MOST_STARTS, LEAST_OFF = 12, 0.01
+"""Starts that have a row; standard deviations from which on an end is off."""
+NOTHING = 1e-6
+"""Below this share, a difference of objectives counts as none."""
+
+
+def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
+    """Every stage, called what `name` calls it, with how it ended."""
+    head = ("stage", "how it ended", "steps", "CPU", "objective", "starts", "Ipopt")
+    rows = tuple(
+        (
+            name(stage), stage.status, str(stage.steps),
+            f"{stage.cpu_seconds:.1f} s" + (f" + {stage.cross_validation_seconds:.1f} s" if stage.tried else ""),
+            number(stage.certificate.objective_after if stage.certificate else stage.starts[0], 6),
+            _starts(stage), _ipopt(stage),
+        )
+        for stage in fit.stages
+    )  # fmt: skip
+    return Table(head, rows, "LLrrrLL")
+
+
+def starts_table(fit: Fit, stage: Stage) -> Table:
+    """Every start: how it compares, and the number that ended furthest from the estimate."""
+    spread = spread_of(fit, stage)
+    if not spread:
+        return Table((), ())
+    best, rows = min(stage.starts), []
+    for k, objective in enumerate(stage.starts[:MOST_STARTS]):
+        name = max(spread, key=lambda own: abs(spread[own][k][0]))
+        above = (objective - best) / abs(best) if best else float("nan")
+        off = spread[name][k][0]
+        where = (name, f"{number(off, 2)} sd") if abs(off) >= LEAST_OFF else ("–", "–")
+        rows.append((str(k + 1), number(objective, 6), percent(above) if above > NOTHING else "–", *where))
+    head = ("start", "objective", "above the best", "furthest off", "by")
+    return Table(head, tuple(rows), "lrrlr")
+
+
+def ended(stage: Stage) -> str:
+    """Whether the solver converged, as a clause."""
+    steps = f"after {stage.steps} step{'s' if stage.steps != 1 else ''}"
+    if stage.converged:
+        return f"the solver converged {steps}"
+    return f"the solver did not converge {steps} ({stage.status.rstrip('.')})"
+
+
+def ipopt_words(stage: Stage) -> str:
+    """Whether Ipopt confirmed the optimum, as a clause."""
+    verdict = stage.certificate
+    if verdict is None:
+        return "Ipopt was not asked to confirm the optimum"
+    if verdict.confirmed:
+        return "Ipopt confirmed the optimum on the same problem"
+    better = (
+        f"finding {percent(verdict.gained)} less in the objective"
+        if verdict.gained > NOTHING
+        else "finding nothing better"
+    )
+    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}”, {better}"
+
+
+def _starts(stage: Stage) -> str:
+    if len(stage.starts) < 2:
+        return "1"
+    best, same = min(stage.starts), sum(same_as_best(stage))
+    spread = (max(stage.starts) - best) / abs(best) if best else float("nan")
+    words = f"{same} of {len(stage.starts)} the same"
+    return f"{words}; worst {percent(spread)} above" if spread > NOTHING else words
+
+
+def _ipopt(stage: Stage) -> str:
+    certificate = stage.certificate
+    if certificate is None:
+        return "not asked"
+    word = "confirmed" if certificate.confirmed else "not confirmed"
+    gain = (certificate.objective_before - certificate.objective_after) / certificate.objective_before
+    return (
+        f"{word}: {certificate.status}, {counted(certificate.iterations, 'iteration')}, objective "
+        f"{'−' + percent(gain) if gain > NOTHING else 'unchanged'}, gradient {number(certificate.gradient, 2)}, "
+        f"{certificate.cpu_seconds:.1f} s"
+    )
+
+
+def written_down(equations: Sequence[Equation], words: str, *between: Part) -> tuple[Part, ...]:
+    """Equations behind what there is to say of them; of abbreviations that are left out, readers are told."""
+    shown, left_out = readable(equations)
+    more = f" {left_out} abbreviations are left out for their number." if left_out else ""
+    return (Text(words + more), *between, Formulas(shown))

@@ -13,9 +13,8 @@ from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of
-from .document import Part, Points, Table, Text, titled
-from .drawing import Drawing
-from .figures.excitation import excitation
+from .document import Drawing, Part, Points, Table, Text, titled
+from .figures.characteristics import excitation
 from .numbers import counted, number, percent, pretty_unit, raised, signal_words
 from .recordings import Seen, of_role
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from .drawing import Drawing
+from ..files import write_atomically
 from .equations.expression import Equation
+
+if TYPE_CHECKING:  # matplotlib is loaded where something is drawn
+    from .figures.sheet import Sheet
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,29 @@ class Formulas:
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """A figure and its words.
+
+    Attributes
+    ----------
+    name : of its file, without suffix.
+    figure : the figure.
+    caption : below it.
+    alt : what it shows, for those who cannot see it.
+    """
+
+    name: str
+    figure: Sheet
+    caption: str
+    alt: str
+
+    @property
+    def svg(self) -> str:
+        """The figure as an SVG file, in the colours of light paper."""
+        return self.figure.svg(self.alt)
+
+
+@dataclass(frozen=True)
 class Together:
     """Parts that no page break divides."""
 
@@ -125,6 +154,16 @@ def _drawings(parts: tuple[Part, ...]) -> tuple[Drawing, ...]:
         elif isinstance(part, Together):
             found += _drawings(part.parts)
     return tuple(found)
+
+
+def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
+    """Write figures as SVG files, each atomically.
+
+    Raises
+    ------
+    BadInput : the folder cannot be written.
+    """
+    return [write_atomically(Path(folder) / f"{one.name}.svg", one.svg) for one in made]
 
 
 def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:

@@ -1,17 +1,30 @@
-"""Drawings that reports of all models share."""
+"""Drawings that reports of all models share: traces, residuals, spectra."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from .drawing import Drawing, stretch_words, where_from
-from .figures.residuals import residual_correlations
-from .figures.traces import traces
+from .document import Drawing
+from .figures.predictions import residual_correlations, spectrum, traces
+from .noise import Noise
 from .numbers import listed, signal_words
-from .recordings import Seen, of_role, shown_first
+from .recordings import Seen, of_role, shown_first, typical_stretch
 
 TALL, LOW = 335.0, 250.0
 """Height of the traces of the recording that is judged, and of the training data beside it, points."""
+
+
+def _where_from(one: Seen) -> str:
+    """A recording and what it was for."""
+    return f"{one.recording.name} ({'validation' if one.role == 'validate' else 'training'} data)"
+
+
+def stretch_words(one: Seen) -> tuple[str, str]:
+    """Where the typical stretch of a recording lies, and how long it is: "run 2 of lap7 (training data)", "15 s"."""
+    start, stop = typical_stretch(one)
+    run = 1 + next(k for k, (a, b) in enumerate(one.recording.runs) if a <= start < b)
+    seconds = (stop - start) * one.recording.sample_time
+    return f"run {run} of {_where_from(one)}", f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
 def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawing]:
@@ -47,9 +60,28 @@ def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iter
         yield Drawing(
             "residuals",
             figure,
-            f"Correlation of the residuals over {where_from(one)} with themselves over lags and, of the longest "
+            f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
             "prediction, with inputs: right of zero residuals come after the input. What leaves the band is "
             "something the model could still learn, or a delay that is not right; predictions over a horizon "
             "correlate for as long as the horizon even where the model is.",
             "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
         )
+
+
+def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterator[Drawing]:
+    """Spectra of what was measured, of errors, and of noise where it is heard."""
+    one = shown_first(recordings)
+    figure = spectrum(one, heard)
+    if figure is None:
+        return
+    method = (
+        f"Power spectral densities over {_where_from(one)}: Welch's method within runs, Hamming windows overlapping by "
+        "half."
+    )
+    if heard is None:
+        words = "No stretch lets the sensors' noise be heard alone, so it is left out."
+    else:
+        caveat = ", where motor and road do not shake the sensors" if heard.where == "at rest" else ""
+        words = f"Noise is heard {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
+    outputs = listed([signal_words(name) for name in one.outputs])
+    yield Drawing("spectrum", figure, f"{method} {words}", f"Power spectra of {outputs}.")

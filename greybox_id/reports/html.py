@@ -8,9 +8,8 @@ from pathlib import Path
 
 from ..files import write_atomically
 from ..guard import MARK
-from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
-from .drawing import Drawing
-from .equations.mathml import in_mathml
+from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
+from .equations.typesetting import in_mathml
 from .figures.style import DARK, LIGHT
 from .words import Span, is_symbol_index, named, spans
 

@@ -15,9 +15,8 @@ import typst
 from ..errors import BadInput
 from ..files import replacing
 from ..guard import MARK
-from .document import Document, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
-from .drawing import Drawing
-from .equations.typst import in_typst
+from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
+from .equations.typesetting import in_typst
 from .words import Span, is_symbol_index, named, spans
 
 LAYOUT = "document.typ"

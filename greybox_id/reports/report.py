@@ -15,9 +15,9 @@ from ..posterior.verb import must_suit_sampling
 from ..recording import Recording
 from .document import Document
 from .html import write_html
-from .hybrid.report import hybrid_report
-from .memory.report import memory_report
-from .motion.report import motion_report
+from .hybrid import hybrid_report
+from .memory import memory_report
+from .motion import motion_report
 from .pdf import write_pdf
 
 FORMATS = {"pdf": write_pdf, "html": write_html}

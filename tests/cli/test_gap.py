@@ -11,8 +11,7 @@ from driven import driven, without, written
 from made_gaps import CASES, clear, none, unknown
 from rich.console import Console
 
-from greybox_id.cli.gap import diagnosed
-from greybox_id.cli.gap_output import show
+from greybox_id.cli.gap import diagnosed, show
 from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit

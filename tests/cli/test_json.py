@@ -12,8 +12,7 @@ from made_gaps import clear
 from networks import FOLDER
 
 from greybox_id.cli import greybox as root
-from greybox_id.datasets.fetch import folder_of
-from greybox_id.datasets.public import PUBLIC
+from greybox_id.datasets.public import PUBLIC, folder_of
 from greybox_id.datasets.shipped import shipped
 
 LAP, SHIPPED = "lap.csv", str(shipped("racer_valid"))

@@ -14,7 +14,7 @@ from driven import driven, written
 from networks import FOLDER as NETWORKS
 
 from greybox_id.cli import greybox as root
-from greybox_id.cli.paths import WRITTEN, Guarded
+from greybox_id.cli.commands import WRITTEN, Guarded
 from greybox_id.guard import content_of
 
 READ = (

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from calling import greybox, refused
 
-from greybox_id.datasets import fetch as fetching
-from greybox_id.datasets.fetch import fetch
-from greybox_id.datasets.public import PUBLIC, PublicDataset, Remote
+from greybox_id.datasets.public import ATTEMPTS, HASHES, PUBLIC, PublicDataset, Remote, fetch
 from greybox_id.errors import BadInput
 
 CONTENT = b"".join(b"%d,%d\n" % (k, k * k) for k in range(40_000))
@@ -86,7 +84,7 @@ def test_a_transfer_that_breaks_off_is_taken_up_again(server, tmp_path, ranges):
 
 
 def test_what_came_is_kept_for_the_next_call(server, tmp_path):
-    server.breaks_off_after = [1000] * fetching.ATTEMPTS
+    server.breaks_off_after = [1000] * ATTEMPTS
     with pytest.raises(BadInput, match="broke off 5 times"):
         fetch(dataset(server), tmp_path)
     assert (tmp_path / "lap.csv.part").stat().st_size == 5000
@@ -104,7 +102,7 @@ def test_another_file_than_the_known_one_is_not_kept(server, tmp_path):
 
 def test_an_unknown_hash_is_written_down_and_compared_later(server, tmp_path):
     fetch(dataset(server, sha=""), tmp_path)
-    assert SHA in (tmp_path / fetching.HASHES).read_text()
+    assert SHA in (tmp_path / HASHES).read_text()
     (tmp_path / "lap.csv").write_bytes(b"spoiled")
     server.files["/lap.csv"] = CONTENT + b"more"
     with pytest.raises(BadInput, match=SHA):

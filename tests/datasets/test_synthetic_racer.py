@@ -1,27 +1,32 @@
 """The synthetic racer: its physics, its sensors and its files."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from math import tan
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from greybox_id.datasets.shipped import SHIPPED, shipped
-from greybox_id.datasets.synthetic_racer import COLUMNS, SEED, files
+from greybox_id.datasets.synthetic_racer import COLUMNS, SEED, make, run_table
 from greybox_id.datasets.synthetic_racer.car import GRAVITY, Car, CarMotion
-from greybox_id.datasets.synthetic_racer.drive import RUNS, DrivenRun, simulate
-from greybox_id.datasets.synthetic_racer.driver import Driver, Pid, PurePursuit, Stanley
-from greybox_id.datasets.synthetic_racer.sensors import measure
-from greybox_id.datasets.synthetic_racer.track import closed_track, raceline, speed_profile
+from greybox_id.datasets.synthetic_racer.drive import FORMATS, RUNS, DrivenRun, measure, simulate
+from greybox_id.datasets.synthetic_racer.driver import (
+    Driver,
+    Pid,
+    PurePursuit,
+    Stanley,
+    closed_track,
+    raceline,
+    speed_profile,
+)
 from greybox_id.errors import BadInput
 from greybox_id.recording import split_runs
 
 STRAIGHT_CAR = replace(Car(), steer_trim=0.0)
 
-LAST_DIGIT = {c: 10.0 ** -int(f[2]) for c, f in zip(COLUMNS, files._FORMATS, strict=True)}
+LAST_DIGIT = {c: 10.0 ** -int(f[2]) for c, f in zip(COLUMNS, FORMATS, strict=True)}
 
 SHORT = {"racer_valid": (DrivenRun(Pid, 1.5, 2.0, 3.0, 3.0), DrivenRun(PurePursuit, 1.0, 2.0, 3.0, 3.0, lead=0.5))}
 
@@ -173,8 +178,8 @@ def test_ideal_sensors_tell_the_truth():
 
 
 def test_same_seed_same_bytes_another_seed_another_drive(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "RUNS", SHORT)
-    first, again, other = (files.make(tmp_path / f, seed)[0].read_bytes() for f, seed in (("a", 7), ("b", 7), ("c", 8)))
+    monkeypatch.setattr("greybox_id.datasets.synthetic_racer.drive.RUNS", SHORT)
+    first, again, other = (make(tmp_path / f, seed)[0].read_bytes() for f, seed in (("a", 7), ("b", 7), ("c", 8)))
     assert first == again
     assert first != other
     assert [p.name for p in (tmp_path / "a").iterdir()] == ["racer_valid.csv"]
@@ -185,11 +190,11 @@ def test_a_failed_write_leaves_the_old_file_alone(tmp_path, monkeypatch):
     def fail(*_):
         raise RuntimeError
 
-    monkeypatch.setattr(files, "RUNS", SHORT)
+    monkeypatch.setattr("greybox_id.datasets.synthetic_racer.drive.RUNS", SHORT)
     (tmp_path / "racer_valid.csv").write_text("old")
-    monkeypatch.setattr(files.Path, "replace", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises(RuntimeError):
-        files.make(tmp_path)
+        make(tmp_path)
     assert (tmp_path / "racer_valid.csv").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -201,12 +206,12 @@ def assert_same(table, made):
 
 def test_shipped_run_is_what_the_generator_makes(recordings):
     first = sum(run.rows for run in RUNS["racer_valid"][:3])
-    assert_same(recordings["racer_valid"].iloc[first:], files.run_table("racer_valid", 3, SEED))
+    assert_same(recordings["racer_valid"].iloc[first:], run_table("racer_valid", 3, SEED))
 
 
 @pytest.mark.slow
 def test_shipped_files_are_what_the_generator_makes(recordings, tmp_path):
-    for path in files.make(tmp_path, SEED):
+    for path in make(tmp_path, SEED):
         assert_same(recordings[path.stem], pd.read_csv(path))
 
 
@@ -240,18 +245,10 @@ def test_shipped_recording_is_driven_near_the_limits(recordings, name):
     assert np.deg2rad(rest["yaw_rate"]).mean() == pytest.approx(0.027, abs=0.002)
 
 
+def test_all_recordings_that_are_shipped_are_made():
+    assert RUNS.keys() == set(SHIPPED)
+
+
 def test_unknown_recording_is_answered_with_what_there_is():
     with pytest.raises(BadInput, match="racer_train, racer_valid"):
         shipped("lap7")
-
-
-def test_command_line_names_its_options():
-    done = subprocess.run(
-        [sys.executable, "-m", "greybox_id.datasets.synthetic_racer", "--help"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert "--seed" in done.stdout
-    assert "--out" in done.stdout
-    assert RUNS.keys() == set(SHIPPED)

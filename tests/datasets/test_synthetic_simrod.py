@@ -99,7 +99,7 @@ def test_manoeuvres_begin_and_end_straight_on_to_both_sides():
 
 def test_files_are_read_back_and_the_truth_lies_apart(tmp_path, monkeypatch):
     one = (Manoeuvre("sine", 12.0, 1.0, 0.5, 4.0),)
-    monkeypatch.setattr("greybox_id.datasets.synthetic_simrod.files.make", lambda seed: drive_manoeuvres(one, [seed]))
+    monkeypatch.setattr("greybox_id.datasets.synthetic_simrod.make", lambda seed: drive_manoeuvres(one, [seed]))
     (path,) = write(tmp_path, 5)
     recording, expected = read(str(path), "canonical"), drive(one, [5])[0]
     assert set(recording.signals) == READ

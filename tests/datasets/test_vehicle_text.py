@@ -8,8 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from greybox_id import __version__
-from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
-from greybox_id.datasets.vehicle_text import write_vehicle
+from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle, write_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.guard import VEHICLE_MARK
 from greybox_id.vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle

@@ -11,8 +11,7 @@ from greybox_id.design.discriminate import ENOUGH, ambiguous, parted
 from greybox_id.exam.aliases import ALWAYS_ALIKE
 from greybox_id.gap.gap import Ranked
 from greybox_id.provenance import DataRecord
-from greybox_id.reports.gap.content import Made, stated_numbers
-from greybox_id.reports.gap.saved import as_text
+from greybox_id.reports.gap.saved import Made, as_text, stated_numbers
 
 LIMITS = {"speed_max": 18.0}
 

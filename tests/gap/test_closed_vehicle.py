@@ -10,7 +10,7 @@ from driven import commands, driven, without
 from made_gaps import DELAY, clear, long_names
 
 from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
-from greybox_id.datasets.vehicle_text import write_vehicle
+from greybox_id.datasets.vehicle_file import write_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.gap import Ranked

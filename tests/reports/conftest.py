@@ -14,10 +14,8 @@ from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
 from greybox_id.reports.driven import driven as seen_driven
-from greybox_id.reports.memory.drawings import memory_drawings
-from greybox_id.reports.memory.seen import seen
-from greybox_id.reports.motion.drawings import motion_drawings
-from greybox_id.reports.noise import noise
+from greybox_id.reports.memory import seen
+from greybox_id.reports.report import prepared
 
 
 @pytest.fixture(scope="session")
@@ -42,8 +40,8 @@ def found(small_fit, train, validate):
 
 
 @pytest.fixture(scope="session")
-def made(small_fit, found):
-    return memory_drawings(small_fit, found, noise([one.recording for one in found]))
+def made(small_fit, train, validate):
+    return prepared(small_fit, [train, validate]).drawings
 
 
 @pytest.fixture(scope="session")
@@ -96,5 +94,10 @@ def motion_found(motion_fit, laps):
 
 
 @pytest.fixture(scope="session")
-def motion_made(motion_fit, motion_found):
-    return motion_drawings(motion_fit, motion_found, None)
+def motion_report(motion_fit, laps):
+    return prepared(motion_fit, laps)
+
+
+@pytest.fixture(scope="session")
+def motion_made(motion_report):
+    return motion_report.drawings

@@ -20,8 +20,7 @@ from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.posterior.verb import SampleOptions, sample
 from greybox_id.provenance import data_record
-from greybox_id.reports.gap.content import Made
-from greybox_id.reports.gap.saved import as_text
+from greybox_id.reports.gap.saved import Made, as_text
 
 
 @pytest.fixture(scope="module")

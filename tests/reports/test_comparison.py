@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from report_parts import tables
 
-from greybox_id.reports.comparison import NamedFit, common_role, comparison
-from greybox_id.reports.document import Table, Together
+from greybox_id.reports.comparison import NamedFit, common_role, comparison, paired
 from greybox_id.reports.html import page
-from greybox_id.reports.pairing import paired
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 
@@ -57,20 +56,12 @@ def two(motion_fit, laps):
     return [NamedFit("right", motion_fit, tuple(laps)), NamedFit("soft", worse, tuple(laps))]
 
 
-def tables(parts):
-    for part in parts:
-        if isinstance(part, Table):
-            yield part
-        elif isinstance(part, Together):
-            yield from tables(part.parts)
-
-
 def test_the_worse_of_two_fits_is_called_so(two):
     document = comparison(two)
     ((lead, sentence),) = document.verdict
     assert lead == "soft"
     assert "larger in yaw rate" in sentence
-    table = next(own for own in tables(document.parts) if own.head[0] == "output")
+    table = next(own for own in tables(document) if own.head[0] == "output")
     row = next(row for row in table.rows if row[0].startswith("yaw rate"))
     assert float(row[3]) > float(row[2])
     assert page(document) == page(comparison(two))

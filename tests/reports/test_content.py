@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from report_parts import below
 
 from greybox_id.parameter import Parameter, Prior
 from greybox_id.provenance import Certificate
-from greybox_id.reports.memory.content import memory_content
-from greybox_id.reports.memory.verdict import verdict, yardsticks
+from greybox_id.reports.content import scalars
+from greybox_id.reports.memory import verdict, yardsticks
 from greybox_id.reports.numbers import interval, number, percent, pretty_unit, with_sd
+from greybox_id.reports.report import prepared
 
 
 @pytest.fixture
@@ -42,12 +44,12 @@ def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sen
     assert "chose when to stop" in stopped[0]
 
 
-def test_a_fit_without_validation_says_so(small_fit, found):
+def test_a_fit_without_validation_says_so(small_fit, found, train):
     alone = replace(small_fit, metrics={"train": small_fit.metrics["train"]}, data=small_fit.data[:1])
     words = verdict(alone, found[:1], yardsticks(alone, found[:1]))
     assert "no recording was held back" in words[0]
     assert "not known" in words[1]
-    assert len(memory_content(alone, found[:1], None).errors.head) == 4
+    assert len(below(prepared(alone, [train]), "Errors")[0].head) == 4
 
 
 def test_a_model_worse_than_the_mean_is_called_so(small_fit, sentences):
@@ -56,12 +58,11 @@ def test_a_model_worse_than_the_mean_is_called_so(small_fit, sentences):
     assert "no better than the signal's mean" in sentences(replace(small_fit, metrics=metrics))[0]
 
 
-def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit, found):
+def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit):
     m = Parameter("m", "kg", 3.5, (0.5, 10.0), Prior(0.1), about="vehicle mass").with_value(0.6)
     g = Parameter("g", "m/s^2", 9.81, fixed=True)
     one = replace(small_fit, model=small_fit.model.with_parameters(m, g), sd={**small_fit.sd, "m": np.array(0.09)})
-    said = memory_content(one, found, None)
-    mass, gravity = said.parameters.rows
+    mass, gravity = scalars(one).rows
     assert mass[2:6] == ("0.600 ± 0.090", "[0.500, 0.776]", "kg", "3.50 ± 0.10")
     assert mass[6].startswith("conflicts with the prior (29.0 sd)")
     assert gravity[3:6] == ("–", "m/s²", "held")

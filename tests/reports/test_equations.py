@@ -16,6 +16,7 @@ from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import LateralSettings, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.reports.equations.expression import (
+    MOST_TERMS,
     Call,
     Cases,
     Comparison,
@@ -27,13 +28,10 @@ from greybox_id.reports.equations.expression import (
     Sum,
     Symbol,
     Window,
+    readable,
 )
-from greybox_id.reports.equations.mathml import in_mathml
-from greybox_id.reports.equations.memory import memory_equations
-from greybox_id.reports.equations.motion import motion_equations
-from greybox_id.reports.equations.shared import MOST_TERMS, readable
-from greybox_id.reports.equations.symbolic import Reader
-from greybox_id.reports.equations.typst import in_typst
+from greybox_id.reports.equations.tracing import Reader, memory_equations, motion_equations
+from greybox_id.reports.equations.typesetting import in_mathml, in_typst
 from greybox_id.reports.settled import without_memory
 
 FUNCTIONS = {

@@ -1,7 +1,6 @@
 """Figures: labelled with units, the same every time, and drawn only where the model gives them a meaning."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,20 +13,20 @@ from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import msnn_lat
 from greybox_id.models.msnn_long import msnn_long
 from greybox_id.recording import Recording
-from greybox_id.reports.drawing import write_drawings
-from greybox_id.reports.figures.impulse_responses import responses
-from greybox_id.reports.figures.spectrum import psd
-from greybox_id.reports.figures.steering import has_steering, steady_yaw_rate
-from greybox_id.reports.memory.drawings import memory_drawings
+from greybox_id.reports.document import write_drawings
+from greybox_id.reports.figures.characteristics import has_steering, responses, steady_yaw_rate
+from greybox_id.reports.figures.predictions import psd
 from greybox_id.reports.noise import noise
 from greybox_id.reports.recordings import typical_stretch
+from greybox_id.reports.report import prepared
 
 UNIT = re.compile(r"\[.+\]")
 
 
 def test_there_is_every_figure_that_the_model_gives_a_meaning(made):
     assert [one.name for one in made] == [
-        *("traces", "traces_training", "errors", "residuals", "spectrum", "steering", "impulse_responses"),
+        *("errors", "traces", "traces_training", "residuals", "spectrum"),
+        *("steering", "impulse_responses", "excitation"),
     ]
     assert not has_steering(msnn_long())
 
@@ -50,8 +49,8 @@ def test_no_letters_are_cut_off_or_meet(made, motion_made):
         assert troubles(one.svg) == [], one.name
 
 
-def test_files_are_the_same_every_time_and_need_nothing_but_themselves(made, small_fit, found, tmp_path):
-    again = memory_drawings(small_fit, found, noise([one.recording for one in found]))
+def test_files_are_the_same_every_time_and_need_nothing_but_themselves(made, small_fit, train, validate, tmp_path):
+    again = prepared(small_fit, [train, validate]).drawings
     files = write_drawings(again, tmp_path / "new")
     assert [file.name for file in files] == [f"{one.name}.svg" for one in made]
     for one, file in zip(made, files, strict=True):
@@ -98,6 +97,15 @@ def test_the_spectrum_of_white_noise_holds_its_variance():
     assert np.sum(density) * frequency[1] == pytest.approx(0.09, rel=0.1)
 
 
+def test_noise_that_does_not_vary_has_no_spectrum(small_fit, train, validate):
+    """A speed that reads zero at rest: the axis of its spectrum would have no end."""
+    still = [one.with_signals(yaw_rate=np.where(np.abs(one["v_x"]) < 0.01, 0.0, one["yaw_rate"]))
+             for one in (train, validate)]  # fmt: skip
+    drawn = next(one for one in prepared(small_fit, still).drawings if one.name == "spectrum")
+    assert drawn.svg.startswith("<svg")
+    assert drawn.figure.first().get_ylim()[0] > 1e-30
+
+
 def test_no_stretch_is_more_typical_than_the_one_shown(found):
     one = found[1]
     start, stop = typical_stretch(one)
@@ -127,8 +135,8 @@ def test_noise_is_heard_driving_straight_where_that_lasts_and_else_at_rest(simpl
     assert noise([simple(v_x=2.0 + np.sin(time), yaw_rate=np.sin(2 * time))]) is None
 
 
-def test_a_fit_without_spread_in_its_recordings_is_drawn_all_the_same(small_fit, found):
-    """A validation recording that stands still: no curvature can be measured, and no error is large."""
-    held = replace(found[0], recording=found[0].recording.with_signals(v_x=np.zeros(len(found[0].recording))))
-    for one in memory_drawings(small_fit, [held], None):
+def test_a_fit_without_spread_in_its_recordings_is_drawn_all_the_same(small_fit, train, validate):
+    """Recordings that stand still: no curvature can be measured."""
+    still = [one.with_signals(v_x=np.zeros(len(one))) for one in (train, validate)]
+    for one in prepared(small_fit, still).drawings:
         assert one.svg.startswith("<svg")

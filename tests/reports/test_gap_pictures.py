@@ -8,21 +8,18 @@ import pytest
 from letters_of import troubles
 from made_gaps import CASES, DELAY, LAG, clear, none, strip, without_v_y
 from pypdf import PdfReader
+from report_parts import below
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import Ranked, Where
 from greybox_id.provenance import DataRecord
-from greybox_id.reports.document import Formulas, Together
-from greybox_id.reports.equations.typst import in_typst
+from greybox_id.reports.document import Formulas, Text
+from greybox_id.reports.equations.typesetting import in_typst
 from greybox_id.reports.figures.sheet import Sheet
-from greybox_id.reports.gap.content import Made, gap_content
-from greybox_id.reports.gap.figures.bars import bars
-from greybox_id.reports.gap.figures.ranking import aliases, relative
-from greybox_id.reports.gap.figures.regimes import OPACITY, regimes
-from greybox_id.reports.gap.figures.spectra import spectra
-from greybox_id.reports.gap.figures.strips import strips
-from greybox_id.reports.gap.page import drawings, write_picture
-from greybox_id.reports.gap.report import gap_report, write_report
+from greybox_id.reports.gap.page import SHARE_OPACITY as OPACITY
+from greybox_id.reports.gap.page import aliases, bars, drawings, regimes, relative, spectra, strips, write_picture
+from greybox_id.reports.gap.report import gap_report, ranked, write_report
+from greybox_id.reports.gap.saved import Made
 from greybox_id.reports.html import page as html
 from greybox_id.reports.pdf import rendered
 
@@ -144,7 +141,7 @@ def test_the_report_holds_what_the_diagnosis_says(tmp_path):
     reader = PdfReader(path)
     assert 4 <= len(reader.pages) <= 12
     text = " ".join(" ".join(page.extract_text() for page in reader.pages).split())
-    for row in gap_content(gap, MADE).ranking.rows:
+    for row in ranked(gap).rows:
         assert row[1] in text
         assert row[4] in text
     assert MADE.command in text
@@ -166,15 +163,17 @@ def test_a_report_has_four_to_twelve_pages_whether_there_is_a_gap_or_not(case):
 
 
 def test_the_runner_up_is_told():
-    said = gap_content(clear(), MADE)
-    assert said.runner_up.startswith("steering_lag, 18 ms")
-    assert "24.0 less than steering_delay" in said.runner_up
-    assert gap_content(none(), MADE).runner_up == ""
+    said = {
+        part.lead: part.words for part in below(gap_report(clear(), MADE), "Which effect") if isinstance(part, Text)
+    }
+    assert said["Runner-up:"].startswith("steering_lag, 18 ms")
+    assert "24.0 less than steering_delay" in said["Runner-up:"]
+    assert below(gap_report(none(), MADE), "Which effect") == []
 
 
 def test_the_equations_an_effect_changes_are_shown():
     document = gap_report(clear(), MADE)
-    formulas = [own for part in document.parts if isinstance(part, Together) for own in part.parts]
-    lines = [in_typst(line) for part in formulas if isinstance(part, Formulas) for line in part.equations]
+    parts = below(document, "What these effects do to the equations")
+    lines = [in_typst(line) for part in parts if isinstance(part, Formulas) for line in part.equations]
     assert any("steering delay" in line for line in lines)
     assert not any("F_zf" in line.split("=")[0] for line in lines)  # loads are what they were

@@ -10,9 +10,8 @@ from made_gaps import CASES, LAG, clear
 
 from greybox_id.errors import BadInput
 from greybox_id.provenance import DataRecord
-from greybox_id.reports.gap.content import Made
 from greybox_id.reports.gap.report import gap_report
-from greybox_id.reports.gap.saved import as_text, load_gap
+from greybox_id.reports.gap.saved import Made, as_text, load_gap
 from greybox_id.reports.pdf import rendered
 
 MADE = Made("car", "greybox gap x", 3, "0.1.0", (DataRecord("train", "x", "x.csv", "a3" * 32, "canonical", 9, 1, 0.4),))

@@ -9,11 +9,9 @@ from made_gaps import CASES, clear, none, strip
 from greybox_id.gap import Limit
 from greybox_id.reports.document import Formulas, Section, Together
 from greybox_id.reports.figures.sheet import Sheet
-from greybox_id.reports.gap import unseen
-from greybox_id.reports.gap.content import Made, Number
-from greybox_id.reports.gap.figures.limits import OPACITY, driven, limits
-from greybox_id.reports.gap.page import drawings
-from greybox_id.reports.gap.report import gap_report
+from greybox_id.reports.gap.page import TIME_OPACITY, drawings, driven, limits
+from greybox_id.reports.gap.report import channels, gap_report, limits_table, stated, unseen
+from greybox_id.reports.gap.saved import Made, Number
 from greybox_id.reports.html import page
 
 MADE = Made("full-size car", "greybox gap lap7.csv --vehicle car.toml", 0, "0.1.0")
@@ -24,7 +22,7 @@ def cells(table):
 
 
 def test_sizes_that_would_show_have_units_and_stand_beside_the_usual_ones():
-    found = cells(unseen.limits(clear()))
+    found = cells(limits_table(clear()))
     assert next(iter(found)) == "brake_bias"
     assert found["brake_bias"] == ("at no size", "0.10", "above 1000", "100 %")
     assert found["steering_rate_limit"] == ("below 0.40 rad/s", "0.50 rad/s", "1.2", "40 %")
@@ -32,19 +30,19 @@ def test_sizes_that_would_show_have_units_and_stand_beside_the_usual_ones():
     assert found["sensor_latency_yaw"] == ("± 6.7 ms", "30 ms", "0.22", "35 %")
     assert found["front_stiffness"][-1] == "below 1.0 %"
     none_would = replace(clear(), limits={"steering_rate_limit": Limit(0.0, 0.5, "rad/s", 40.0, 0.4)})
-    assert cells(unseen.limits(none_would))["steering_rate_limit"][0] == "at no size"
+    assert cells(limits_table(none_would))["steering_rate_limit"][0] == "at no size"
 
 
 def test_effects_that_would_not_show_and_regimes_hardly_driven_are_said():
-    first, second = unseen.sentences(none_driven())
+    first, second = unseen(none_driven())
     assert first == (
         "Of 6 effects, 3 could be there in their usual size and not show here: brake_bias, front_stiffness and "
         "steering_rate_limit."
     )
     assert second.startswith("Hardly driven: while braking (1.0 % of the time).")
     visible = replace(none(), limits={name: clear().limits[name] for name in ("mass_change", "aero_drag")})
-    assert unseen.sentences(visible) == ["Each of 2 effects would show here if it had its usual size."]
-    assert unseen.sentences(replace(none(), limits={})) == []
+    assert unseen(visible) == ["Each of 2 effects would show here if it had its usual size."]
+    assert unseen(replace(none(), limits={})) == []
 
 
 def none_driven():
@@ -57,16 +55,16 @@ def test_errors_beside_noise_say_where_in_frequency_they_are_largest():
     peak = np.ones(40)
     peak[7], peak[0] = 9.0, 50.0
     shown = replace(own, strip=replace(own.strip, spectrum_before={"yaw_rate": peak}))
-    found = {row[0]: row[1:] for row in unseen.channels(shown).rows}
+    found = {row[0]: row[1:] for row in channels(shown).rows}
     assert found["yaw rate"] == ("3.1", f"{own.strip.frequency[7]:.2f} Hz", "9.0")
     assert found["v_x"] == ("1.0", "–", "–")
-    assert {row[2] for row in unseen.channels(replace(own, strip=None)).rows} == {"–"}
+    assert {row[2] for row in channels(replace(own, strip=None)).rows} == {"–"}
 
 
 def test_what_was_stated_is_told_with_its_tolerance_and_source():
     made = replace(MADE, stated=(Number("m", 1457.0, 4.4, "kg", "scale"), Number("l_f", 1.3, None, "m", ""),
                                  Number("steering_lag", None, 0.003, "s", "guess")))  # fmt: skip
-    rows = unseen.stated(made).rows
+    rows = stated(made).rows
     assert rows[0] == ("m", "1457.0 ± 4.4", "kg", "tolerance", "scale")
     assert rows[1][:4] == ("l_f", "1.30", "m", "exact")
     assert rows[2][:4] == ("steering_lag", "± 0.0030", "s", "tolerance")
@@ -87,7 +85,7 @@ def test_bars_reach_from_the_axis_to_the_size_over_the_usual_one():
     time = clear().strip.map["time"]
     drawn = sum(len(shade.get_path().vertices) // 5 for shade in place.patches)
     assert drawn == time.size - 4  # nothing was driven there
-    assert max(shade.get_alpha() for shade in place.patches) == pytest.approx(OPACITY[1])
+    assert max(shade.get_alpha() for shade in place.patches) == pytest.approx(TIME_OPACITY[1])
     assert limits(replace(none(), limits={}, strip=None)) is None
 
 

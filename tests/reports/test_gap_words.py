@@ -5,12 +5,24 @@ from dataclasses import replace
 
 import pytest
 from made_gaps import CASES, DELAY, aliased, clear, none, unknown
+from report_parts import below, flat, tables
 
 from greybox_id.gap import Ranked
 from greybox_id.provenance import DataRecord
-from greybox_id.reports.gap.content import Made, gap_content
-from greybox_id.reports.gap.quantities import interval_words, magnitude_words
-from greybox_id.reports.gap.words import as_it_stands, how_far, left, told_apart, verdict, where, whether
+from greybox_id.reports.document import Drawing
+from greybox_id.reports.gap.report import evidence, gap_report
+from greybox_id.reports.gap.saved import Made
+from greybox_id.reports.gap.words import (
+    as_it_stands,
+    how_far,
+    interval_words,
+    left,
+    magnitude_words,
+    told_apart,
+    verdict,
+    where,
+    whether,
+)
 
 INF, NAN = float("inf"), float("nan")
 
@@ -121,16 +133,17 @@ def test_doubts_come_first_and_many_are_counted():
 @pytest.mark.parametrize("case", CASES)
 def test_a_report_holds_words_only(case):
     record = DataRecord("validate", "lap8", "runs/lap8.csv", "b3" * 32, "canonical", 3000, 1, 60.0)
-    said = gap_content(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
-    assert said.recordings.rows[0][:2] == ("held out", "lap8.csv")
-    assert dict(said.provenance)["command"] == "greybox gap lap7.csv"
-    for table in (said.ranking, said.closures, said.equations, said.regimes):
+    document = gap_report(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
+    recordings, made = below(document, "How to make it again")
+    assert recordings.rows[0][:2] == ("held out", "lap8.csv")
+    assert dict(made.pairs)["command"] == "greybox gap lap7.csv"
+    for table in tables(document):
         assert all(len(row) == len(table.head) and all(isinstance(cell, str) for cell in row) for row in table.rows)
-    assert not re.search(r"\b(nan|inf|None)\b", str(said))
+    words = [part for part in flat(document.parts) if not isinstance(part, Drawing)]
+    assert not re.search(r"\b(nan|inf|None)\b", str(words))
 
 
 def test_the_runner_up_is_always_discussed():
-    said = gap_content(clear(), Made("car", "", 0, "0.1.0"))
-    (first, _), (second, words) = said.evidence
+    (first, _), (second, words) = evidence(clear())
     assert (first, second) == ("steering_delay", "steering_lag")
     assert "gains 190, 24.0 less than with the best. It cannot be told from steering_delay" in words

@@ -10,11 +10,9 @@ from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.models.registry import build
 from greybox_id.provenance import Stage
 from greybox_id.recording import Recording
-from greybox_id.reports.figures.convergence import convergence
-from greybox_id.reports.figures.correlation import correlation, correlations
-from greybox_id.reports.figures.handling import handling
-from greybox_id.reports.figures.tyres import share_with_band, tyres
-from greybox_id.reports.motion.drawings import motion_drawings
+from greybox_id.reports.figures.characteristics import handling, share_with_band, tyres
+from greybox_id.reports.figures.estimates import convergence, correlation, correlations
+from greybox_id.reports.report import prepared
 from greybox_id.reports.settled import OverSlip, steady_turns
 from greybox_id.scores.prediction import simulate
 
@@ -32,7 +30,7 @@ def car():
 def test_there_is_every_figure_that_the_model_gives_a_meaning(motion_made):
     assert [one.name for one in motion_made] == [
         *("correlation", "horizons", "traces", "traces_training", "residuals", "spectrum"),
-        *("tyres", "handling", "convergence", "starts"),
+        *("tyres", "handling", "excitation", "convergence", "starts"),
     ]
 
 
@@ -121,11 +119,8 @@ def test_a_solve_of_no_steps_and_one_start_has_no_picture(motion_fit):
     assert convergence(replace(stage, history=(5.0,), starts=(5.0,), certificate=None)) is None
 
 
-def test_a_drive_of_half_a_second_is_drawn_all_the_same(motion_fit, motion_found, laps):
-    from greybox_id.reports.driven import driven
-
-    short = laps[2].rows(0, 12)
+def test_a_drive_of_half_a_second_is_drawn_all_the_same(motion_fit, laps):
     record = replace(motion_fit.data[2], samples=12, runs=1, duration=0.44)
-    one = replace(motion_fit, data=(record,), metrics={"validate": motion_fit.metrics["validate"]})
-    for drawing in motion_drawings(one, driven(one, [short]), None):
+    one = replace(motion_fit, data=(*motion_fit.data[:2], record))
+    for drawing in prepared(one, [*laps[:2], laps[2].rows(0, 12)]).drawings:
         assert drawing.svg.startswith("<svg")

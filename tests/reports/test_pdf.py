@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 from pypdf import PdfReader
+from report_parts import tables
 
 from greybox_id.errors import BadInput
-from greybox_id.reports.document import Table, Together
 from greybox_id.reports.pdf import rendered
 from greybox_id.reports.report import prepared, report
 
@@ -54,14 +54,6 @@ def text_of(pdf):
     return re.sub(r"\s+", "", " ".join(page.extract_text() for page in PdfReader(pdf).pages))
 
 
-def tables(parts):
-    for part in parts:
-        if isinstance(part, Table):
-            yield part
-        elif isinstance(part, Together):
-            yield from tables(part.parts)
-
-
 def test_two_reports_are_the_same_bytes(whole, pdf):
     assert hashlib.sha256(rendered(whole)).hexdigest() == hashlib.sha256(pdf.read_bytes()).hexdigest()
 
@@ -70,7 +62,7 @@ def test_two_reports_are_the_same_bytes(whole, pdf):
 def test_every_number_of_every_table_is_in_it(kind, request, whole, motion_fit, laps):
     text = text_of(request.getfixturevalue(kind))
     document = whole if kind == "pdf" else prepared(motion_fit, laps)
-    found = list(tables(document.parts))
+    found = list(tables(document))
     assert len(found) >= 5
     for table in found:
         for row in table.rows:
@@ -79,7 +71,7 @@ def test_every_number_of_every_table_is_in_it(kind, request, whole, motion_fit, 
 
 
 def test_the_error_shown_is_the_fit_s(small_fit, whole):
-    errors = next(table for table in tables(whole.parts) if table.head[:2] == ("output", "protocol"))
+    errors = next(table for table in tables(whole) if table.head[:2] == ("output", "protocol"))
     shown = errors.rows[0][4].split(" ± ")[0]
     assert float(shown) == pytest.approx(small_fit.metrics["validate"]["honest"]["yaw_rate"]["rmse"], rel=0.05)
 

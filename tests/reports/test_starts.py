@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from letters_of import troubles
 
-from greybox_id.reports.convergence import starts
-from greybox_id.reports.figures.starts import REACH, spread_of
-from greybox_id.reports.figures.starts import starts as picture
+from greybox_id.reports.content import starts_table as starts
+from greybox_id.reports.figures.estimates import REACH, spread_of
+from greybox_id.reports.figures.estimates import starts as picture
 
 
 @pytest.fixture(scope="module")

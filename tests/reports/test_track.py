@@ -17,16 +17,12 @@ from greybox_id.json_data import checksum
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.recording import join
-from greybox_id.reports.drawing import write_drawings
-from greybox_id.reports.figures.slips import forces_over_slip
+from greybox_id.reports.document import write_drawings
+from greybox_id.reports.figures.characteristics import forces_over_slip
 from greybox_id.reports.html import page
 from greybox_id.reports.pdf import rendered
-from greybox_id.reports.track.digest import TrackMade
-from greybox_id.reports.track.digesting import digest
-from greybox_id.reports.track.drawings import drawings, over_time
-from greybox_id.reports.track.report import track_report
-from greybox_id.reports.track.saved import as_text, load_track
-from greybox_id.reports.track.verdict import verdict
+from greybox_id.reports.track.digest import TrackMade, as_text, digest, load_track
+from greybox_id.reports.track.report import drawings, over_time, track_report, verdict
 
 MADE = TrackMade("car", "greybox track lap.csv", "0.1.0", tuned_on=2.0)
 
@@ -138,7 +134,7 @@ def test_noise_has_a_unit_and_says_where_it_is_from(told):
 
 
 def test_long_recordings_are_thinned_for_pictures_and_counted_whole(found, lap, monkeypatch):
-    monkeypatch.setattr("greybox_id.reports.track.digesting.MOST_ROWS", 100)
+    monkeypatch.setattr("greybox_id.reports.track.digest.MOST_ROWS", 100)
     thin = digest(found, lap, MADE)
     assert (thin.course.every, len(thin.course.time), thin.rows) == (4, 100, 400)
     assert "Of 4 rows one is drawn" in drawings(thin)[0].caption

@@ -15,8 +15,7 @@ from ...files import near_file, replacing
 from ...guard import protect
 from ...recording import Recording
 from ..column_map import ColumnMap
-from .columns import columns_of
-from .contents import Contents, Group, few_enough
+from .contents import Contents, Group, columns_of, few_enough
 
 __all__ = ["SUFFIXES", "WRITTEN", "Contents", "Group", "bare_name", "contents", "hash_of", "write"]
 

@@ -1,15 +1,103 @@
-"""What is in a file: groups of columns, each on a clock of its own."""
+"""What is in a file: groups of columns, each on a clock of its own; and a recording as columns to be written."""
 
 from __future__ import annotations
 
+import json
+import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
 from ...errors import BadInput, GreyboxError
-from ..table import RawTable
+from ...recording import Array, Recording
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    where : the file as the user named it.
+    names : column names, in the file's order.
+    columns : the values, one series each.
+    first_row : number of the first row of values as a person counts: 2 below a header line, else 1.
+    units : units of columns, as far as the file states them.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    columns: tuple[pd.Series[Any], ...]
+    first_row: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns[0]) if self.columns else 0
+
+    def column(self, name: str) -> pd.Series[Any]:
+        """(n,) values of a column as the file holds them."""
+        return self.columns[self.names.index(name)]
+
+    def numbers(self, name: str) -> Array:
+        """(n,) values of a column; NaN where a cell is empty.
+
+        Raises
+        ------
+        BadInput
+            A cell holds something that is no number: names the row and the cell.
+        """
+        column = self.column(name)
+        if pd.api.types.is_numeric_dtype(column.dtype) and not pd.api.types.is_bool_dtype(column.dtype):
+            return column.to_numpy(dtype=float, na_value=np.nan)
+        text = column.astype("string").str.strip()
+        values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        strange = np.isnan(values) & text.notna().to_numpy() & (text != "").fillna(False).to_numpy(dtype=bool)
+        if strange.any():
+            row = int(np.argmax(strange))
+            found = str(text.iloc[row])
+            advice = (
+                'Set decimal = "," in the column map, and separator to what stands between columns.'
+                if _DECIMAL_COMMA.fullmatch(found)
+                else "Mend the cell, or leave it empty if the value is missing."
+            )
+            raise BadInput(
+                f'{self.where}: column "{name}", row {row + self.first_row}: {found!r:.60} is not a number. {advice}'
+            )
+        return values
+
+    def labels(self, name: str) -> list[str]:
+        """(n,) values of a column as text, for telling rows apart."""
+        return [str(value) for value in self.column(name).tolist()]
+
+
+def unique_names(names: tuple[str, ...], where: str) -> None:
+    """Raise `BadInput` where two columns have one name."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise BadInput(
+            f'{where}: column name "{twice[0]}" stands there {names.count(twice[0])} times. Rename all but one.'
+        )
+
+
+def one_column(names: tuple[str, ...]) -> str:
+    """A hint for a header line that was not split; empty if it was."""
+    found = max(";\t|", key=names[0].count) if len(names) == 1 else ""
+    if not found or found not in names[0]:
+        return ""
+    return (
+        f"The whole header line was read as one column, {names[0]!r:.80}; set separator = {json.dumps(found)} in the "
+        "column map."
+    )
+
 
 TIME = "time"
 """What a column map calls the clock of a group that has its own, whatever the file calls it."""
@@ -143,3 +231,41 @@ def sound(where: str, kind: str) -> Iterator[None]:
 def unsound(where: str, kind: str, reason: str) -> BadInput:
     """The sentence on a damaged file, with what its reader said."""
     return BadInput(f"{where} is not a sound {kind} file ({reason:.120}). Write or fetch it again.")
+
+
+BETWEEN_RUNS = 1.0
+"""Seconds between runs on a clock that may not step back."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file to be written.
+
+    Attributes
+    ----------
+    values : name -> (n,): time in s, run counted from 1, and the signals in SI units.
+    units : name -> unit.
+    steady : (n,) s from 0, the same steps as time within runs; it runs on where time restarts.
+    """
+
+    values: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str]
+    steady: Array
+
+
+def columns_of(recording: Recording) -> Columns:
+    """All of a recording as columns."""
+    runs = np.zeros(len(recording), dtype=np.int64)
+    for number, (start, stop) in enumerate(recording.runs, 1):
+        runs[start:stop] = number
+    values = {"time": recording.time, "run": runs, **recording.signals}
+    units = {"time": "s", **{name: recording.unit(name) for name in recording.signals}}
+    return Columns(values, units, _steady(recording))
+
+
+def _steady(recording: Recording) -> Array:
+    steady, end = np.zeros(len(recording)), -BETWEEN_RUNS
+    for start, stop in recording.runs:
+        steady[start:stop] = recording.time[start:stop] - recording.time[start] + end + BETWEEN_RUNS
+        end = steady[stop - 1]
+    return steady

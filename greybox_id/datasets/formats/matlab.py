@@ -17,10 +17,8 @@ from scipy.io import savemat
 from ...errors import BadInput
 from ..column_map import ColumnMap
 from .apart import Apart
-from .columns import Columns
-from .contents import Contents, sound
-from .hdf5 import READER, dataset_leaves
-from .tree import TreeLeaf, groups_of, matrix_leaves
+from .contents import Columns, Contents, sound
+from .hdf5 import READER, TreeLeaf, dataset_leaves, groups_of, matrix_leaves
 
 KIND = "MAT"
 OLDER = "greybox_id.datasets.readers.mat:MatReader"

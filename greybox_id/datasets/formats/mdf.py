@@ -14,10 +14,8 @@ import numpy as np
 import pandas as pd
 
 from ..column_map import ColumnMap
-from ..table import RawTable
 from .apart import Apart
-from .columns import Columns
-from .contents import Contents, Group, needed, sound
+from .contents import Columns, Contents, Group, RawTable, needed, sound
 
 KIND = "MDF"
 READER = "greybox_id.datasets.readers.mdf:MdfReader"

@@ -11,9 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..column_map import ColumnMap
-from ..table import RawTable, unique_names
-from .columns import Columns
-from .contents import Contents, Group, bounded, few_enough, sound
+from .contents import Columns, Contents, Group, RawTable, bounded, few_enough, sound, unique_names
 
 UNIT = b"unit"
 

@@ -16,9 +16,7 @@ import pandas as pd
 
 from ...errors import BadInput
 from ..column_map import ColumnMap
-from ..table import RawTable, one_column, unique_names
-from .columns import Columns
-from .contents import LARGEST, Contents, bounded, few_enough, whole
+from .contents import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, unique_names, whole
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 

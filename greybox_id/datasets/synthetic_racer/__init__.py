@@ -5,10 +5,9 @@ reads those reads these; the car behind them is invented. It stands in for the r
 tests, and its equations are nobody's model: what fits it well has learnt something, not remembered itself.
 
 Several runs are joined in each file and time restarts at each; each has its own raceline, limits and lateral
-controller. `python -m greybox_id.datasets.synthetic_racer --seed 20240 --out DIR` writes the files.
+controller. `greybox datasets make racer --out DIR` writes the files.
 """
 
-from .files import SEED, make, run_table
-from .sensors import COLUMNS
+from .drive import COLUMNS, SEED, make, run_table
 
 __all__ = ["COLUMNS", "SEED", "make", "run_table"]

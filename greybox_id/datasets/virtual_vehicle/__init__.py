@@ -8,16 +8,11 @@ a true vehicle about what `vehicle_file_text` states. It shares no code with the
 `forms`, their functional forms.
 """
 
-from .car import VirtualCar
-from .classes import random_vehicle
-from .drive import drive, replay, steered
-from .effects import EFFECTS, OUTSIDE
-from .entries import Entry
-from .forms import Forms
-from .made import Truth
+from .car import Tolerances, VirtualCar, random_vehicle, toleranced, tolerances, vehicle_file_text
+from .drive import SteppedCar, Truth, drive, replay, steered
+from .effects import EFFECTS, OUTSIDE, Entry
 from .manoeuvres import MANOEUVRES
-from .stepped import SteppedCar
-from .tolerances import Tolerances, toleranced, tolerances, vehicle_file_text
+from .record import Forms
 
 __all__ = [
     "EFFECTS",

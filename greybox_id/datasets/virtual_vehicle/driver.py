@@ -13,8 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from .car import VirtualCar
-from .compiled import Grid, Row, compiled
-from .layout import (
+from .compiled import (  # fmt: skip
     FOLLOW,
     OPEN_DRIVE,
     ROAD_CURVATURE,
@@ -28,9 +27,12 @@ from .layout import (
     V_Y,
     YAW,
     YAW_RATE,
+    Grid,
+    Row,
     X,
     Y,
-)  # fmt: skip
+    compiled,
+)
 
 Driver: TypeAlias = Any
 """A numpy record: what the driver knows of the vehicle."""

@@ -14,9 +14,7 @@ import numpy as np
 
 from .actuators import CHAIN, driving_command, jump, move, road_wheel, settle, steering_command, wheel_force
 from .chassis import SLIP_STIFFNESS, driven, motion, rolling_force, speed_for_slip
-from .compiled import Car, Grid, Row, compiled, kept, source
-from .driver import DEVIATION, MIND, Driver, awaken, decide, re_anchor
-from .layout import (
+from .compiled import (  # fmt: skip
     ACROSS,
     ALONG,
     ANGLE,
@@ -42,9 +40,16 @@ from .layout import (
     WHEEL,
     YAW,
     YAW_RATE,
+    Car,
+    Grid,
+    Row,
     X,
     Y,
-)  # fmt: skip
+    compiled,
+    kept,
+    source,
+)
+from .driver import DEVIATION, MIND, Driver, awaken, decide, re_anchor
 
 STEP = 1e-3
 """s"""

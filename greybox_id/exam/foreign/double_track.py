@@ -15,9 +15,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ...datasets.virtual_vehicle.compiled import STATES as _DRIVER_STATES
 from ...datasets.virtual_vehicle.compiled import Grid, Row, compiled, kept, source
 from ...datasets.virtual_vehicle.driver import DEVIATION, MIND, Driver, decide
-from ...datasets.virtual_vehicle.layout import STATES as _DRIVER_STATES
 from ...datasets.virtual_vehicle.loop import STEP
 from .vehicles import Task
 

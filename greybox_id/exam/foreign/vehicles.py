@@ -10,10 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...datasets.virtual_vehicle import EFFECTS, VirtualCar, random_vehicle
-from ...datasets.virtual_vehicle.compiled import Grid, Row, kept, source
+from ...datasets.virtual_vehicle.compiled import FOLLOW, STATES, Grid, Row, kept, source
 from ...datasets.virtual_vehicle.driver import DEVIATION, MIND, Driver, decide
-from ...datasets.virtual_vehicle.entries import Kind
-from ...datasets.virtual_vehicle.layout import FOLLOW, STATES
+from ...datasets.virtual_vehicle.effects import Kind
 
 
 @dataclass(frozen=True)

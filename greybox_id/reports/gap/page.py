@@ -1,22 +1,344 @@
-"""The picture of a gap: drawings for a report, and one page that stands alone."""
+"""The pictures of a gap: how far, which and where, as drawings for a report, and one page that stands alone."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf, isfinite
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba_array
 
 from ... import __version__
-from ...gap import Gap
-from ..document import Document, VerdictBox
-from ..drawing import Drawing
-from ..numbers import listed
+from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
+from ...gap.clock import running
+from ...models.effects import EFFECTS
+from ...parameter import Array
+from ..document import Document, Drawing, VerdictBox
+from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
+from ..figures.style import BLUE, DASHED, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SMALL, ZERO, Look, label, look, symbol
+from ..numbers import listed, number
 from ..pdf import write_pdf, write_png
-from .figures.bars import bars
-from .figures.limits import limits
-from .figures.ranking import ranking
-from .figures.spectra import spectra
-from .figures.strips import strips
-from .words import judged, verdict
+from .words import judged, magnitude_words, verdict
+
+BEFORE = look(ORANGE, 1.1, "model as it was")
+AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
+FLOOR = look(INK, 1.2, "floor: as well as noise lets a model fit")
+EXCESS = RUST
+"""Colour of what is too much, from pale to dark."""
+EDGED: Look = {"edgecolor": INK, "linewidth": 0.4}
+"""Bars."""
+LEAST_AXES = 3
+"""Axes that a row has room for at least: none are drawn wider than a third of the page."""
+
+
+def row_of(count: int, height: float) -> tuple[Sheet, list[Axes]]:
+    """Axes side by side."""
+    sheet = Sheet((height,), max(count, LEAST_AXES))
+    for ax in sheet.grid[0, count:]:
+        ax.remove()
+    return sheet, list(sheet.grid[0, :count])
+
+
+WIDE = 0.36
+"""Of a bar; the distance between horizons is one."""
+
+
+def bars(closure: Closure, applied: bool) -> Sheet:
+    """A panel for each channel: bars of RMSE over the horizons, the floor as a line across each pair.
+
+    Parameters
+    ----------
+    closure : whose errors.
+    applied : whether there is anything after; without, only what was before is drawn.
+    """
+    channels = list(dict.fromkeys(own.channel for own in closure.errors))
+    if not channels:
+        return notice_sheet("no errors over horizons were kept")
+    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: math.inf if h is None else h)
+    sheet, axes = row_of(len(channels), 82.0)
+    for ax, channel in zip(axes, channels, strict=True):
+        own = {error.horizon: error for error in closure.errors if error.channel == channel}
+        at = [k for k, horizon in enumerate(horizons) if horizon in own]
+        found = [own[horizons[k]] for k in at]
+        _draw(ax, np.array(at, dtype=float), found, applied)
+        ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, found[0].unit))
+        ax.set_xticks(range(len(horizons)), ["free" if h is None else f"{h:g}" for h in horizons])
+        ax.grid(visible=False, axis="x")
+    axes[0].set_ylabel("RMSE")
+    return sheet
+
+
+def _draw(ax: Axes, at: Array, found: list[Errors], applied: bool) -> None:
+    shift = WIDE / 2 if applied else 0.0
+    ax.bar(at - shift, [own.before for own in found], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
+    if applied:
+        ax.bar(at + shift, [own.after for own in found], WIDE, color=AFTER["color"], label=AFTER["label"], **EDGED)
+    across = np.concatenate([[k - 1.25 * WIDE, k + 1.25 * WIDE, np.nan] for k in at])
+    ax.plot(across, np.concatenate([[own.floor, own.floor, np.nan] for own in found]), **FLOOR)
+
+
+SHARE_OPACITY = (0.04, 1.0)
+
+
+def regimes(ax: Axes, strip: Strip) -> None:
+    """Draw a map of the share of the gap over v_x and a_y; grey where nothing was driven."""
+    if not {"v_x", "a_y", "gap"} <= strip.map.keys():
+        notice(ax, "speed and lateral acceleration are not recorded")
+        return
+    share = np.asarray(strip.map["gap"], dtype=float)
+    if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
+        notice(ax, "no gap to be placed in a map")
+        return
+    if not np.all(np.isfinite(share)):
+        never = np.where(np.isfinite(share), np.nan, 1.0)
+        cells(ax, *_edges(strip), never, FAINT, opacity=(0.9, 0.9), label="never driven")
+    draw_map(ax, strip, np.maximum(share, 0.0), "share of the gap [%]", EXCESS, SHARE_OPACITY)
+
+
+def draw_map(ax: Axes, strip: Strip, share: Array, words: str, colour: str, opacity: tuple[float, float]) -> None:
+    """Draw shares, NaN for none, over v_x and a_y, with their scale."""
+    (v_x, a_y), most = _edges(strip), float(np.nanmax(share))
+    cells(ax, v_x, a_y, share / most, colour, opacity=opacity)
+    shades(ax, [(part, number(100.0 * most * part, 2)) for part in (0.0, 0.5, 1.0)], words, colour, opacity=opacity)
+    ax.set(xlabel="v_x [m/s]", xlim=v_x[[0, -1]], ylabel="a_y [m/s²], left positive", ylim=a_y[[0, -1]])
+    ax.grid(visible=False)
+
+
+def _edges(strip: Strip) -> tuple[Array, Array]:
+    return np.asarray(strip.map["v_x"]), np.asarray(strip.map["a_y"])
+
+
+MOST_LIMITS = 12
+"""Effects drawn."""
+SIZES = (0.01, 30.0)
+"""Of sizes, in usual ones; larger ones end in an arrow."""
+LIMITS_HEIGHT = 150.0
+TIME_OPACITY = (0.12, 0.9)
+
+
+def limits(gap: Gap) -> Sheet | None:
+    """Bars of the size that would show, over the usual one, beside the map of what was driven; None for neither."""
+    columns = bool(gap.limits) + (gap.strip is not None)
+    if not columns:
+        return None
+    sheet = Sheet((LIMITS_HEIGHT,), columns, widths=(1.3, 1.0)[:columns])
+    if gap.limits:
+        _sizes(sheet.first(), gap.limits)
+    if gap.strip is not None:
+        driven(sheet.grid[0, -1], gap.strip)
+    return sheet
+
+
+def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
+    shown = [*known.items()][:MOST_LIMITS]
+    at, (low, high) = np.arange(len(shown)), SIZES
+    ends = np.array([min(max(own.share, 1.3 * low), high) for _, own in shown])
+    unseen = np.array([own.share >= 1.0 for _, own in shown])
+    for colour, words, k in (
+        (PALE, "usual size is below the detection limit", unseen),
+        (BLUE, "would show", ~unseen),
+    ):
+        if np.any(k):
+            ax.barh(at[k], ends[k] - low, 0.6, low, color=colour, label=words, **EDGED)
+    for row, (_, own) in enumerate(shown):
+        if own.share > high:
+            ax.text(0.8 * high, row, ">", size=SMALL, ha="center", va="center_baseline", color=INK)
+    ax.axvline(1.0, **look(INK, 0.8))
+    ax.set(xlabel="size that would show over the usual one [1]", xscale="log", xlim=SIZES,
+           ylim=(max(len(shown), 4) - 0.4, -0.6))  # fmt: skip
+    ax.set_yticks(at, [name.replace("_", " ") for name, _ in shown])
+    ax.grid(visible=False, axis="y")
+
+
+def driven(ax: Axes, strip: Strip) -> None:
+    """Draw a map of the share of the time over v_x and a_y; blank where nothing was driven."""
+    share = np.asarray(strip.map.get("time", 0.0), dtype=float)
+    most = float(np.nanmax(share, initial=0.0))
+    if not {"v_x", "a_y", "time"} <= strip.map.keys() or not (isfinite(most) and most > 0):
+        notice(ax, "where it was driven is not known")
+        return
+    draw_map(ax, strip, np.where(share > 0, share, np.nan), "share of the time [%]", BLUE, TIME_OPACITY)
+
+
+MOST, LEAST_ROWS = 6, 4
+"""Effects drawn; room is left for so many at least."""
+REACH = (-0.6, 2.6)
+"""Of intervals, in estimates; longer ones end in an arrow."""
+RANKING_HEIGHT = 106.0
+
+
+def ranking(gap: Gap) -> Sheet:
+    """Bars of probability with brackets of those that cannot be distinguished, and intervals over the estimates.
+
+    The intervals are drawn relative to the estimate: zero is an effect that is not there, one its estimate. Beside
+    them stands the map of the gap over speed and lateral acceleration, where there is one.
+    """
+    shown, beside = list(gap.ranking[:MOST]), int(gap.strip is not None)
+    if shown:
+        sheet = Sheet((RANKING_HEIGHT,), 2 + beside, widths=(0.8, 1.0, 1.0)[: 2 + beside])
+        _probabilities(sheet.grid[0, 0], gap, shown)
+        _intervals(sheet.grid[0, 1], shown)
+    else:
+        sheet = Sheet((RANKING_HEIGHT,), 1 + beside, widths=(1.4, 1.0)[: 1 + beside])
+        notice(sheet.first(), "no effect stands out")
+    if gap.strip is not None:
+        regimes(sheet.grid[0, -1], gap.strip)
+    return sheet
+
+
+def aliases(shown: Sequence[Ranked]) -> list[list[int]]:
+    """Rows that cannot be distinguished, as sets that are linked; those of one row alone are left out."""
+    place = {own.effect: k for k, own in enumerate(shown)}
+    group = list(range(len(shown)))
+    for k, own in enumerate(shown):
+        for name in own.indistinguishable_from:
+            if name in place:
+                one, other = group[k], group[place[name]]
+                group = [min(one, other) if g in (one, other) else g for g in group]
+    found = [[k for k, g in enumerate(group) if g == one] for one in dict.fromkeys(group)]
+    return [members for members in found if len(members) > 1]
+
+
+def relative(effect: str, value: float, magnitude: float) -> float:
+    """A magnitude as a share of the estimate, counted from the effect's null: 0 is not there, 1 the estimate."""
+    known = EFFECTS.get(effect)
+    null = float(known.parameter.array) if known is not None else 0.0
+    if not isfinite(null):  # a limit is the weaker the larger it is
+        return magnitude / value if value else inf
+    return (value - null) / (magnitude - null) if magnitude != null else float("nan")
+
+
+def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
+    """Bars, and lines that join rows that cannot be distinguished."""
+    for colour, words, is_applied in ((BLUE, "applied", True), (PALE, "not applied", False)):
+        rows = [k for k, own in enumerate(shown) if (own.effect in gap.applied) == is_applied]
+        if rows:
+            ax.barh(rows, [shown[k].probability for k in rows], 0.5, color=colour, label=words, **EDGED)
+    sets = aliases(shown)
+    for k, members in enumerate(sets):
+        line = look(PURPLE, 1.4, "cannot be distinguished" if k == 0 else None, dots=2.2)
+        ax.plot(np.full(len(members), 1.08 + 0.12 * k), members, **line)
+    ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
+    ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
+    ax.set_yticks(range(len(shown)), [own.effect.replace("_", " ") for own in shown])
+    ax.grid(visible=False, axis="y")
+
+
+def _intervals(ax: Axes, shown: Sequence[Ranked]) -> None:
+    ax.axvline(0.0, **ZERO)
+    for row, own in enumerate(shown):
+        _interval(ax, row, own)
+    ax.set(xlabel="95 % interval over estimate [1]", xlim=REACH, ylim=_rows(shown), xticks=(0, 1, 2), yticks=())
+
+
+def _rows(shown: Sequence[Ranked]) -> tuple[float, float]:
+    return max(len(shown), LEAST_ROWS) - 0.4, -0.6
+
+
+def _interval(ax: Axes, row: int, own: Ranked) -> None:
+    """Estimate and interval of one effect, and both in words above it."""
+    ends = sorted(relative(own.effect, end, own.magnitude) for end in own.interval)
+    centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "color": INK, "clip_on": True}
+    ax.text(1.0, row - 0.36, magnitude_words(own), size=7.2, **centred)
+    if any(np.isnan(end) for end in ends):
+        return
+    low, high = (min(max(end, REACH[0]), REACH[1]) for end in ends)
+    ax.plot([low, high], [row, row], **look(INK, 1.2))
+    ax.plot(1.0, row, **look(INK, dashes="", dots=1.8))
+    for end, held, inwards, sign in ((ends[0], low, 0.06, "<"), (ends[1], high, -0.06, ">")):
+        if end != held:
+            ax.text(held + inwards, row, sign, size=SMALL, **centred)
+        else:
+            ax.plot([held, held], [row - 0.12, row + 0.12], **look(INK, 1.2))
+
+
+LARGEST = 100.0
+"""Excess, times the noise, at which colours end at most."""
+STRIPS_HEIGHT = 96.0
+DOT = 4.4
+"""Diameter of a spot on the path, points."""
+PATH_OPACITY = (0.12, 1.0)
+
+
+def strips(strip: Strip, stretch: Mapping[str, float], applied: bool) -> Sheet:
+    """Mean square errors over the noise's along time, and the path in shades of them.
+
+    Parameters
+    ----------
+    strip : what is drawn.
+    stretch : "from", "to", s: the stretch that holds half of the gap, shaded; empty shades nothing.
+    applied : whether there is anything after.
+    """
+    if len(strip.time) < 2:
+        return notice_sheet("too short to be drawn along time")
+    placed = len(strip.x) == len(strip.time) and bool(np.any(np.isfinite(strip.x)))
+    sheet = Sheet((STRIPS_HEIGHT,), 1 + placed, widths=(1.6, 1.0)[: 1 + placed])
+    _along_time(sheet.first(), running(strip.time), strip, stretch, applied)
+    if placed:
+        _along_path(sheet.grid[0, 1], strip)
+    return sheet
+
+
+def _along_time(ax: Axes, time: Array, strip: Strip, stretch: Mapping[str, float], applied: bool) -> None:
+    values = np.concatenate([strip.before, strip.after if applied else strip.before])
+    values = values[np.isfinite(values) & (values > 0)]
+    low, high = (float(np.min(values)), float(np.max(values))) if len(values) else (0.5, 2.0)
+    low, high = min(low, 0.7) / 1.1, max(high, 3.0) * 1.2
+    if {"from", "to"} <= stretch.keys():
+        ends, level = np.array([stretch["from"], stretch["to"]]), np.ones(2)
+        band(ax, ends, low * level, high * level, PALE, "holds half of the gap")
+    ax.axhline(1.0, **look(PALE, 0.8))
+    ax.plot(time, strip.before, **BEFORE)
+    if applied:
+        ax.plot(time, strip.after, **AFTER)
+    ax.set(xlabel="time along the recordings [s]", xlim=time[[0, -1]], yscale="log", ylim=(low, high),
+           ylabel="mean square error\nover the noise's [1]")  # fmt: skip
+
+
+def _along_path(ax: Axes, strip: Strip) -> None:
+    top = float(np.clip(np.nanmax(strip.before, initial=1.0), 3.0, LARGEST))
+    share = np.log(np.clip(np.nan_to_num(strip.before, nan=1.0), 1.0, top)) / np.log(top)
+    ticks = [own for own in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if own <= top]
+    ticks = ticks[:: max(1, round(len(ticks) / 4))]
+    known = np.isfinite(strip.x) & np.isfinite(strip.y)
+    order = np.argsort(share[known], kind="stable")  # the darkest on top
+    x, y, shade = (
+        own[known][order] for own in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
+    )
+    ax.scatter(x, y, DOT**2, facecolors=to_rgba_array(EXCESS, shade), edgecolors=PALE, linewidths=0.25)
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
+    scale = [(float(np.log(own) / np.log(top)), f"{own:g}") for own in ticks]
+    shades(ax, scale, "before, over the noise's [1]", EXCESS, opacity=PATH_OPACITY)
+
+
+LEAST_DENSITY = 3.0
+"""The axis reaches from one over this to this at least."""
+
+
+def spectra(strip: Strip, applied: bool) -> Sheet:
+    """A panel for each channel: spectral density of the errors over that of the noise."""
+    known = strip.frequency > 0
+    if not strip.spectrum_before or not np.any(known):
+        return notice_sheet("no spectra of the errors were kept")
+    shown = [*strip.spectrum_before.values(), *(strip.spectrum_after.values() if applied else ())]
+    every = np.concatenate([own[known] for own in shown])
+    every = every[np.isfinite(every) & (every > 0)]
+    low, high = (float(every.min()), float(every.max())) if len(every) else (1.0, 1.0)
+    low, high = min(low, 1.0 / LEAST_DENSITY), max(high, LEAST_DENSITY)
+    sheet, axes = row_of(len(strip.spectrum_before), 80.0)
+    for ax, (channel, before) in zip(axes, strip.spectrum_before.items(), strict=True):
+        ax.axhline(1.0, **look(PALE, 0.8))
+        ax.plot(strip.frequency[known], before[known], **BEFORE)
+        if applied and channel in strip.spectrum_after:
+            ax.plot(strip.frequency[known], strip.spectrum_after[channel][known], **AFTER)
+        ax.set(xlabel="frequency [Hz]", xscale="log", yscale="log", ylim=(low, high), title=symbol(channel))
+    axes[0].set_ylabel("errors over noise [1]")
+    return sheet
 
 
 def drawings(gap: Gap) -> tuple[Drawing, ...]:

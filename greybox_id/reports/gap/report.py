@@ -2,25 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from math import inf, isfinite, isnan
 from pathlib import Path
 
-from ...gap import Gap
+import numpy as np
+
+from ...gap import Closure, Errors, Gap, Limit, Ranked
 from ...memory_model import MemoryModel
-from ...model import Model
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
-from ..document import Document, Formulas, Pairs, Part, Points, Text, Together, VerdictBox, titled
-from ..equations.expression import Equation
-from ..equations.memory import memory_equations
-from ..equations.motion import motion_equations
-from ..equations.shared import readable
-from ..numbers import listed
+from ..content import recorded_in, written_down
+from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
+from ..equations.expression import Equation, readable
+from ..equations.tracing import memory_equations, motion_equations
+from ..numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
 from ..report import write
-from . import unseen
-from .content import GapContent, Made, gap_content, likely
 from .page import drawings
+from .saved import Made
+from .words import (
+    REGIMES,
+    handy,
+    how_far,
+    interval_words,
+    is_factor,
+    magnitude_words,
+    on_these,
+    probability_words,
+    verdict,
+    whole_percent,
+)
 
+LEAST, FIRST = 0.05, 2
+"""Effects less probable than this have no sentences of their own unless they are applied or among the first."""
+MOST_EVIDENCE, MOST_RANKED = 5, 12
+"""Effects that have sentences, and a row in the table."""
+HARDLY = 0.05
+"""Regimes with a smaller share of the time are hardly driven."""
+LEAST_TOLD = 0.01
+"""Of shares that are told."""
+ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "What is wrong with the data looks like a gap; it is better mended before effects are sought."
 RANKING = (
     "Probability: that the effect is there. Gain: of the log-likelihood over the model without it, beside the other "
@@ -95,31 +117,32 @@ def write_report(gap: Gap, made: Made, out: str | Path, kind: str | None = None)
 
 def gap_report(gap: Gap, made: Made) -> Document:
     """What the report of a diagnosis says and shows."""
-    said = gap_content(gap, made)
+    apart, ranking = not gap.gap_detected, ranked(gap)
     parts = (
-        VerdictBox(said.verdict),
+        VerdictBox(tuple(verdict(gap))),
         *drawings(gap),
-        *_data(gap, said),
-        *(_which(said) if gap.gap_detected else ()),
-        *(_mathematics(gap, made) if gap.gap_detected else ()),
+        *_data(gap),
+        *(() if apart else _which(gap, ranking)),
+        *(() if apart else _mathematics(gap, made)),
         *titled(
-            "What could be there unseen", Text(" ".join(unseen.sentences(gap)), small=False), Points(said.apart),
-            unseen.limits(gap), Text(LIMITS if gap.limits else ""), Text(said.absorbed),
+            "What could be there unseen", Text(" ".join(unseen(gap)), small=False), Points(gap.advice),
+            limits_table(gap), Text(LIMITS if gap.limits else ""), Text(_absorbed(gap)),
         ),
-        *_how_far(gap, said),
-        *titled("Where it lies" if gap.gap_detected else "Where it was driven", said.equations, said.regimes),
-        *(titled("What was tried", said.ranking, Text(RANKING)) if said.ranking.rows and not gap.gap_detected else ()),
+        *_how_far(gap),
+        *titled("Where it was driven" if apart else "Where it lies", _equations(gap), _regimes(gap)),
+        *(titled("What was tried", ranking, Text(RANKING)) if ranking.rows and apart else ()),
         *_simulated(made, gap),
         *titled("How it was found", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
-        *titled("How to make it again", said.recordings, Pairs(said.provenance)),
+        *titled("How to make it again", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
-    return Document(said.model, said.about, "a gap", f"greybox-id {made.version}", parts)
+    about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
+    return Document(gap.model, about, "a gap", f"greybox-id {made.version}", parts)
 
 
-def _data(gap: Gap, said: GapContent) -> tuple[Part, ...]:
+def _data(gap: Gap) -> tuple[Part, ...]:
     """Whether the data are to be trusted."""
-    if said.doubts:
-        return titled("Doubts on the data", Text(DOUBTS, small=False), Points(said.doubts))
+    if gap.doubts:
+        return titled("Doubts on the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
         "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: what the best "
         "explanation leaves is taken for it, so that a gap without a name cannot show."
@@ -128,39 +151,76 @@ def _data(gap: Gap, said: GapContent) -> tuple[Part, ...]:
     return titled("Are the data to be trusted", Text(words, small=False))
 
 
-def _which(said: GapContent) -> tuple[Part, ...]:
-    if not said.ranking.rows:
+def ranked(gap: Gap) -> Table:
+    """A row for each of the first effects."""
+    rows = tuple(
+        (
+            str(k), own.effect, magnitude_words(own), interval_words(own), probability_words(own.probability),
+            number(own.gain), "yes" if own.effect in gap.applied else "",
+        )
+        for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
+    )  # fmt: skip
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
+
+
+def _which(gap: Gap, ranking: Table) -> tuple[Part, ...]:
+    if not ranking.rows:
         return titled("Which effect", Text("No named effect stands out.", small=False))
-    evidence = (Text(words, lead=f"{effect.replace('_', ' ')}:") for effect, words in said.evidence)
-    runner_up = (Text(said.runner_up, lead="Runner-up:"),) if said.runner_up else ()
-    return titled("Which effect", said.ranking, Text(RANKING), *evidence, *runner_up)
+    likely = (Text(words, lead=f"{effect.replace('_', ' ')}:") for effect, words in evidence(gap))
+    runner_up = (Text(words, lead="Runner-up:"),) if (words := _runner_up(gap)) else ()
+    return titled("Which effect", ranking, Text(RANKING), *likely, *runner_up)
 
 
-def _how_far(gap: Gap, said: GapContent) -> tuple[Part, ...]:
-    """How far the gap closes, or how far the simulation is from the recordings where there is none."""
-    title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
-    errors = ERRORS if gap.applied else ERRORS_ALONE
+def _likely(gap: Gap) -> list[Ranked]:
+    """The effects that have sentences of their own."""
+    return [
+        own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
+    ][:MOST_EVIDENCE]
+
+
+def evidence(gap: Gap) -> list[tuple[str, str]]:
+    """The likely effects, each with its sentences."""
+    best = max((own.gain for own in gap.ranking), default=0.0)
+    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in _likely(gap)]
+
+
+def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
+    known = EFFECTS.get(own.effect)
+    about = known.parameter.about if known is not None else ""
+    said = [
+        f"{capital(about)}: {magnitude_words(own)}." if about else f"{magnitude_words(own)}.",
+        f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
+        f"It is there with probability {probability_words(own.probability)}"
+        + (" and was applied." if own.effect in gap.applied else "."),
+        f"With it the log-likelihood gains {number(own.gain)}"
+        + (f", {number(best - own.gain)} less than with the best." if own.gain < best else "."),
+    ]
+    said = [sentence for sentence in said if sentence]
+    if _touches_null(own):
+        said.append("Its interval reaches to where it is not there at all.")
+    if own.indistinguishable_from:
+        said.append(f"It cannot be told from {listed([*own.indistinguishable_from])} on {on_these(gap.recordings)}.")
+    return said
+
+
+def _touches_null(own: Ranked) -> bool:
+    known = EFFECTS.get(own.effect)
+    return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
+
+
+def _runner_up(gap: Gap) -> str:
+    """The likeliest effect that was not applied, against the likeliest that was."""
+    others = [own for own in gap.ranking if own.effect not in gap.applied]
+    first = next((own for own in gap.ranking if own.effect in gap.applied), None)
+    if not others or first is None:
+        return ""
+    second = others[0]
+    less = first.gain - second.gain
+    how = f"{number(less)} less than" if less > 0 else "no less than"
     return (
-        *titled(title, Text(" ".join(said.judged), small=False), said.closures, Text(CLOSURE)),
-        *(part for title, table in said.errors for part in titled(title, table, level=2)),
-        Text(errors if said.errors else ""),
-        *titled("Errors beside noise", unseen.channels(gap), Text(CHANNELS), level=2),
+        f"{second.effect}, {magnitude_words(second)}, with probability {probability_words(second.probability)}; alone "
+        f"in its place it would gain {number(second.gain)} of the log-likelihood, {how} {first.effect}."
     )
-
-
-def _simulated(made: Made, gap: Gap) -> tuple[Part, ...]:
-    """The model that was compared, and what is stated of its vehicle."""
-    model = build(gap.model, made.settings, made.effects)
-    found, left_out = readable(memory_equations(model) if isinstance(model, MemoryModel) else _of_motion(model))
-    more = f" {left_out} abbreviations are left out for their number." if left_out else ""
-    table = unseen.stated(made)
-    return titled(
-        "What was simulated", table, Text(STATED if table.rows else ""), Text(EQUATIONS + more), Formulas(found)
-    )
-
-
-def _of_motion(model: Model) -> tuple[Equation, ...]:
-    return motion_equations(model) if isinstance(model, MotionModel) else ()
 
 
 def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
@@ -170,7 +230,7 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
         return ()
     before = set(motion_equations(model))
     parts: list[Part] = []
-    for own in likely(gap):
+    for own in _likely(gap):
         effect = EFFECTS.get(own.effect)
         if effect is None or own.effect in model.effects or not effect.concerns(model):
             continue
@@ -182,3 +242,192 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
         else:
             parts.append(Text(f"acts before or behind the equations, on {listed([*effect.touches])}.", lead=lead))
     return titled("What these effects do to the equations", Text(MATHEMATICS if parts else ""), *parts)
+
+
+def _absorbed(gap: Gap) -> str:
+    if not gap.absorbed:
+        return ""
+    return f"Stated tolerances or free parameters would take up {listed([*gap.absorbed])}: no gap is left to show it."
+
+
+def unseen(gap: Gap) -> list[str]:
+    """What is not told, in sentences."""
+    return [sentence for sentence in (_could_be(gap), _hardly_driven(gap)) if sentence]
+
+
+def _could_be(gap: Gap) -> str:
+    """Which effects of their usual size is below the detection limit, in a sentence."""
+    if not gap.limits:
+        return ""
+    unseen = [name for name, own in gap.limits.items() if own.share >= 1.0]
+    if not unseen:
+        return f"Each of {len(gap.limits)} effects would show here if it had its usual size."
+    return (
+        f"Of {len(gap.limits)} effects, {len(unseen)} could be there in their usual size and not show here: "
+        f"{listed(unseen)}."
+    )
+
+
+def _hardly_driven(gap: Gap) -> str:
+    """Regimes that the recordings hardly hold, in a sentence."""
+    shares = {REGIMES.get(name, name): time for name, (time, _) in gap.where.regimes.items()}
+    rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < HARDLY]
+    if not rare:
+        return ""
+    return f"Hardly driven: {listed(rare)}. What only shows there could be there unseen."
+
+
+def limits_table(gap: Gap) -> Table:
+    """What would show of every effect that was not applied, the least visible first."""
+    rows = tuple(
+        (name, _about(name), _size(name, own), _usual(name, own), _times(own), _told(own))
+        for name, own in gap.limits.items()
+    )
+    return Table(("effect", "meaning", "would show from", "usual size", "in usual sizes", "told"), rows, "lLrrrr")
+
+
+def _about(name: str) -> str:
+    return EFFECTS[name].parameter.about if name in EFFECTS else ""
+
+
+def _size(name: str, own: Limit) -> str:
+    lowers = name in EFFECTS and not isfinite(float(EFFECTS[name].parameter.array))
+    if not isfinite(own.size) or (lowers and own.size == 0.0):
+        return "at no size"
+    unit = handy(own.unit, own.size)
+    return f"{'below ' if lowers else '± '}{number(unit.factor * own.size, 2)} {unit.unit}".strip()
+
+
+def _usual(name: str, own: Limit) -> str:
+    unit = handy(own.unit, own.typical)
+    return f"{'× ' if is_factor(name) else ''}{number(unit.factor * own.typical, 2)} {unit.unit}".strip()
+
+
+def _told(own: Limit) -> str:
+    return percent(own.told) if own.told >= LEAST_TOLD else f"below {percent(LEAST_TOLD)}"
+
+
+def _times(own: Limit) -> str:
+    return number(own.share, 2) if own.share < 1000.0 else "above 1000"
+
+
+def _how_far(gap: Gap) -> tuple[Part, ...]:
+    """How far the gap closes, or how far the simulation is from the recordings where there is none."""
+    both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
+    title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
+    judged = " ".join(f"{capital(how_far(gap, *one))}." for one in both)
+    errors = [
+        (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one, bool(gap.applied)))
+        for one, held_out in reversed(both)
+        if one.errors
+    ]
+    said = (ERRORS if gap.applied else ERRORS_ALONE) if errors else ""
+    return (
+        *titled(title, Text(judged, small=False), closures(both), Text(CLOSURE)),
+        *(part for title, table in errors for part in titled(title, table, level=2)),
+        Text(said),
+        *titled("Errors beside noise", channels(gap), Text(CHANNELS), level=2),
+    )
+
+
+def closures(of: Iterable[tuple[Closure, bool]]) -> Table:
+    """How far, a row for each; which of them were held out is told with them."""
+    rows = []
+    for closure, held_out in of:
+        names = f"{listed([*closure.recordings])} ({'held out' if held_out else 'diagnosed'})"
+        low, high = (whole_percent(end) for end in closure.closed_interval)
+        share = f"{whole_percent(closure.closed)} % [{low}, {high}]" if isfinite(closure.closed) else "–"
+        rows.append((names, number(closure.before), number(closure.after), number(closure.floor), share))
+    return Table(("recordings", "before", "after", "floor", "closes by"), tuple(rows), "Lrrrr")
+
+
+def _errors(closure: Closure, applied: bool) -> Table:
+    """Before → after (floor), a row for each channel, a column for each horizon; without effects there is no after."""
+    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: inf if h is None else h)
+    by = {(own.channel, own.horizon): own for own in closure.errors}
+    rows = []
+    for channel in dict.fromkeys(own.channel for own in closure.errors):
+        found = [by.get((channel, horizon)) for horizon in horizons]
+        unit = next(own.unit for own in found if own is not None)
+        cells = ("–" if e is None else _cell(e, applied) for e in found)
+        rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
+    return Table(
+        ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),
+        tuple(rows),
+        "l" + "R" * len(horizons),
+    )
+
+
+def _cell(error: Errors, applied: bool) -> str:
+    after = f" → {rmse(error.after)}" if applied else ""
+    return f"{rmse(error.before)}{after} ({number(error.floor, 2)})"
+
+
+def channels(gap: Gap) -> Table:
+    """Errors beside noise, channel by channel, and the frequency at which they exceed it most."""
+    rows = []
+    for name, ratio in gap.where.channels.items():
+        rows.append((signal_words(name), number(ratio, 2), *_loudest(gap, name)))
+    head = ("channel", "error over noise in free run", "most at", "there, density over noise's")
+    return Table(head, tuple(rows), "lRRR")
+
+
+def _loudest(gap: Gap, channel: str) -> tuple[str, str]:
+    strip = gap.strip
+    density = None if strip is None else strip.spectrum_before.get(channel)
+    if strip is None or density is None or len(density) < 2 or not np.any(np.isfinite(density[1:])):
+        return "–", "–"
+    k = 1 + int(np.nanargmax(density[1:]))
+    return f"{number(float(strip.frequency[k]), 2)} Hz", number(float(density[k]), 2)
+
+
+def _equations(gap: Gap) -> Table:
+    shares = gap.where.equations if gap.gap_detected else {}
+    return Table(("equation", "share of the gap"), tuple((k, percent(v)) for k, v in shares.items()), "lr")
+
+
+def _regimes(gap: Gap) -> Table:
+    """Shares of the time, and of the gap where there is one."""
+    head = ("regime", "of the time", *(("of the gap",) if gap.gap_detected else ()))
+    rows = tuple(
+        (REGIMES.get(k, k), percent(t), *((percent(g),) if gap.gap_detected else ()))
+        for k, (t, g) in gap.where.regimes.items()
+    )
+    return Table(head, rows, "lrr"[: len(head)])
+
+
+def _simulated(made: Made, gap: Gap) -> tuple[Part, ...]:
+    """The model that was compared, and what is stated of its vehicle."""
+    model, table = build(gap.model, made.settings, made.effects), stated(made)
+    found: tuple[Equation, ...] = ()
+    if isinstance(model, MemoryModel):
+        found = memory_equations(model)
+    elif isinstance(model, MotionModel):
+        found = motion_equations(model)
+    return titled("What was simulated", table, Text(STATED if table.rows else ""), *written_down(found, EQUATIONS))
+
+
+def stated(made: Made) -> Table:
+    """The numbers that the simulation went by, and what each may be off by."""
+    rows = tuple(
+        (
+            own.name, _number(own.value, own.sd), pretty_unit(own.unit), "exact" if own.sd is None else "tolerance",
+            own.source,
+        )
+        for own in made.stated
+    )  # fmt: skip
+    return Table(("number", "value ± sd", "unit", "counts as", "source"), rows, "lrllL")
+
+
+def _number(value: float | None, sd: float | None) -> str:
+    if value is None:
+        return f"± {number(sd if sd is not None else float('nan'), 2)}"
+    return number(value) if sd is None or isnan(sd) else with_sd(value, sd)
+
+
+def _provenance(made: Made) -> tuple[tuple[str, str], ...]:
+    return (
+        ("version", f"greybox-id {made.version}"),
+        ("command", made.command or "not recorded (diagnosed from Python)"),
+        ("seed", str(made.seed)),
+    )

@@ -1,19 +1,72 @@
-"""The file of a diagnosis: what it says and what it was made with."""
+"""What a diagnosis was made with, and its file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...gap import Gap
 from ...gap.saved import as_plain_data, from_plain_data
+from ...model import Model
+from ...models.effects import EFFECTS
 from ...provenance import DataRecord
 from ...saved import Kind
-from .content import Made, Number
+from ...vehicle import Vehicle
 
 KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number as it was stated: `sd` None where it is exact, `value` None for a tolerance about no effect."""
+
+    name: str
+    value: float | None
+    sd: float | None
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a diagnosis was made with.
+
+    Attributes
+    ----------
+    vehicle : its name.
+    command : what reproduces it.
+    seed, version : of everything random; greybox-id's own.
+    data : recordings, those held out in the role "validate".
+    settings : from which the model was built.
+    effects : of that model, with their magnitudes.
+    stated : numbers of the vehicle that the model has, and tolerances on effects.
+    """
+
+    vehicle: str
+    command: str
+    seed: int
+    version: str
+    data: tuple[DataRecord, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    effects: Mapping[str, float] = field(default_factory=dict)
+    stated: tuple[Number, ...] = ()
+
+
+def stated_numbers(vehicle: Vehicle, model: Model) -> tuple[Number, ...]:
+    """What is stated of a vehicle that its model has, and tolerances on effects."""
+    numbers = [
+        Number(name, own.value, own.sd, model[name].unit, own.source)
+        for name, own in vehicle.values.items()
+        if name in model and model[name].shape == ()
+    ]
+    tolerances = [
+        Number(name, own.value, own.sd, EFFECTS[name].parameter.unit, own.source)
+        for name, own in vehicle.effects.items()
+        if name in EFFECTS and own.sd is not None
+    ]
+    return (*numbers, *tolerances)
 
 
 def as_text(gap: Gap, made: Made) -> str:

@@ -8,8 +8,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from ...gap import Budget, Closure, Errors, Gap
-from ..gap.quantities import magnitude_words
-from ..gap.words import as_it_stands, how_far, judged, left, levels, told_apart, where, whether, whole_percent
+from ..gap.words import (
+    as_it_stands,
+    how_far,
+    judged,
+    left,
+    levels,
+    magnitude_words,
+    told_apart,
+    where,
+    whether,
+    whole_percent,
+)
 from ..numbers import listed, number, pretty_unit, rmse
 from .screen import WIDTH, led
 

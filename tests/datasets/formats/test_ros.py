@@ -6,7 +6,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from greybox_id.datasets.column_map import parse_column_map
-from greybox_id.datasets.formats.ros_messages import shipped_types
+from greybox_id.datasets.formats.ros import shipped_types
 from greybox_id.datasets.read import read
 from greybox_id.errors import BadInput
 

@@ -5,8 +5,7 @@ import pytest
 
 from greybox_id.datasets.virtual_vehicle import Forms, drive, random_vehicle, replay
 from greybox_id.datasets.virtual_vehicle.effects import complete
-from greybox_id.datasets.virtual_vehicle.forms import CHOICES, EFFECTS_ALREADY, FAR_OFF, NOMINAL, other
-from greybox_id.datasets.virtual_vehicle.record import record
+from greybox_id.datasets.virtual_vehicle.record import CHOICES, EFFECTS_ALREADY, FAR_OFF, NOMINAL, other, record
 from greybox_id.datasets.virtual_vehicle.tyres import curve
 from greybox_id.errors import BadInput
 from greybox_id.recording import Recording

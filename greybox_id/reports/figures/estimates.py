@@ -1,0 +1,210 @@
+"""Estimates of a fit: which stand for each other, draws of their posterior, how the solver and other starts ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...fit import Fit
+from ...parameter import Array
+from ...provenance import Stage
+from ..numbers import pretty_unit
+from .sheet import WIDE, Sheet, cells, shades
+from .style import BLUE, INK, ORANGE, SMALL, look, symbol
+
+CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
+"""Side of a cell, and height of the whole picture, points, at least and at most."""
+FEWEST = 3
+"""Parameters that make a picture; a pair that is told together is named anyway."""
+WRITTEN = 0.1
+"""Correlations smaller than this are left unwritten."""
+MOST_WRITTEN = 20
+"""With more parameters than this, cells are too small for numbers and hold signs."""
+LONGEST_LEVEL = 4
+"""Longer names below the cells are turned."""
+MARGINS = 160.0
+"""Points beside the cells, for names and the scale."""
+
+
+def correlations(fit: Fit) -> tuple[list[str], Array]:
+    """Names of the single numbers that were estimated, and their correlations, (names, names)."""
+    if fit.covariance is None:
+        return [], np.empty((0, 0))
+    variance = np.diag(fit.covariance)
+    names, places, start = [], [], 0
+    for p in fit.model.parameters:
+        if p.shape == () and not p.fixed and 0 < variance[start] < np.inf:
+            names.append(p.name)
+            places.append(start)
+        start += p.size
+    inside = fit.covariance[np.ix_(places, places)]
+    sd = np.sqrt(np.diag(inside))
+    return names, np.asarray(np.clip(inside / np.outer(sd, sd), -1.0, 1.0))
+
+
+def correlation(fit: Fit) -> Sheet | None:
+    """The lower triangle of the correlations as a picture, with their numbers; None with too few of them.
+
+    The numbers say the signs to those who see no colours.
+    """
+    names, matrix = correlations(fit)
+    n = len(names) - 1  # the first has no row, the last no column: nothing but ones on the diagonal
+    if len(names) < FEWEST:
+        return None
+    height = min(max(CELL * n, SMALLEST), LARGEST)
+    shown = np.where(np.tril(np.ones((n, n), dtype=bool)), matrix[1:, :-1], np.nan)
+    share = min(1.0, max(1.5 * height / (WIDE - MARGINS), 0.2))
+    sheet = Sheet((height,), 3, widths=((1 - share) / 2 + 1e-9, share, (1 - share) / 2 + 1e-9))
+    for beside in sheet.grid[0, ::2]:
+        beside.remove()
+    ax = sheet.grid[0, 1]
+    edges, opacity = np.arange(n + 1.0), (0.05, 0.65)
+    cells(ax, edges, edges, shown.T, ORANGE, BLUE, opacity=opacity, gap=0.04)
+    for (i, j), value in np.ndenumerate(shown):
+        if abs(value) >= WRITTEN:
+            ax.text(j + 0.5, i + 0.5, _written(value, n), size=min(7.0, 0.45 * height / n), ha="center",
+                    va="center_baseline", color=INK)  # fmt: skip
+    words, middle = [symbol(name) for name in names], edges[:-1] + 0.5
+    ax.set(xlim=(0, n), ylim=(n, 0))
+    ax.set_xticks(middle, words[:-1], rotation=90.0 if max(map(len, words[:-1])) > LONGEST_LEVEL else 0.0)
+    ax.set_yticks(middle, words[1:])
+    ax.grid(visible=False)
+    ticks = [(0.5 + r / 2, f"{r:+.1f}".replace("-", "−")) for r in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    shades(ax, ticks, "correlation [1]", ORANGE, BLUE, opacity=opacity)
+    return sheet
+
+
+def _written(value: float, n: int) -> str:
+    sign = "+" if value > 0 else "−"
+    return sign if n >= MOST_WRITTEN else f"{sign}{abs(value):.2f}".replace("0.", ".")
+
+
+BINS = 25
+CORNER = 92.0
+"""Height of a cell at most, points."""
+
+
+def corner(values: Array, names: Sequence[str], units: Sequence[str]) -> Sheet:
+    """Histograms on the diagonal, pairs below it.
+
+    Parameters
+    ----------
+    values : (draws, parameters), all of the same weight.
+    names, units : of the parameters.
+    """
+    size = len(names)
+    sheet = Sheet((min(CORNER, 0.85 * WIDE / size),) * size, size)
+    for (row, column), ax in np.ndenumerate(sheet.grid):
+        if column > row:
+            ax.remove()
+            continue
+        ax.locator_params(nbins=3)
+        if row == column:
+            ax.hist(values[:, row], bins=BINS, histtype="step", color=BLUE)
+            ax.set_yticks([])
+        else:
+            ax.plot(values[:, column], values[:, row], linestyle="", marker=".", markersize=1, alpha=0.3, color=BLUE)
+        if row < size - 1:
+            ax.set_xticklabels([])
+        else:
+            ax.set_xlabel(f"{symbol(names[column])} [{pretty_unit(units[column])}]", fontsize=SMALL)
+            ax.tick_params(axis="x", labelrotation=90)
+        if column > 0 or row == 0:
+            ax.set_yticklabels([])
+        else:
+            ax.set_ylabel(f"{symbol(names[row])} [{pretty_unit(units[row])}]", fontsize=SMALL)
+    return sheet
+
+
+FEWEST_STEPS = 4
+"""Steps that make a picture."""
+ALIKE = 0.1
+"""Objectives that differ by less than so many percent are not to look different."""
+MOST_TICKS = 8
+
+
+def convergence(stage: Stage) -> Sheet | None:
+    """The objective over the steps, above the best; beside it that of every start. None where neither is much."""
+    best = min([*stage.history, stage.starts[0], *([stage.certificate.objective_after] if stage.certificate else [])])
+    above = np.array(stage.history) - best
+    steps = np.flatnonzero(above > 0)
+    if len(steps) < FEWEST_STEPS and len(stage.starts) < 2:
+        return None
+    several = len(stage.starts) > 1
+    sheet = Sheet((95.0,), 1 + several, widths=(1.6, 1.0)[: 1 + several])
+    ax = sheet.first()
+    ax.plot(steps, above[steps], **look(BLUE, dots=1.4))
+    ax.set(
+        xlabel="step [1]",
+        ylabel="objective above best [1]",
+        yscale="log",
+        xticks=_whole(0, steps[-1] if len(steps) else 1),
+    )
+    if several:
+        starts = 100.0 * (np.sort(stage.starts) / min(stage.starts) - 1.0)
+        top = 1.05 * max(starts[-1], ALIKE)
+        ax = sheet.grid[0, 1]
+        ax.plot(np.arange(1, len(starts) + 1), starts, **look(ORANGE, 0.8, dots=2.0))
+        ax.set(xlabel="start, best first [number]", ylabel="objective above best [%]", xticks=_whole(1, len(starts)),
+               ylim=(-0.05 * top, top))  # fmt: skip
+    return sheet
+
+
+def _whole(first: int, last: int) -> range:
+    return range(first, int(last) + 1, max(1, round(last / MOST_TICKS)))
+
+
+SAME_OBJECTIVE = 1e-3
+"""Starts whose objective is within this share of the best count as having found the same."""
+REACH = 6.0
+"""Standard deviations drawn; what is further off lies at the edge, beside an arrow."""
+ROW, MOST = 13.0, 24
+"""Points per parameter, and parameters drawn: those that starts spread most."""
+
+
+def starts(fit: Fit, stage: Stage) -> Sheet | None:
+    """Where each start ended, in standard deviations from the estimate, row by row; None for one start."""
+    found = spread_of(fit, stage)
+    if not found:
+        return None
+    shown = sorted(found, key=lambda name: -max(abs(off) for off, _ in found[name]))[:MOST]
+    sheet = Sheet((max(ROW * len(shown), 40.0),))
+    ax = sheet.first()
+    ax.axvline(0.0, **look(INK, 0.5))
+    for same, colour, words, dots in (
+        (False, ORANGE, "another objective", 2.0),
+        (True, BLUE, "the best objective", 2.6),
+    ):
+        at = [(off, row) for row, name in enumerate(shown) for off, own in found[name] if own is same]
+        if at:
+            x, y = np.array(at).T
+            ax.plot(np.clip(x, -REACH, REACH), y, **look(colour, label=words, dashes="", dots=dots))
+            for side, row in sorted({(np.sign(off), row) for off, row in at if abs(off) > REACH}):
+                ax.text(1.05 * side * REACH, row, ">" if side > 0 else "<", size=SMALL, ha="center",
+                        va="center_baseline", color=INK)  # fmt: skip
+    ax.set(xlabel="end of each start less the estimate, over its standard deviation [1]",
+           xlim=(-1.1 * REACH, 1.1 * REACH), ylim=(len(shown) - 0.4, -0.6))  # fmt: skip
+    ax.set_yticks(range(len(shown)), [symbol(name) for name in shown])
+    ax.grid(visible=False, axis="y")
+    return sheet
+
+
+def same_as_best(stage: Stage) -> list[bool]:
+    """Of every start, whether its objective is that of the best."""
+    best = min(stage.starts)
+    return [abs(own - best) <= SAME_OBJECTIVE * abs(best) for own in stage.starts]
+
+
+def spread_of(fit: Fit, stage: Stage) -> dict[str, list[tuple[float, bool]]]:
+    """Free numbers with a standard deviation -> of every start, where it ended beside the estimate, in standard
+    deviations, and whether its objective is that of the best; empty for a single start.
+    """
+    found = {}
+    for name in stage.ended_at[0] if len(stage.ended_at) > 1 else ():
+        sd = float(np.ravel(fit.sd.get(name, 0.0))[0])
+        if name in fit.model and np.isfinite(sd) and sd > 0:
+            estimate = float(np.ravel(fit.model[name].array)[0])
+            ends = [(own[name] - estimate) / sd for own in stage.ended_at]
+            found[name] = list(zip(ends, same_as_best(stage), strict=True))
+    return found

@@ -1,1 +1,0 @@
-"""Pictures of a gap: how far, which, along time and path, in frequency."""

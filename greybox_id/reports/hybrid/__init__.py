@@ -1,1 +1,0 @@
-"""Reports of physics with a network inside."""

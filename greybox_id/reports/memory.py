@@ -1,0 +1,310 @@
+"""The report of a map with memory, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fit import Fit
+from ..memory_model import MemoryModel
+from ..provenance import Stage
+from ..recording import Recording
+from ..scores.metrics import PROTOCOLS, Protocol, predictions
+from ..signals import unit_of
+from .content import (
+    OBJECTIVE,
+    ROLE_WORDS,
+    can_be_used,
+    circumstances,
+    ended,
+    indistinguishable,
+    ipopt_words,
+    made_with,
+    noise_words,
+    recorded,
+    scalars,
+    stages,
+    written_down,
+)
+from .data import data_parts, limits
+from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
+from .equations.tracing import memory_equations
+from .figures.characteristics import MOST_PANELS, impulse_responses, steering
+from .figures.predictions import errors
+from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
+from .noise import noise
+from .numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
+from .recordings import Seen, matched, of_role
+
+LEADS = ("How good", "Against what", "How chosen")
+EARLY = "early stopping"
+INTERVALS = (
+    "Standard deviations and intervals allow for the residuals' correlation in time and include what priors told; "
+    "intervals end at a parameter's bounds. A note says where the recording told little."
+)
+ERRORS = (
+    "RMSE is given with its standard error, from blocks of one second; FVU is the fraction of the measured signal's "
+    "variance that the error has."
+)
+EQUATIONS = (
+    "Written down from the model itself: next is one sample, T, after the newest input, w an abbreviation for what "
+    "stands in several places. A bracket is taken at the time below it, so that a sum over n is a window of past "
+    "samples. Of long sums the first terms and the last are shown."
+)
+PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}
+PROTOCOL_MEANING = {
+    "honest": "every input is measured, no window crosses a join between runs, and all samples are pooled.",
+    "published": "as in the papers on model-structured networks: windows are laid across joins as if the recording "
+    "were one run, and the figure is the mean of the RMSE of batches of 100 windows. It is given for comparison "
+    "with published tables only.",
+    "closed_loop": "the model runs on its own predictions from the first window of each run to the run's end; no "
+    "window crosses a join, and all samples are pooled.",
+}
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What one output's error can be held against, on one role's recordings.
+
+    Attributes
+    ----------
+    held : RMSE of holding the last measured value for one sample, in the output's unit.
+    held_fvu : its fraction of variance unexplained.
+    """
+
+    held: float
+    held_fvu: float
+
+
+def memory_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
+    """The report of a fit. Raises `BadInput` where a recording that it saw is missing or is another file."""
+    model, drives = memory_model(fit), seen(fit, recordings)
+    heard = noise([one.recording for one in drives])
+    measures = yardsticks(fit, drives)
+    signals = tuple(dict.fromkeys((*model.inputs, *model.outputs)))
+    protocols = (Text(PROTOCOL_MEANING[p], lead=f"{capital(PROTOCOL_WORDS[p])}:") for p in fit.metrics["train"])
+    parameters = scalars(fit)
+    parts: tuple[Part, ...] = (
+        VerdictBox((*can_be_used(fit), *zip(LEADS, verdict(fit, drives, measures), strict=True))),
+        *titled("Provenance", recorded(fit), Pairs(_provenance(fit))),
+        *titled("Errors", _errors(fit, measures), Text(ERRORS), _boxes(fit, drives), *protocols),
+        *titled("Measured and predicted", *trace_drawings(drives)),
+        *titled(
+            "Residual analysis", *residual_drawings(drives, model.inputs), *spectrum_drawings(drives, heard),
+            Text(noise_words(model.outputs, heard)),
+        ),
+        *titled("What the model has learned", *_learned(fit, drives)),
+        *titled("Parameters", parameters, Text(INTERVALS if parameters.rows else ""), _arrays(fit)),
+        *indistinguishable(raised(sentence) for sentence in model.together),
+        *titled("Equations of the model", *written_down(memory_equations(model), EQUATIONS)),
+        *data_parts(drives, signals),
+        *limits(drives, signals),
+        *titled("How it was fitted", stages(fit, _stage_name), Text(OBJECTIVE + _strengths(fit))),
+    )  # fmt: skip
+    return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
+
+
+def memory_model(fit: Fit) -> MemoryModel:
+    """The model of a fit of this kind."""
+    assert isinstance(fit.model, MemoryModel)
+    return fit.model
+
+
+def seen(fit: Fit, recordings: Sequence[Recording]) -> tuple[Seen, ...]:
+    """The recordings of a fit, in its order, with predictions.
+
+    Raises
+    ------
+    BadInput : one that the fit saw is missing, or is another file.
+    """
+    model = memory_model(fit)
+    protocols = PROTOCOLS if model.feedback is not None else PROTOCOLS[:2]
+    return tuple(
+        Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p) for p in protocols})
+        for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
+    )
+
+
+def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yardstick]]:
+    """Role -> output -> what its error can be held against."""
+    found: dict[str, dict[str, Yardstick]] = {}
+    for role in dict.fromkeys(one.role for one in recordings):
+        found[role] = {}
+        for k, name in enumerate(fit.model.outputs):
+            steps, values = [], []
+            for one in of_role(recordings, role):
+                scored = one.predicted["honest"]
+                values.append(scored.measured[:, k])
+                steps.append(one.recording[name][scored.rows] - one.recording[name][scored.rows - 1])
+            moved, variance = np.concatenate(steps), float(np.var(np.concatenate(values)))
+            fvu = float(np.var(moved)) / variance if variance > 0 else float("nan")
+            found[role][name] = Yardstick(float(np.sqrt(np.mean(moved**2))), fvu)
+    return found
+
+
+def verdict(fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]) -> tuple[str, ...]:
+    """Three sentences that hold for any numbers: how good, against what, how chosen."""
+    role = "validate" if "validate" in fit.metrics else "train"
+    return _how_good(fit, recordings, role), _against_what(fit, role, measures[role]), _how_chosen(fit)
+
+
+def _main_protocol(fit: Fit) -> Protocol:
+    """The protocol a fit is judged by: on its own predictions where the model has a loop."""
+    return "closed_loop" if memory_model(fit).feedback is not None else "honest"
+
+
+def _how_good(fit: Fit, recordings: Sequence[Seen], role: str) -> str:
+    where = circumstances(fit, recordings, role, chose="when to stop" if fit.mode == EARLY else "")
+    how = "running on its own predictions" if _main_protocol(fit) == "closed_loop" else "one sample ahead"
+    each = [
+        f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} ({_unexplained(e)})"
+        for name, e in fit.metrics[role][_main_protocol(fit)].items()
+    ]
+    return f"{where}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
+
+
+def _unexplained(error: Mapping[str, float]) -> str:
+    fvu = error["fvu"]
+    if not np.isfinite(fvu):
+        return "a signal that does not vary"
+    if fvu >= 1.0:
+        return f"{percent(fvu)} of the variance: no better than the signal's mean"
+    return f"{percent(fvu)} of the variance unexplained"
+
+
+def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str:
+    held = [
+        f"{_factor(fit.metrics[role]['honest'][name]['rmse'], measure.held)} in {signal_words(name)}"
+        for name, measure in measures.items()
+    ]
+    text = (
+        "One sample ahead on measured inputs, the ratio of its error to that of holding the last measured value is "
+        f"{listed(held)} (below 1 the model is better)"
+    )
+    if role == "train":
+        return f"{text}; how the error grows on a recording it has not seen is not known."
+    protocol = _main_protocol(fit)
+    own = "on its own predictions" if protocol == "closed_loop" else "one sample ahead"
+    grown = [
+        f"{_factor(error['rmse'], fit.metrics['train'][protocol][name]['rmse'])} in {signal_words(name)}"
+        for name, error in fit.metrics[role][protocol].items()
+    ]
+    return f"{text}; {own}, the ratio of its error to that on the training data is {listed(grown)}."
+
+
+def _factor(value: float, reference: float) -> str:
+    return number(value / reference, 3) if reference > 0 else "infinite"
+
+
+def _how_chosen(fit: Fit) -> str:
+    last = fit.stages[-1]
+    strength = {
+        "cross-validation": "chosen by blocked cross-validation on the training data",
+        EARLY: "left weak and fitting stopped where the error on the validation recording was least",
+        "given": "given, not chosen by the data",
+    }.get(fit.mode, fit.mode)
+    return f"The strength of regularisation was {strength}; {ended(last)}, and {ipopt_words(last)}."
+
+
+def _provenance(fit: Fit) -> tuple[tuple[str, str], ...]:
+    return made_with(
+        fit,
+        ("strength of regularisation", "given" if fit.mode == "given" else f"by {fit.mode}"),
+        ("sample time", f"{memory_model(fit).sample_time * 1e3:.4g} ms"),
+        ("size", counted(fit.model.size, "parameter")),
+    )
+
+
+def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
+    roles = [role for role in ROLE_WORDS if role in fit.metrics]
+    head = ["output", "protocol", *(f"{ROLE_WORDS[r]}: {what}" for r in roles for what in ("RMSE", "FVU"))]
+    rows = []
+    for name in fit.model.outputs:
+        output = f"{signal_words(name)} [{pretty_unit(unit_of(name))}]"
+        for protocol in fit.metrics["train"]:
+            cells = [fit.metrics[role][protocol][name] for role in roles]
+            words = [w for e in cells for w in (with_sd(e["rmse"], e["rmse_sd"]), percent(e["fvu"]))]
+            rows.append((output, PROTOCOL_WORDS[protocol], *words))
+            output = ""
+        held = [measures[role][name] for role in roles]
+        words = [w for m in held for w in (number(m.held), percent(m.held_fvu))]
+        rows.append(("", "last measured value held", *words))
+    return Table(tuple(head), tuple(rows), "ll" + "R" * (len(head) - 2))
+
+
+def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
+    outputs = listed([signal_words(name) for name in fit.model.outputs])
+    return Drawing(
+        "errors",
+        errors(fit, drives),
+        "Prediction minus measurement by recording and run. Boxes hold the middle half of the samples, whiskers "
+        "the middle 95 %, bars are medians; protocols stand from left to right as in the legend.",
+        f"Box plots of the errors of {outputs} per recording, run and protocol.",
+    )
+
+
+def _learned(fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
+    """The pictures that have a meaning for this model."""
+    found = []
+    if (curve := steering(fit, drives)) is not None:
+        found.append(
+            Drawing(
+                "steering",
+                curve,
+                "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs held "
+                "over the whole window, no longitudinal acceleration) at three speeds, thin where no angle was driven "
+                "at that speed, over the density of measured samples of all speeds, which hold transients too. The "
+                "fit keeps no covariance between parameters, so the curves carry no band.",
+                "Curvature over steering angle at three speeds, over the density of measurements.",
+            )
+        )
+    if (weights := impulse_responses(fit)) is not None:
+        found.append(
+            Drawing(
+                "impulse_responses",
+                weights,
+                "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a "
+                "band of one standard deviation; titles give the centre of the local model. A parameter of more than "
+                f"{MOST_PANELS} responses has them in one panel, without bands.",
+                "Weights of the model's finite impulse responses over age.",
+            )
+        )
+    return found
+
+
+def _arrays(fit: Fit) -> Table:
+    """Parameters that are no single numbers."""
+    head = ("parameter", "meaning", "entries", "rms value", "rms sd", "unit", "strength")
+    rows = []
+    for parameter in fit.model.parameters:
+        if parameter.shape == ():
+            continue
+        sd = np.asarray(fit.sd.get(parameter.name, np.zeros(parameter.shape)))
+        strength = parameter.prior.strength.replace("_", " ") if parameter.prior is not None else ""
+        rows.append(
+            (
+                parameter.name, parameter.about, " × ".join(str(n) for n in parameter.shape),
+                number(float(np.sqrt(np.mean(parameter.array**2)))),
+                "held" if parameter.fixed else number(float(np.sqrt(np.mean(sd**2))), 2),
+                pretty_unit(parameter.unit), strength or "–",
+            )
+        )  # fmt: skip
+    return Table(head, tuple(rows), "lLlrrll")
+
+
+def _stage_name(stage: Stage) -> str:
+    return f"{stage.model}, {'on its own predictions' if stage.closed_loop else 'on measured inputs'}"
+
+
+def _strengths(fit: Fit) -> str:
+    """The factors on the priors of each stage; stages that share the last one's are not repeated."""
+    sentences = []
+    for stage in fit.stages:
+        if not stage.strengths or (stage.closed_loop and len(fit.stages) > 1):
+            continue
+        factors = ", ".join(f"{name.replace('_', ' ')} × {number(f, 2)}" for name, f in stage.strengths.items())
+        tried = f"; {counted(len(stage.tried), 'choice')} tried by cross-validation" if stage.tried else ""
+        sentences.append(f"{stage.model}: {factors} ({stage.strengths_from}{tried}).")
+    return f" Factors on the strength of priors: {' '.join(sentences)}" if sentences else ""

@@ -1,0 +1,415 @@
+"""The report of equations of motion, part by part."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..fit import SURPRISING, Fit
+from ..parameter import Parameter
+from ..posterior.posterior import Posterior
+from ..provenance import Stage
+from ..recording import Recording
+from ..scores.metrics import FREE_RUN, HORIZONS, ahead
+from ..signals import unit_of
+from ..uncertainty.identifiability import absent, left_open, told_together
+from .content import (
+    OBJECTIVE,
+    ROLE_WORDS,
+    can_be_used,
+    circumstances,
+    ended,
+    indistinguishable,
+    ipopt_words,
+    made_with,
+    noise_words,
+    recorded,
+    scalars,
+    stages,
+    starts_table,
+    written_down,
+)
+from .data import data_parts, limits
+from .document import Document, Drawing, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
+from .driven import Driven, Errors, driven, held_errors, motion_model
+from .equations.tracing import motion_equations
+from .figures.characteristics import handling, tyres
+from .figures.estimates import convergence, correlation, starts
+from .figures.predictions import horizons
+from .figures.style import NEAR
+from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
+from .noise import noise
+from .numbers import (
+    capital,
+    counted,
+    interval,
+    listed,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    raised,
+    short_with_sd,
+    signal_words,
+    with_sd,
+)
+from .posterior import posterior_parts
+from .recordings import shown_first
+
+LEADS = ("How good", "Against what", "How sure")
+DRAWN = (HORIZONS[0], NEAR)
+"""Horizons, s, that figures show; errors over all of them are in the fit."""
+MOST_PAIRS = 3
+"""Pairs of parameters identifiable only in combination that are named."""
+INTERVALS = (
+    "Standard deviations and intervals allow for the residuals' correlation in time and include what priors told; "
+    "intervals are those of Student's t with the degrees of freedom that the recordings leave, and end at a "
+    "parameter's bounds."
+)
+ERRORS = (
+    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is "
+    "the standard deviation of the residuals of the fit over the horizon that it was solved over: what the model "
+    "leaves, sensors' noise and all that it lacks."
+)
+EQUATIONS = (
+    "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
+    "abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that "
+    "is not the quantity itself. Quantities that are constant or lead to nothing that is predicted are left out."
+)
+
+
+def motion_report(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
+    """The report of a fit, with draws of its posterior.
+
+    Raises
+    ------
+    BadInput : a recording that it saw is missing or is another file, or the posterior is of another fit.
+    """
+    if posterior is not None:
+        posterior.must_be_of(fit)
+    drives = driven(fit, recordings, DRAWN)
+    held, last = held_errors(drives), fit.stages[-1]
+    heard = noise([one.recording for one in drives])
+    outputs = [name for name in fit.model.outputs if any(name in one.outputs for one in drives)]
+    signals = tuple(dict.fromkeys(name for one in drives for name in (*_recorded_inputs(fit, one), *fit.model.outputs)))
+    inputs = _recorded_inputs(fit, shown_first(drives))
+    parts = (
+        VerdictBox((*can_be_used(fit), *zip(LEADS, verdict(fit, drives, held), strict=True))),
+        *titled("Provenance", recorded(fit), Pairs(_provenance(fit))),
+        *_parameters(fit),
+        *(() if posterior is None else posterior_parts(fit, posterior, drives)),
+        *titled("Errors by horizon", _over_horizons(fit, drives, held), _errors(fit, held), Text(ERRORS)),
+        *titled(
+            "Measured and predicted",
+            *trace_drawings(drives, "; the free run began with the run, not with the stretch"),
+        ),
+        *titled(
+            "Residual analysis", *residual_drawings(drives, inputs), *spectrum_drawings(drives, heard),
+            Text(noise_words(outputs, heard)),
+        ),
+        *titled("What the model has learned", *_learned(fit, drives)),
+        *_equations(fit),
+        *data_parts(drives, signals),
+        *limits(drives, signals),
+        *titled(
+            "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
+            *_convergence(last), starts_table(fit, last), *_starts(fit, last),
+        ),
+    )  # fmt: skip
+    return Document(fit.model.name, fit.model.about, "a fit", f"greybox-id {fit.version}", parts)
+
+
+def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) -> tuple[str, ...]:
+    """Three sentences: how good, against what, how sure.
+
+    Parameters
+    ----------
+    fit, recordings : the fit and what it saw.
+    held : role -> errors of holding the last reading.
+    """
+    role = "validate" if "validate" in fit.metrics else "train"
+    scores, near = fit.metrics[role], _near(fit.metrics[role])
+    return (
+        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(scores, near)}.",
+        f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
+        f"{_against_training(fit) if role == 'validate' else ''}.",
+        f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
+    )
+
+
+def _near(scores: Mapping[str, Any]) -> str | None:
+    """The horizon to name beside the free run; None where runs are too short for any."""
+    horizons = [protocol for protocol in scores if protocol != FREE_RUN]
+    return ahead(NEAR) if ahead(NEAR) in horizons else next(reversed(horizons), None)
+
+
+def _how_good(scores: Mapping[str, Any], near: str | None) -> str:
+    each = []
+    for name, error in scores[FREE_RUN].items():
+        soon = scores[near].get(name) if near else None
+        beside = f" ({_rmse(soon)})" if soon else ""
+        each.append(f"{_rmse(error)}{beside} {pretty_unit(unit_of(name))} in {signal_words(name)}")
+    return f"in free run{f' ({near})' if near else ''} by an RMSE of {listed(each)}"
+
+
+def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> str:
+    protocol = near or FREE_RUN
+    ratios = {
+        name: _ratio(held[protocol][name].rmse, error["rmse"])
+        for name, error in scores[protocol].items()
+        if name in held.get(protocol, {})
+    }
+    what = f"for {protocol.removesuffix(' ahead')}" if near else "of a run's first row"
+    return f"Holding the last reading {what} errs {_times(ratios, 'as much')}"
+
+
+def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
+    ratios = {name: _ratio(error["rmse"], noise[name]) for name, error in scores[FREE_RUN].items() if name in noise}
+    return f"in free run the error is {_times(ratios, 'the residuals of the fit')}"
+
+
+def _against_training(fit: Fit) -> str:
+    own, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
+    ratios = {name: _ratio(own[name]["rmse"], train[name]["rmse"]) for name in own if name in train}
+    return f", and {_times(ratios, 'that on the training data')}" if ratios else ""
+
+
+def _times(ratios: Mapping[str, str], of: str) -> str:
+    """1.6 times as much in v_x, 3.1 in yaw rate and 2.3 in a_y."""
+    return listed(
+        [
+            f"{ratio}{f' times {of}' if k == 0 else ''} in {signal_words(name)}"
+            for k, (name, ratio) in enumerate(ratios.items())
+        ]
+    )
+
+
+def _ratio(value: float, reference: float) -> str:
+    return number(value / reference, 2) if reference > 0 else "infinite"
+
+
+def _not_determined(fit: Fit) -> str:
+    """What of the free parameters the recordings do not tell, as a clause."""
+    free = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
+    if not free:
+        return "no parameter was free"
+    bound = [p.name for p in free if not p.bounds[0] < float(p.array) < p.bounds[1]]
+    found = left_open(fit)
+    if found is None:
+        return "how well its parameters are determined is not known, as the fit kept no covariance"
+    untold = [each.name for each in found.undetermined if each.name not in bound]
+    pairs = [f"{pair.first} with {pair.second}" for pair in found.pairs[:MOST_PAIRS]]
+    far = [p.name for p in free if _far(p)]
+    clauses = [
+        f"the recordings do not determine {listed(untold)}" if untold else "",
+        f"they tell only together {listed(pairs)}" if pairs else "",
+        f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
+        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
+    ]
+    said = [clause for clause in clauses if clause]
+    if not said:
+        return f"{'each of the ' if len(free) > 1 else 'its '}{counted(len(free), 'free parameter')} is determined"
+    return f"of {counted(len(free), 'free parameter')}, {'; '.join(said)}"
+
+
+def _far(parameter: Parameter) -> bool:
+    prior = parameter.prior
+    if prior is None or prior.mean is None:
+        return False
+    away = abs(float(parameter.array) - float(np.asarray(prior.mean)))
+    return away > SURPRISING * float(np.asarray(prior.sd))
+
+
+def _provenance(fit: Fit) -> tuple[tuple[str, str], ...]:
+    model = fit.model
+    free = sum(p.size for p in model.parameters if not p.fixed)
+    settings = (
+        (name.replace("_", " "), ("no", "yes")[value] if isinstance(value, bool) else str(value))
+        for name, value in model.settings.items()
+    )
+    return made_with(
+        fit,
+        ("solved over", _horizon(fit)),
+        ("starts of predictions", _starts_from(fit.how)),
+        *settings,
+        ("size", f"{counted(model.size, 'parameter')}, {free} free"),
+    )
+
+
+def _horizon(fit: Fit) -> str:
+    horizon = fit.how.get("horizon")
+    return "whole runs" if horizon is None else f"{horizon:g} s from each start"
+
+
+def _starts_from(how: Mapping[str, Any]) -> str:
+    words = {"free": "free to deviate from their readings", "measured": "at their readings"}
+    robust = how.get("robust")
+    loss = f"; residuals beyond {robust:g} standard deviations count linearly" if robust else ""
+    return f"{words.get(how.get('start_from', ''), 'not recorded')}{loss}"
+
+
+def _stage_name(stage: Stage, fit: Fit) -> str:
+    return f"{stage.model}, {_horizon(fit)}"
+
+
+def _parameters(fit: Fit) -> tuple[Part, ...]:
+    model = fit.model
+    free = [p for p in model.parameters if not p.fixed and p.name not in model.effects]
+    open_ = tuple(_printed(sentence) for sentence in told_together(fit))
+    return (
+        *titled("Parameters", scalars(fit, free), Text(f"{INTERVALS} {' '.join(_held(fit))}")),
+        *titled("Effects", scalars(fit, [model[name] for name in model.effects], absent(fit)), level=2),
+        *titled("Determined together", _combinations(fit), level=2),
+        *((Together((Text("by these recordings:", lead="Left open"), Points(open_))),) if open_ else ()),
+        *indistinguishable(raised(sentence) for sentence in model.together),
+        *_correlation(fit),
+    )
+
+
+def _held(fit: Fit) -> tuple[str, ...]:
+    """Sentences on parameters that were not estimated."""
+    held = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
+    known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
+    nothing = [p.name for p in held if not float(p.array)]
+    said = [f"Held: {', '.join(known)}."] if known else []
+    return (*said, f"Held at zero: {', '.join(nothing)}.") if nothing else tuple(said)
+
+
+def _printed(sentence: str) -> str:
+    """A sentence with true minus signs and a space before percent signs."""
+    return re.sub(r"(?<=\d)%", " %", re.sub(r"-(?=\d)", "−", sentence))
+
+
+def _combinations(fit: Fit) -> Table:
+    told = [one for one in fit.combined() if np.isfinite(one.sd) and one.sd > 0]
+    rows = tuple(
+        (
+            one.name, one.about, with_sd(one.value, one.sd), interval(one.low, one.high, one.sd), pretty_unit(one.unit),
+            percent(one.sd / abs(one.value)) if one.value else "–",
+        )
+        for one in told
+    )  # fmt: skip
+    return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows, "lLrrlr")
+
+
+def _correlation(fit: Fit) -> Iterator[Drawing]:
+    picture = correlation(fit)
+    if picture is not None:
+        yield Drawing(
+            "correlation",
+            picture,
+            "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
+            "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
+            "than 0.1 are left unwritten.",
+            "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
+        )
+
+
+def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors]) -> Drawing:
+    scored = [name for name in fit.model.outputs if any(name in e for of in fit.metrics.values() for e in of.values())]
+    plain = {
+        role: {protocol: {name: asdict(error) for name, error in of.items()} for protocol, of in errors.items()}
+        for role, errors in held.items()
+    }
+    outputs = listed([signal_words(name) for name in shown_first(drives).outputs])
+    return Drawing(
+        "horizons",
+        horizons(scored, fit.metrics, plain, fit.stages[-1].noise),
+        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every row, "
+        "and in free run from the first row of each run to its end. In free run what is held is the reading of the "
+        "run's first row.",
+        f"Errors of {outputs} over the horizon of prediction, of the model and of persistence.",
+    )
+
+
+def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
+    """A row for each output of each role, and one for holding the last reading below it."""
+    roles = [role for role in ROLE_WORDS if role in fit.metrics]
+    protocols = list(dict.fromkeys(protocol for role in roles for protocol in fit.metrics[role]))
+    noise = fit.stages[-1].noise
+    head = ("output", "prediction", *(p.removesuffix(" ahead") for p in protocols))
+    rows = []
+    for name in fit.model.outputs:
+        output = f"{signal_words(name)} [{pretty_unit(unit_of(name))}]"
+        for role in roles:
+            own = fit.metrics[role]
+            if not any(name in of for of in own.values()):
+                continue
+            errors = [own.get(p, {}).get(name) for p in protocols]
+            rows.append((output, f"model, {ROLE_WORDS[role]}", *(_rmse(error) if error else "–" for error in errors)))
+            output = f"residual sd {number(noise[name], 2)}" if name in noise and role == roles[0] else ""
+            still = [held[role].get(p, {}).get(name) for p in protocols]
+            rows.append((output, f"held, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still)))
+            output = ""
+    return Table(head, tuple(rows), "ll" + "R" * len(protocols))
+
+
+def _rmse(error: Mapping[str, Any]) -> str:
+    return short_with_sd(error["rmse"], error["rmse_sd"])
+
+
+def _recorded_inputs(fit: Fit, one: Driven) -> list[str]:
+    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
+    model = motion_model(fit)
+    names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
+    return [next((own for own in each if own in one.recording), each[0]) for each in names]
+
+
+def _learned(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
+    """The pictures that have a meaning for this model."""
+    curves = tyres(fit, recordings)
+    if curves is not None:
+        yield Drawing(
+            "tyres",
+            curves,
+            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the slip "
+            "angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of the "
+            "slip angles driven, as the model has them a tenth of a second after each reading, in all recordings.",
+            "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
+        )
+    diagram = handling(fit, recordings)
+    if diagram is not None:
+        yield Drawing(
+            "handling",
+            diagram,
+            "Handling diagram: steering angle less the wheelbase times the curvature, over lateral acceleration, in "
+            "the model's steady turns at the typical speed, thick where it was driven, over the density of measured "
+            "samples of all speeds, which hold transients too. A curve that rises to the right of zero understeers.",
+            "Steering angle beyond what curvature needs over lateral acceleration.",
+        )
+
+
+def _equations(fit: Fit) -> tuple[Part, ...]:
+    effects = tuple(f"{name}: {fit.model[name].about}." for name in fit.model.effects)
+    added = (Text("to these equations:", lead="Effects added"), Points(effects)) if effects else ()
+    found = motion_equations(motion_model(fit))
+    return titled("Equations of the model", *written_down(found, EQUATIONS, *added))
+
+
+def _convergence(stage: Stage) -> Iterator[Drawing]:
+    ends = convergence(stage)
+    if ends is not None:
+        several = len(stage.starts) > 1
+        yield Drawing(
+            "convergence",
+            ends,
+            "The objective over the steps of the last solve, above the best value found"
+            + ("; beside it, where each start ended." if several else "."),
+            "The objective over the solver's steps.",
+        )
+
+
+def _starts(fit: Fit, stage: Stage) -> Iterator[Drawing]:
+    others = starts(fit, stage)
+    if others is not None:
+        yield Drawing(
+            "starts",
+            others,
+            "Where each start ended beside the estimate, in its standard deviations. Starts of the best objective "
+            "found the same where they lie on the line; off it, the recordings do not tell the difference.",
+            "Ends of the starts, parameter by parameter, in standard deviations.",
+        )

@@ -1,1 +1,0 @@
-"""Reports of equations of motion."""

@@ -1,0 +1,131 @@
+"""What draws of a posterior add to the report of a fit: their table, how they hang together, bands of predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..fit import Fit
+from ..posterior.posterior import Posterior
+from ..posterior.predictive import PredictiveBand, predictive_band
+from ..recording import Recording
+from .document import Drawing, Part, Points, Table, Text, titled
+from .driven import Driven
+from .figures.estimates import corner
+from .figures.sheet import Sheet, band
+from .figures.style import BLUE, DASHED, MEASURED, look, signal_label
+from .figures_of import stretch_words
+from .numbers import interval, number, pretty_unit, signal_words
+from .recordings import shown_first, typical_stretch
+
+MOST_DRAWN = 7
+"""Parameters of a corner plot: those of which the draws know least, relative to the fit's standard deviations."""
+DRAWS = 500
+"""Dots of a pair."""
+HEIGHT = 95.0
+HOW = {
+    "laplace": "the normal distribution of the fit's covariance",
+    "mcmc": "the posterior, as wide about the fit as its covariance, by Markov chains",
+    "abc-smc": "what comes near the recordings by a distance, without a likelihood",
+}
+
+
+def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) -> tuple[Part, ...]:
+    """Parts of the report of a fit.
+
+    Parameters
+    ----------
+    fit : whose posterior it is.
+    posterior : its draws.
+    drives : what the fit has seen.
+
+    Raises
+    ------
+    BadInput : the posterior is of another fit or has no draws.
+    """
+    one = shown_first(drives)
+    found = predictive_band(fit, posterior, one.recording)
+    worst, least = posterior.worst
+    met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
+    words = (
+        f"{len(posterior)} draws of {HOW[posterior.method]}.{met} they are worth {least:.0f} independent ones or more."
+    )
+    cautions = posterior.cautions()
+    return titled(
+        "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),
+        _corner(fit, posterior), _bands(fit, found, one),
+    )  # fmt: skip
+
+
+def _table(fit: Fit, posterior: Posterior) -> Table:
+    body, rows = [], posterior.table
+    for own in posterior.coordinates:
+        row = {name: float(rows[name].loc[own.name]) for name in ("mean", "sd", "low", "high", "r_hat", "ess")}
+        single = own.run is None and fit.model[own.parameter].shape == ()
+        stated = float(fit.sd[own.parameter]) if single else np.nan
+        value = float(fit.model[own.parameter].array) if single else np.nan
+        body.append((
+            own.name, number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
+            pretty_unit(own.unit), number(value) if single else "–", number(stated) if single else "–",
+            f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–", f"{row['ess']:.0f}",
+        ))  # fmt: skip
+    head = ("parameter", "mean", "sd", "95 % interval", "unit", "fit", "fit's sd", "R-hat", "ESS")
+    return Table(head, tuple(body), "lrrrlrrrr")
+
+
+def _corner(fit: Fit, posterior: Posterior) -> Drawing:
+    names = list(posterior.names)
+    if len(names) > MOST_DRAWN:
+        shift = {
+            own.name: abs(posterior.table["mean"][own.name] - float(fit.model[own.parameter].array))
+            / float(fit.sd[own.parameter])
+            for own in posterior.coordinates
+            if own.run is None and fit.model[own.parameter].shape == () and float(fit.sd[own.parameter]) > 0
+        }
+        kept = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
+        names = [name for name in names if name in kept]
+    columns = [posterior.names.index(name) for name in names]
+    values = posterior.chosen(min(len(posterior), DRAWS))[:, columns]
+    left = len(posterior.names) - len(names)
+    more = f" The {left} whose mean is nearest to the fit are left out." if left else ""
+    return Drawing(
+        "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
+        f"Draws of the posterior: each parameter on the diagonal, pairs below. What is bent or long here the fit's "
+        f"standard deviations do not show.{more}",
+        "Histograms of parameters, and dots of pairs of them.",
+    )  # fmt: skip
+
+
+def _bands(fit: Fit, found: PredictiveBand, one: Driven) -> Drawing:
+    coverage = found.coverage()
+    held = ", ".join(
+        f"{100 * share:.1f} % of {signal_words(name)}"
+        for name, share in zip(fit.model.outputs, coverage, strict=True)
+        if np.isfinite(share)
+    )
+    where, seconds = stretch_words(one)
+    return Drawing(
+        "bands", bands(fit, found, one.recording, typical_stretch(one)),
+        f"Free run of {found.draws} draws over {seconds} of {where}: mean, and a band in which {100 * found.level:g} % "
+        "of the readings are expected, of the draws' spread and the fit's residual spread together. In the whole "
+        f"recording it holds {held}.",
+        "Measured signals with the band of predictions.",
+    )  # fmt: skip
+
+
+def bands(fit: Fit, found: PredictiveBand, recording: Recording, stretch: tuple[int, int]) -> Sheet:
+    """Every recorded output over a stretch, with the mean of the draws and the band of readings."""
+    drawn = [k for k, name in enumerate(fit.model.outputs) if name in recording]
+    sheet = Sheet((HEIGHT,) * len(drawn), joined=True)
+    start, stop = stretch
+    inside = (found.mean.rows >= start) & (found.mean.rows < stop)
+    at = recording.time[found.mean.rows[inside]]
+    for ax, k in zip(sheet.grid[:, 0], drawn, strict=True):
+        name = fit.model.outputs[k]
+        band(ax, at, found.low[inside, k], found.high[inside, k], label=f"{100 * found.level:g} % band")
+        ax.plot(recording.time[start:stop], recording[name][start:stop], **MEASURED)
+        ax.plot(at, found.mean.predicted[inside, k], **look(BLUE, 1.0, "mean of draws", dashes=DASHED))
+        ax.set_ylabel(signal_label(recording, name))
+    sheet.grid[-1, 0].set(xlabel="time [s]", xlim=recording.time[[start, stop - 1]])
+    return sheet
