@@ -117,7 +117,7 @@ class ModelEntry:
 
 
 def _formed(model: MotionModel, settings: TyreSettings) -> MotionModel:
-    return with_form_error(model, settings.model) if settings.form == "uncertain" else model
+    return with_form_error(model) if settings.form == "uncertain" else model
 
 
 MODELS: dict[str, ModelEntry] = {

@@ -45,7 +45,7 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
     stated = {name for name, own in vehicle.values.items() if own.sd is not None}
     for rough, by in ((steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
                       (_bent("c_2", usual["speed"]), {"c_2"})):  # fmt: skip
-        if by <= stated and rough.concerns(model):
+        if by <= stated and rough.name not in model and rough.concerns(model):
             model = model + rough
     for rough in _regimes(usual) if stated else ():
         if rough.concerns(model):
