@@ -10,9 +10,9 @@ else, coloured noise. A first drive of 20 s (mixed) is fitted: the five paramete
 that the vehicle's file states with a tolerance, and the error of the equations' form (form=uncertain); a manoeuvre is
 designed from that fit and driven by `SteppedCar` with the plan's driver, and once more in open loop; what its sensors
 read is fitted alone. Beside it, of equal duration: another mixed drive, whose extent is the arena of the design, and
-every standard manoeuvre of the virtual vehicle on an endless plane. What is true of a tyre of another form is what its
-own curve has: D is its peak, B its slope at zero over C and that peak. "exact" is of fits that take equations for
-exact.
+every standard manoeuvre of the virtual vehicle on an endless plane. What is true of a tyre of another form are the B
+and D of the magic formula that comes nearest to its curve, as `models.form` defines them. "exact" is of fits that take
+equations for exact.
 separation: a vehicle with one effect drives one standard manoeuvre of 10 s; where the diagnosis of that leaves names
 that are not told apart, 15 s are driven beside it: a manoeuvre designed for them, what today's fixed advice comes
 nearest to, or a mixed one; the diagnosis of both recordings says which name comes first.
@@ -32,6 +32,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 import greybox_id as gb
 from greybox_id.datasets.virtual_vehicle import (
@@ -66,8 +67,8 @@ ADVISED = {"step": "steps", "sweep": "slalom", "full braking": "acceleration", "
 """Words of a diagnosis' fixed advice -> the standard manoeuvre that comes nearest; else mixed."""
 WITHIN = 1.96
 """Standard deviations within which 95 % lie."""
-SLIPS, SMALL_SLIP = np.linspace(1e-3, 1.4, 1400), 1e-5
-"""Slip angles, rad, over which a curve's peak is looked for, and at which its slope is taken."""
+SLIPS = np.linspace(0.0, 1.0, 4001)
+"""Slip angles, rad, at which a curve is looked at."""
 SPIN = 0.5
 """Sideslip, rad, from which on a car counts as spun."""
 
@@ -135,14 +136,24 @@ def _use(true: VirtualCar, truth: Any) -> float:
 
 
 def truth_of(true: VirtualCar, forms: Forms) -> dict[str, float]:
-    """The five of a car: of its tyres, what their own curves have."""
-    own = record(true, complete(true.small, true.size), forms)
-    found = {"I_z": true.parameters["I_z"]}
+    """The five of a car: of its tyres, those of the magic formula that comes nearest to their own curve.
+
+    With the C and E that the car has, where every share of the friction counts alike (`models.form`).
+    """
+    own, found = record(true, complete(true.small, true.size), forms), {"I_z": float(true.parameters["I_z"])}
     for axle in "fr":
-        C, D = true.parameters[f"C_{axle}"], true.parameters[f"D_{axle}"]
-        peak = max(curve(own, axle == "f", alpha, 1.0) for alpha in SLIPS)
-        slope = curve(own, axle == "f", SMALL_SLIP, 1.0) / SMALL_SLIP
-        found |= {f"D_{axle}": D * peak, f"B_{axle}": slope / (C * peak)}
+        B, C, D, E = (true.parameters[f"{letter}_{axle}"] for letter in "BCDE")
+        shares = np.array([curve(own, axle == "f", alpha, 1.0) for alpha in SLIPS])
+        top = int(np.argmax(shares))
+        slips = np.interp((np.arange(200) + 0.5) / 200 * shares[top], shares[: top + 1], SLIPS[: top + 1])
+        aim = np.interp(slips, SLIPS, shares)
+
+        def off(x: Any, C: float = C, E: float = E, slips: Any = slips, aim: Any = aim) -> Any:
+            slip = x[0] * slips
+            return x[1] * np.sin(C * np.arctan(slip - E * (slip - np.arctan(slip)))) - aim
+
+        nearest = least_squares(off, [B, 1.0], x_scale=[B, 1.0]).x
+        found |= {f"B_{axle}": float(nearest[0]), f"D_{axle}": float(nearest[1] * D)}
     return found
 
 

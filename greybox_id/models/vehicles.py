@@ -98,8 +98,8 @@ def stated_effect(effect: Effect, stated: Stated) -> Effect:
 def derived(vehicle: Vehicle) -> dict[str, Stated]:
     """What follows from Pacejka's parameters, mass and geometry, where a vehicle states these.
 
-    C_alpha = B C D F_z with the static load of the axle, mu = D, the slip curve_slip = 1 / (B C) at which that slope alone
-    would give the peak, and the understeer gradient K_us.
+    C_alpha = B C D F_z with the static load of the axle, mu = D, the slip curve_slip = 1 / (B C) at which that slope
+    alone would give the peak, and the understeer gradient K_us.
     """
     stated, found = vehicle.values, {}
     if not {"m", "l_f", "l_r"} <= stated.keys():
