@@ -15,8 +15,8 @@ whatever the form, and by no others.
 
 Two front wheels. The outer one bears more by 2 s m a_y h_cg / track, is steered, drags on its side and turns the car
 back (`roughness.steered_wheels`). It runs faster, so that it slips by (delta - alpha) track / (2 R) more than the axle,
-R the radius of the turn, and Ackermann's geometry steers it by delta^2 track / (2 L) less; the inner wheel the other way
-round. Weighed by loads, of which the transfer leaves no track, the axle slips more by
+R the radius of the turn, and Ackermann's geometry steers it by delta^2 track / (2 L) less; the inner wheel the other
+way round. Weighed by loads, of which the transfer leaves no track, the axle slips more by
 
     steered_wheels ((delta - alpha) / R - ackermann delta^2 / L) s m a_y h_cg / F_zf
 
