@@ -57,8 +57,8 @@ from greybox_id.models.vehicles import with_tolerances
 
 NAMES = ("I_z", "B_f", "D_f", "B_r", "D_r")
 DURATION, RATE, COLOUR = 20.0, 50.0, 0.3
-GRIP = 0.92
-"""Share of the friction that may be used; mixed and standard drives use all of it."""
+GRIP = 1.0
+"""Share of the friction that may be used: all of it, as mixed and standard drives do."""
 NONE: Mapping[str, float] = MappingProxyType({})
 ALONE, MORE = 10.0, 15.0
 """s of the first recording of a separation, of the second."""
@@ -199,6 +199,7 @@ def precision(seed: int, *, quick: bool) -> dict[str, Any]:
         "both": told(fitted(car, [first, recording]), truth),
         "designed_exact": told(fitted(car, recording, form="exact"), truth),
         "mixed_exact": told(fitted(car, other, form="exact"), truth),
+        "mixed_both": told(fitted(car, [first, other]), truth),
         "standard": {},
     }  # fmt: skip
     for name in ("mixed",) if quick else ("mixed", *PIECES):
@@ -344,13 +345,17 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
         "vehicles": len(done), "failed": [own for own in lines if "designed" not in own],
         "width_over_mixed": over(designed, mixed),
         "width_over_best_standard": over(designed, best),
+        "width_over_mixed_beside_the_first": over(widths("both"), widths("mixed_both")),
         "narrower_than_mixed": int(np.sum(designed < mixed)),
         "predicted_over_achieved_sd_median": float(np.median(ratio)),
         "predicted_over_achieved_sd_quartiles": np.quantile(ratio, [0.25, 0.75]).tolist(),
         "coverage_predicted": float(np.mean(expected)),
         **{f"coverage_{kind}": coverage([own.get(kind) for own in done])
-           for kind in ("pilot", "designed", "both", "designed_exact", "mixed_exact")},
+           for kind in ("pilot", "designed", "both", "designed_exact", "mixed_exact", "mixed_both")},
         "coverage_mixed": coverage([own["standard"]["mixed"] for own in done]),
+        "coverage_of_each": {
+            name: coverage([{name: own["designed"][name]} for own in done]) for name in NAMES
+        },
         "left_arena_driver": int(sum(own["limits"]["outside"] > 0 for own in done)),
         "left_arena_open_loop": int(sum(own["open_loop"]["outside"] > 0 for own in done)),
         "spun": int(sum(own["limits"]["sideslip"] > SPIN for own in done)),

@@ -143,7 +143,9 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     """That a fit takes its equations for exact, which no tyre's curve is."""
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
-    return ("The fit takes tyre curves for exact; fit with --set form=uncertain, so that sd counts what they leave out.",)
+    return (
+        "The fit takes tyre curves for exact; fit with --set form=uncertain, so that sd counts what they leave out.",
+    )
 
 
 def _hardly(model: MotionModel, told: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
