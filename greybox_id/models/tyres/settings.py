@@ -27,9 +27,9 @@ class TyreSettings:
         if self.tyre not in TYRES:
             raise BadInput(f"There is no tyre {self.tyre!r}; there are {', '.join(TYRES)}.{near(self.tyre, TYRES)}")
         if self.form not in FORMS:
-            raise BadInput(f"The ‹form› is {' or '.join(FORMS)}, not {self.form!r}.{near(self.form, FORMS)}")
+            raise BadInput(f"The form is {' or '.join(FORMS)}, not {self.form!r}.{near(self.form, FORMS)}")
         if self.form == "uncertain" and self.tyre == "linear":
-            raise BadInput("A linear tyre has no curve whose form could be uncertain; choose another ‹tyre›.")
+            raise BadInput("A linear tyre has no curve whose form could be uncertain; choose another tyre.")
 
     @property
     def model(self) -> Tyre:
