@@ -317,11 +317,12 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
     def widths(*way: str) -> Any:
         return np.array([width(own[way[0]] if len(way) == 1 else own[way[0]].get(way[1])) for own in done])
 
-    def over(one: Any, other: Any) -> tuple[float | None, int]:
-        there = np.isfinite(one) & np.isfinite(other)
-        return (float(np.exp(np.mean(np.log(one[there] / other[there])))) if np.any(there) else None), int(
-            np.sum(there)
-        )
+    def over(one: Any, other: Any) -> list[float]:
+        """Geometric mean of a ratio, its relative standard error over vehicles, and how many there are."""
+        logs = np.log(one / other)[np.isfinite(one) & np.isfinite(other)]
+        if len(logs) < 2:
+            return []
+        return [float(np.exp(np.mean(logs))), float(np.std(logs, ddof=1) / np.sqrt(len(logs))), len(logs)]
 
     designed, mixed = widths("designed"), widths("standard", "mixed")
     each = np.array([widths("standard", name) for name in PIECES])
@@ -333,9 +334,13 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
         if own["both"][name]["sd"] > 0
     ]
 
-    def coverage(of: list[Any]) -> float | None:
-        every = [v for own in of if isinstance(own, dict) for v in own.values() if np.isfinite(v["sd"])]
-        return float(np.mean([v["low"] <= v["true"] <= v["high"] for v in every])) if every else None
+    def coverage(of: list[Any]) -> list[float]:
+        """Share of intervals that hold what is true, its standard error over vehicles, and how many vehicles."""
+        fits = [[v for v in own.values() if np.isfinite(v["sd"])] for own in of if isinstance(own, dict)]
+        each = [np.mean([v["low"] <= v["true"] <= v["high"] for v in own]) for own in fits if own]
+        if len(each) < 2:
+            return []
+        return [float(np.mean(each)), float(np.std(each, ddof=1) / np.sqrt(len(each))), len(each)]
 
     expected = [  # of the estimate from both recordings, with the standard deviation that was predicted
         abs(own["both"][name]["value"] - own["both"][name]["true"]) <= WITHIN * own["predicted"][name][1]
