@@ -35,8 +35,8 @@ from rich.console import Console
 from rich.table import Table
 
 from greybox_id.datasets.read import read
-from greybox_id.exam.injected import altered
 from greybox_id.exam.make import write_recording
+from greybox_id.exam.real import altered
 from greybox_id.files import write_atomically
 from greybox_id.recording import Recording
 

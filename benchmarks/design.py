@@ -214,7 +214,7 @@ def precision(seed: int, *, quick: bool) -> dict[str, Any]:
 def separation(seed: int) -> dict[str, Any]:
     """One case: an effect, one standard manoeuvre; three ways to go on if that leaves names that are not told apart."""
     from greybox_id.design.discriminate import ambiguous, parted
-    from greybox_id.exam.vocabulary import GROUPS, partners
+    from greybox_id.exam.aliases import GROUPS, partners
     from greybox_id.gap.advice import to_drive
 
     car, rng = random_vehicle(seed), np.random.default_rng((seed, 23))
@@ -374,7 +374,7 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
 def aliases() -> dict[str, Any]:
     """Whether every pair that always reads the same is called impossible."""
     from greybox_id.design.discriminate import parted
-    from greybox_id.exam.vocabulary import ALWAYS_ALIKE
+    from greybox_id.exam.aliases import ALWAYS_ALIKE
 
     found = {" ".join(pair): [list(own) for own in parted(pair)[1]] for pair in ALWAYS_ALIKE}
     return {"pairs": len(found), "called_impossible": sum(len(own) == 1 for own in found.values())}

@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.fitting.motion import SHORT_HORIZONS, SHORT_STEPS
+from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
 from greybox_id.motion_model import MotionModel
 from greybox_id.parameter import Array

@@ -19,37 +19,19 @@ import argparse
 import json
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from fleet_estimates import called, cost, drift, few, greybox, hierarchy, joint, laps, table
 from hostile_mutations import mutated
-from scipy.special import stdtrit
 
-from greybox_id.datasets.formats import write
-from greybox_id.datasets.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
-from greybox_id.fleet.hierarchy import Informed, population
-from greybox_id.fleet.store import Store
-
-RATE = 50.0
-FREE = ("I_z", "B_f", "B_r")
-PLAN = """recordings = "{recordings}"
-vehicle = "class.toml"
-steps = {steps}
-limits = {{seconds = {seconds}, memory = "1GB"}}
-[fit]
-model = "lateral"
-fix = ["C_f", "C_r", "D_f", "D_r"]
-{more}
-"""
 LAP = """recordings = "data/*/*.*"
 vehicle = "class.toml"
 steps = {steps}
@@ -58,42 +40,6 @@ limits = {{seconds = {seconds}, memory = "1GB"}}
 model = "lateral"
 set = {{tyre = "linear"}}
 """
-WITH_DELAY = '"steering_offset=0±0.02", "steering_delay=30±20 ms"'
-TIMES = ["cpu_s", "peak_mb"]
-"""Columns that differ from run to run."""
-
-
-def greybox(*words: object) -> list[str]:
-    return [sys.executable, "-c", "from greybox_id.cli import main; main()", *map(str, words)]
-
-
-def called(*words: object) -> tuple[dict, float]:
-    """What a command prints as JSON, and the CPU seconds of it and of all it started."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(greybox(*words, "--json"), capture_output=True, text=True, check=False)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        raise SystemExit(done.stderr)
-    return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def laps(folder: Path, count: int, seconds: float, seed: int, vehicles: int = 10) -> None:
-    """A folder of plain recordings of one kind of car."""
-    car = random_vehicle(seed)
-    (folder / "class.toml").write_text(vehicle_file_text(car))
-    for k in range(count):
-        own, _ = drive(car, "mixed", duration=seconds, rate=RATE, seed=seed * 100_000 + k)
-        target = folder / "data" / f"V{k % vehicles:02d}"
-        target.mkdir(parents=True, exist_ok=True)
-        write(own, target / f"r{k:05d}.parquet")
-
-
-def table(results: Path, name: str) -> pd.DataFrame:
-    """A dataset, sorted, without what differs from run to run."""
-    found = pd.read_parquet(results / name)
-    found = found.drop(columns=[own for own in TIMES if own in found])
-    by = [own for own in ("key", "name", "effect") if own in found]
-    return found.sort_values(by).reset_index(drop=True)
 
 
 def same(one: Path, other: Path) -> bool:
@@ -255,229 +201,6 @@ def damage(folder: Path, args: argparse.Namespace) -> dict:
         "statuses": rows["status"].value_counts().to_dict(),
         "without_sentence": int((not_ok["sentence"].fillna("") == "").sum()),
         "sentences": sorted(set(not_ok["sentence"].str.slice(0, 160)))[:12],
-    }  # fmt: skip
-
-
-def made_vehicle(base: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, dict[str, float]]:
-    """A vehicle of the class: its stiffnesses and inertia are drawn."""
-    size = {"I_z": 0.06, "B_f": 0.08, "B_r": 0.08}
-    truth = {name: base.parameters[name] * float(np.exp(rng.normal(0.0, sd))) for name, sd in size.items()}
-    return replace(base, parameters={**base.parameters, **truth}), truth
-
-
-def manoeuvre(rng: np.random.Generator, seconds: float, poor: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Steering and speed: sines of many frequencies, or of a tenth the size and slow."""
-    t = np.arange(round(seconds * RATE)) / RATE
-    frequencies = np.exp(rng.uniform(np.log(0.1), np.log(0.4 if poor else 2.0), 6))
-    waves = sum(np.sin(2 * np.pi * (f * t + rng.random())) for f in frequencies) / np.sqrt(3.0)
-    speed = rng.uniform(18.0, 30.0) + 2.0 * np.sin(2 * np.pi * (0.05 * t + rng.random()))
-    a_y = 0.5 if poor else 3.0
-    return a_y * waves / 400.0 * 8.0 / speed * 20.0 / 8.0 * 0.8, speed
-
-
-def class_of(seed: int) -> VirtualCar:
-    """A passenger car without small effects."""
-    for k in range(1000):
-        car = random_vehicle(seed * 1000 + k)
-        if car.kind == "car":
-            return replace(car, small={})
-    raise SystemExit("no car was drawn")
-
-
-def hierarchy(folder: Path, args: argparse.Namespace) -> dict:
-    rng, base = np.random.default_rng(args.seed), class_of(args.seed)
-    (folder / "class.toml").write_text(vehicle_file_text(base))
-    vehicles, each = args.vehicles or 50, args.each or 20
-    truths, poor = {}, set()
-    for v in range(vehicles):
-        car, truths[f"V{v:03d}"] = made_vehicle(base, rng)
-        (folder / "data" / f"V{v:03d}").mkdir(parents=True)
-        for r in range(each):
-            steer, speed = manoeuvre(rng, 30.0, r % 2 == 1)
-            own, _ = steered(car, f"r{r}", steer, speed, RATE, seed=int(rng.integers(1 << 31)))
-            path = f"data/V{v:03d}/r{r:03d}.parquet"
-            write(own, folder / path)
-            if r % 2 == 1:
-                poor.add(path)
-    plan = folder / "fleet.toml"
-    plan.write_text(PLAN.format(recordings="data/{vehicle}/*", steps='["check", "fit"]', seconds=60, more=""))
-    (folder / "truths.json").write_text(json.dumps({"vehicles": truths, "poor": sorted(poor)}))
-    body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
-    first = scored_vehicles(folder / "R", truths, poor)
-    second, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs, "--second-pass")
-    return {"first": first, "second": scored_vehicles(folder / "R", truths, poor), "runs": [body, second]}
-
-
-def scored_vehicles(results: Path, truths: dict[str, dict[str, float]], poor: set[str]) -> dict:
-    _, cpu = called("fleet", "estimate", results)
-    own = pd.read_parquet(results / "vehicles")
-    own["truth"] = [truths[v].get(n, np.nan) for v, n in zip(own["vehicle"], own["name"], strict=True)]
-    own = own[own["name"].isin(FREE)]
-    inside = (own["low"] <= own["truth"]) & (own["truth"] <= own["high"])
-    rows = pd.read_parquet(results / "recordings")
-    single = pd.read_parquet(results / "parameters").merge(rows[["key", "path", "refit_of"]], on="key")
-    again = set(rows["refit_of"].dropna())
-    single = single[~single["key"].isin(again)]  # what was fitted again counts with its second fit
-    single = single[single["path"].isin(poor) & single["name"].isin(FREE)]
-    single = single.merge(own[["vehicle", "name", "value", "truth"]], on=["vehicle", "name"], suffixes=("", "_vehicle"))
-    error = np.log(single["value"] / single["truth"])
-    shrunk = np.log(single["value_vehicle"] / single["truth"])
-    population = pd.read_parquet(results / "population").set_index("name")
-    logs = pd.DataFrame({n: [np.log(t[n]) for t in truths.values()] for n in FREE})
-    mu = {n: float((population.loc[n, "mu"] - logs[n].mean()) / population.loc[n, "mu_sd"]) for n in FREE}
-    tau = {n: [float(population.loc[n, "tau"]), float(logs[n].std())] for n in FREE}
-    return {
-        "coverage": float(inside.mean()), "intervals": len(own),
-        "coverage_by_parameter": inside.groupby(own["name"]).mean().to_dict(),
-        "rmse_poor_single": float(np.sqrt(np.mean(error**2))), "rmse_poor_vehicle": float(np.sqrt(np.mean(shrunk**2))),
-        "median_poor_single": float(np.median(np.abs(error))), "mean_in_se": mu, "spread_and_truth": tau,
-        "statuses": rows["status"].value_counts().to_dict(), "estimate_cpu_s": round(cpu, 2),
-        "apart": list(pd.read_parquet(results / "apart")["path"]),
-    }  # fmt: skip
-
-
-def drift(folder: Path, args: argparse.Namespace) -> dict:
-    """A fifth of the vehicles lose stiffness, a tenth jump in steering offset or delay, the others are steady."""
-    rng, base = np.random.default_rng(args.seed), class_of(args.seed)
-    (folder / "class.toml").write_text(vehicle_file_text(base))
-    vehicles, each = args.vehicles or 40, args.each or 25
-    truths: dict[str, tuple[str, str, float]] = {}
-    lines = ["path,vehicle,time,odometer"]
-    for v in range(vehicles):
-        name = f"V{v:03d}"
-        car, _ = made_vehicle(base, rng)
-        (folder / "data" / name).mkdir(parents=True)
-        at = int(rng.integers(5, each - 5))
-        if v < vehicles // 5:
-            axle = "B_f" if v % 2 else "B_r"
-            truths[name] = (axle, "slope", car.parameters[axle])
-        elif v < vehicles // 5 + (args.steps or vehicles // 10):
-            steps_of = "steering_offset" if v % 2 or args.no_delay else "steering_delay"
-            truths[name] = (steps_of, "step", float(at))
-        for r in range(each):
-            share, effects, now = r / (each - 1), {"steering_delay": 0.03}, car
-            if name in truths and truths[name][1] == "slope":
-                axle = truths[name][0]
-                now = replace(car, parameters={**car.parameters, axle: car.parameters[axle] * (1.0 - 0.2 * share)})
-            elif name in truths and r >= at:
-                effects |= (
-                    {"steering_offset": 0.006} if truths[name][0] == "steering_offset" else {"steering_delay": 0.052}
-                )
-            steer, speed = manoeuvre(rng, 30.0, bool(rng.random() < 0.5))
-            own, _ = steered(now, f"r{r}", steer, speed, RATE, effects, seed=int(rng.integers(1 << 31)))
-            path = f"data/{name}/r{r:03d}.parquet"
-            write(own, folder / path)
-            lines.append(f"{path},{name},{1.7e9 + 86400 * r:.0f},{1e6 * r}")
-    (folder / "manifest.csv").write_text("\n".join(lines) + "\n")
-    plan = folder / "fleet.toml"
-    free = '"steering_offset=0±0.02", "steering_delay=30ms"' if args.no_delay else WITH_DELAY
-    more = f'with = [{free}]\nsolver = "gauss-newton"'
-    plan.write_text(PLAN.format(recordings="manifest.csv", steps='["check", "fit"]', seconds=60, more=more))
-    (folder / "truths.json").write_text(json.dumps({"changes": truths, "vehicles": vehicles}))
-    body, _ = called("fleet", "run", plan, "--out", folder / "R", "--jobs", args.jobs)
-    return scored_drift(folder / "R", truths, vehicles) | {"run": body}
-
-
-def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehicles: int) -> dict:
-    called("fleet", "estimate", results)
-    found = pd.read_parquet(results / "drift")
-    hits = found[found["drifts"]]
-    right = [v for v, (name, _, _) in truths.items() if ((hits["vehicle"] == v) & (hits["name"] == name)).any()]
-    false = sorted(set(hits["vehicle"]) - set(truths))
-    dated, within, held, slopes = 0, 0, 0, 0
-    for v, (name, kind, value) in truths.items():
-        own = hits[(hits["vehicle"] == v) & (hits["name"] == name)]
-        if own.empty:
-            continue
-        row = own.iloc[0]
-        if kind == "step":
-            dated += bool(row["model"] == "step" and abs(row["at"] / 1e6 - value) <= 1)
-            within += bool(row["model"] == "step" and row["at_low"] / 1e6 <= value <= row["at_high"] / 1e6)
-        else:
-            slopes += 1
-            held += bool(row["low"] <= -0.2 * value <= row["high"])
-    return {
-        "changed": len(truths), "found_in_any": len(set(hits["vehicle"]) & set(truths)), "found": len(right),
-        "steady": vehicles - len(truths), "false": false, "steps_dated": dated,
-        "dates_held": within,
-        "steps": sum(kind == "step" for _, kind, _ in truths.values()), "slopes_held": held, "slopes_found": slopes,
-        "further": [list(own) for own in hits[["vehicle", "name", "model", "probability"]].to_numpy()
-                    if own[0] in truths and truths[own[0]][0] != own[1]],
-    }  # fmt: skip
-
-
-def few(folder: Path, args: argparse.Namespace) -> dict:
-    """Intervals of the vehicles of small fleets: Gaussian recordings, half of them poorly excited."""
-    del folder
-    rng, found = np.random.default_rng(args.seed), {}
-    for vehicles in (4, 5, 6):
-        held, plain = [], []
-        for _ in range(args.moments * 10):
-            truth, seen = gaussian(rng, vehicles, args.each or 8, 3)
-            own = population(seen)
-            off = np.abs(own.vehicle - truth)
-            held.append(off < stdtrit(own.dof, 0.975) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)))
-            given = own.covariance - own.unsure  # as if T and W were known
-            plain.append(off < 1.96 * np.sqrt(np.diagonal(given, axis1=1, axis2=2)))
-        found[f"{vehicles} vehicles"] = {
-            "held": float(np.mean(held)),
-            "held_if_spread_were_known": float(np.mean(plain)),
-        }
-    return found
-
-
-def gaussian(rng: np.random.Generator, vehicles: int, each: int, size: int) -> tuple[np.ndarray, Informed]:
-    """True vehicles, and what recordings say of them."""
-    truth, information, vector = rng.normal(0.3, 0.08, (vehicles, size)), [], []
-    for v in range(vehicles):
-        for r in range(each):
-            sd = np.geomspace(0.02, 0.06, size) * (rng.uniform(3, 12) if r % 2 else 1.0)
-            mixed = np.eye(size) + 0.4 * rng.normal(size=(size, size))
-            own = mixed @ mixed.T
-            own *= np.outer(sd, sd) / np.sqrt(np.outer(np.diag(own), np.diag(own)))
-            read = rng.multivariate_normal(truth[v] + 0.02 * rng.normal(size=size), own)
-            information.append(np.linalg.inv(own))
-            vector.append(information[-1] @ read)
-    of = np.repeat(np.arange(vehicles), each)
-    return truth, Informed(np.array(information), np.array(vector), of, vehicles)
-
-
-def joint(folder: Path, args: argparse.Namespace) -> dict:
-    """What an estimate of many vehicles costs: Gaussian recordings of twelve parameters."""
-    rng, store = np.random.default_rng(args.seed), Store(folder / "R")
-    vehicles, each, size = args.vehicles or 1000, args.each or 20, 12
-    _, seen = gaussian(rng, vehicles, each, size)
-    names, rows = [f"p{k:02d}" for k in range(size)], {"recordings": [], "manifest": [], "covariances": [], "gaps": []}
-    for j, information in enumerate(seen.information):
-        covariance = np.linalg.inv(information)
-        common = {"key": f"{j:06d}", "vehicle": f"V{seen.vehicle[j]:04d}", "path": f"{j:06d}.csv", "odometer": 1e6 * j}
-        rows["recordings"].append({**common, "status": "ok", "verdict": "usable", "cpu_s": 1.0, "version": "0"})
-        rows["manifest"].append(common)
-        rows["covariances"].append(
-            {"key": common["key"], "names": names, "units": ["1"] * size, "logarithm": [False] * size,
-             "centre": list(covariance @ seen.vector[j]), "lower": list(covariance[np.tril_indices(size)]),
-             "dof": [20.0] * size, "at_bound": [False] * size, "prior_mean": [0.0] * size,
-             "prior_sd": [np.inf] * size}
-        )  # fmt: skip
-    for name, own in rows.items():
-        store.replace(name, own)
-    began = time.process_time()
-    population(seen)
-    alone = time.process_time() - began
-    body, cpu = called("fleet", "estimate", folder / "R")
-    return {"recordings": body["recordings"], "population_cpu_s": round(alone, 2), "estimate_cpu_s": round(cpu, 2),
-            "changed": len(body["drift"]), "apart": len(body["apart"])}  # fmt: skip
-
-
-def cost(folder: Path, args: argparse.Namespace) -> dict:
-    """What a million recordings of 60 s at 50 Hz cost, by rates that `throughput` measured."""
-    del folder
-    million, euros = 1_000_000, args.euros
-    fit, gap = args.cpu * million / 3600.0, (args.cpu + args.gap_cpu) * million / 3600.0
-    return {
-        "cpu_h_check_fit": fit, "cpu_h_with_gap": gap, "euros_check_fit": fit * euros, "euros_with_gap": gap * euros,
-        "gb_read": args.read_bytes * million / 1e9, "gb_written": args.written_bytes * million / 1e9,
-        "euros_per_cpu_h": euros, "hours_on_64_cores_check_fit": fit / 64, "hours_on_64_cores_with_gap": gap / 64,
     }  # fmt: skip
 
 

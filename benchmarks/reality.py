@@ -40,6 +40,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from multi_body import MultiBody, parameters
 from rich.console import Console
 from rich.table import Table
 
@@ -50,7 +51,6 @@ from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.errors import BadInput
 from greybox_id.exam.foreign.case import columns
-from greybox_id.exam.foreign.multi_body import MultiBody, parameters
 from greybox_id.exam.foreign.ride import driven, recorded
 from greybox_id.exam.make import write_recording
 from greybox_id.models.registry import model_of

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from greybox_id.bench.kept import KeptBench
 from greybox_id.bench.truck import TruckOptions, truck_tables
-from greybox_id.bench.truck_words import tables
+from greybox_id.bench.truck_report import tables
 from greybox_id.errors import GreyboxError
 from greybox_id.json_data import finite
 from greybox_id.reports.text.screen import as_text

@@ -3,8 +3,7 @@
 import numpy as np
 
 from greybox_id.learned.injection import fingerprint
-from greybox_id.learned.layers import Layers, drawn, unpacked
-from greybox_id.learned.net import DRIVE, VARIANTS, ActuatorNet
+from greybox_id.learned.net import DRIVE, VARIANTS, ActuatorNet, Layers, drawn, unpacked
 
 
 def network(variant, model=None, members=1, size=1.0, sigma=1.0, seed=0):

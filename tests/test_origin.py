@@ -4,8 +4,8 @@ import hashlib
 from pathlib import Path
 
 import greybox_id as gb
+from greybox_id.models import MODEL_NAMES
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.names import MODEL_NAMES
 from greybox_id.models.registry import MODELS, build
 from greybox_id.origin import origin_of
 

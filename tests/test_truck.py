@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.bench.truck_grey_boxes import CANDIDATES, errors, fitted
+from greybox_id.bench.truck_grey_boxes import CANDIDATES, deviations, fitted
 from greybox_id.bench.truck_inputs import EVERY, _bridged, prepared, raw
 from greybox_id.solvers.gauss_newton import Status
 
@@ -16,7 +16,8 @@ def on_val(candidate, folder):
     train = candidate.prepare(folder / "train.parquet")
     problem, solution = fitted(candidate.model(train), train, max_steps=MOST_STEPS)
     p = problem.plain.shared(solution.x)
-    return errors(problem.plain.simulator, candidate.prepare(folder / "val.parquet"), p).mean(axis=0), solution.status
+    runs = deviations(problem.plain.simulator, candidate.prepare(folder / "val.parquet"), p)
+    return np.mean([np.sqrt(np.mean(own**2, axis=0)) for own in runs], axis=0), solution.status
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.stats import t as student
 
-from ..engine.prior_rows import prior_rows
+from ..engine.least_squares import prior_rows
 from ..engine.shooting import Problem
 from ..engine.trace import Index, Trace
 from ..memory_model import MemoryModel

@@ -26,8 +26,7 @@ from ..parameter import Array, Parameter, Prior
 from ..recording import Recording
 from ..scores.metrics import Error, Prediction, prediction_errors
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
-from .outcome import Adaptation, Outcome, moved_from
-from .parting import parted
+from .outcome import Adaptation, Outcome, moved_from, parted
 
 AHEAD = 0.5
 """Seconds ahead at which the old and the adapted model are compared."""

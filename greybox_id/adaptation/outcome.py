@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import BadInput
 from ..fit import Fit
 from ..model import Model
+from ..recording import Recording
 from ..scores.metrics import Error
+from ..scores.timing import moving
 
 MOVED = 2.0
 """A parameter has moved beyond so many of its standard deviations in the fit."""
@@ -106,3 +109,23 @@ def moved_from(fit: Fit, final: Model) -> dict[str, int]:
         if np.any(beyond):
             found[own.name] = int(np.count_nonzero(beyond))
     return found
+
+
+def parted(recording: Recording, seconds: float) -> tuple[Recording, Recording | None]:
+    """The rows until so many seconds of motion are over, and the rest; None where nothing is left.
+
+    Raises
+    ------
+    BadInput : the recording holds less motion than that.
+    """
+    recording.must_run()
+    count = np.cumsum(moving(recording))
+    needed = seconds / recording.sample_time
+    if count[-1] < np.floor(needed * (1 - 1e-9)):
+        raise BadInput(
+            f"{recording.name} holds {count[-1] * recording.sample_time:.3g} s of motion, but {seconds:g} s were asked "
+            "for (‹seconds›). Record more, or ask for less."
+        )
+    cut = int(np.searchsorted(count, np.ceil(needed * (1 - 1e-9)))) + 1
+    first = recording.rows(0, cut)
+    return first, recording.rows(cut, len(recording)) if cut < len(recording) else None

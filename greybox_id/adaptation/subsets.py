@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from ..engine.least_squares import NormalEquations
+from ..engine.shooting import Nodes, Problem
+from ..engine.trace import Trace
 from ..errors import BadInput, near
 from ..memory_model import MemoryModel
 from ..models.effects import EFFECTS
-from ..parameter import Parameter, Prior
+from ..parameter import Array, Parameter, Prior
+from ..recording import Recording
 
 FEW = {"steering_ratio": ("yaw_rate", 0.1), "steering_offset": ("yaw_rate", 0.02), "motor_gain": ("a_x", 0.2)}
 """Effects that stand for what changes on a car between two days: the output that tells each, and its prior's standard
@@ -85,3 +91,51 @@ def must_name_something(subset: str, parts: Sequence[MemoryModel]) -> None:
                 f"‹free›: {word.strip()!r} is no set of parameters and no parameter of this fit; there are auto, "
                 f"{', '.join(SUBSETS)} and names of parameters.{near(word.strip(), known)}"
             )
+
+
+def learnt(
+    part: MemoryModel, noise: Mapping[str, float], sd: Mapping[str, Array], trained: Sequence[Recording] | None
+) -> Array:
+    """Precision of a part's parameters by its training data alone, (parameters, parameters), about its own values.
+
+    The curvature of the training data's sum of squares. Without the data, what the fit's standard deviations say of
+    each weight by itself. Of the few effects that stand for a change of
+    the car, the old data say nothing.
+    """
+    few = np.concatenate([np.full(own.size, own.name in FEW) for own in part.parameters])
+    if trained is None:
+        spread = np.concatenate(
+            [np.broadcast_to(sd.get(own.name, np.inf), own.shape).ravel() for own in part.parameters]
+        ).astype(float)
+        told = np.isfinite(spread) & (spread > 0) & ~few
+        return np.diag(np.where(told, 1.0 / np.where(told, spread, 1.0) ** 2, 0.0))
+    problem = Problem(Trace(part), trained, noise=np.array([noise[name] for name in part.outputs]))
+    J = np.concatenate([own for _, own in problem.residuals(problem.start, [])]).reshape(-1, len(few))
+    J[:, few] = 0.0
+    return np.asarray(J.T @ J)
+
+
+class Held(Problem):
+    """A problem that is held to a point by what was learnt before, as a quadratic.
+
+    Parameters
+    ----------
+    part, recording, noise : as of `Problem`.
+    precision : (parameters, parameters) about the part's own values.
+    """
+
+    def __init__(self, part: MemoryModel, recording: Recording, noise: Array, precision: Array) -> None:
+        super().__init__(Trace(part), [recording], noise=noise)
+        self._precision, self._about = precision, part.values
+
+    def objective(self, x: Array, nodes: Nodes) -> float:
+        """Half the sum of squares, and what moving away from the point costs."""
+        away = x - self._about
+        return super().objective(x, nodes) + 0.5 * float(away @ self._precision @ away)
+
+    def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
+        """Those of the problem with the quadratic."""
+        own = super().normal_equations(x, nodes)
+        free = self.free.astype(float)
+        precision = self._precision * np.outer(free, free)
+        return NormalEquations(own.H + precision, own.g + precision @ (x - self._about))

@@ -33,11 +33,9 @@ from ..scores.timing import (
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .choosing import AdaptedCandidate, LinearisedPart, chosen, foretold, surely_better
-from .learnt import Held, learnt
 from .motion import adapt_motion
-from .outcome import Adaptation, Outcome, moved_from
-from .parting import parted
-from .subsets import ADAPTING, COMPARED, FEW, about_itself, members, must_name_something, part_with_few
+from .outcome import Adaptation, Outcome, moved_from, parted
+from .subsets import ADAPTING, COMPARED, FEW, Held, about_itself, learnt, members, must_name_something, part_with_few
 
 STEPS = 12
 """Steps of the final fit: it starts where it nearly is."""

@@ -16,8 +16,7 @@ from ..provenance import data_record
 from ..recording import Recording
 from ..reports.text.fit import errors_table, motion_errors_table, verdict_table
 from ..reports.text.screen import as_text
-from ..scores.baseline import Scores, score_beside_hold, unfitted_scores
-from ..scores.metrics import as_dict, score
+from ..scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
 from ..scores.verdict import HELD_OUT, distrust, judged, used_signals
 from ..verdict import USABLE, Verdict
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.console import RenderableType
 
 from .. import __version__
-from ..adaptation.parting import parted
+from ..adaptation.outcome import parted
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..reports.document import Document, Part, Points, Table, Text, titled
 from ..reports.drawing import Drawing
 from ..reports.noise import noise
 from ..reports.numbers import number
+from ..reports.text.screen import plain_table
 from ..scores.metrics import Prediction
 from ..scores.timing import timed
 from .msnn import OURS, MsnnBench, Row, one_output
@@ -205,3 +209,23 @@ def _after(found: MsnnBench, car: str, kind: str, rest: Recording, output: str) 
     assert isinstance(model, MemoryModel)
     delays = {0: list(own.delays.values())[-1][output]} if own.delays else {}
     return timed(model, rest, delays)
+
+
+def tables(rows: Sequence[dict[str, Any]]) -> Iterator[RenderableType]:
+    """Rows as tables: one a table of the paper, both protocols beneath each other, the paper's figures beside ours."""
+    for own_table in dict.fromkeys(row["table"] for row in rows):
+        title = f"Table {own_table}" if isinstance(own_table, int) else "Coupled networks, closed loop"
+        table = plain_table(title, "train", "on", "protocol", "output", "RMSE", "FVU", "paper", "parameters", "CPU s")
+        for row in (own for own in rows if own["table"] == own_table):
+            paper = "–" if row["paper"] is None else f"{row['paper']:.3f}"
+            if row["paper_fvu"] is not None:
+                paper += f" ({row['paper_fvu']:.3f})"
+            error = row["stderr"]
+            spread = f" ± {error:.3f}" if error == error else ""
+            table.add_row(
+                row["model"], f"{row['share']} %", row["split"], row["protocol"],
+                f"{row['output']} [{UNITS[row['output']]}]", f"{row['rmse']:.4f}{spread}", f"{row['fvu']:.3f}", paper,
+                str(row["parameters"]), f"{row['cpu_seconds']:.1f}",
+            )  # fmt: skip
+        yield table
+        yield ""

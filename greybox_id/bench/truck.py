@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import BadInput
@@ -29,7 +27,7 @@ from ..parameter import Array
 from ..recording import Recording
 from .kept import KeptBench
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
-from .truck_inputs import raw
+from .truck_inputs import SPLITS, Chunks, raw, splits
 from .truck_networks import (
     BICYCLE,
     LESSONS,
@@ -43,11 +41,6 @@ from .truck_networks import (
     trained,
 )
 
-SPLITS = ("train", "val", "test")
-SECONDS = 10.0
-"""Of a chunk."""
-HELD_OUT = 3
-"""Every so many-th recording is held out where the split is by recording."""
 HORIZONS, SIZES = (0.05, 0.5, 1.0), (8, 16, 24)
 WHOLE = 10.0
 """s: windows as long as what is scored."""
@@ -140,69 +133,6 @@ def truck_tables(
         }  # fmt: skip
     store.keep(tables=result)
     return result
-
-
-@dataclass(frozen=True)
-class Chunks:
-    """Trajectories of 10 s, and the recording of the truck that each is a piece of.
-
-    Attributes
-    ----------
-    recording : the trajectories as runs.
-    piece_of : (trajectories,) number of the recording's first trajectory.
-    """
-
-    recording: Recording
-    piece_of: Array
-
-    def of(self, which: NDArray[np.bool_], name: str) -> Chunks:
-        """Some of the trajectories, (trajectories,) bool."""
-        own = self.recording
-        runs = [run for run, taken in zip(own.runs, which, strict=True) if taken]
-        rows = np.concatenate([np.arange(a, b) for a, b in runs])
-        stops = np.cumsum([b - a for a, b in runs]).tolist()
-        chosen = replace(
-            own, name=name, time=own.time[rows], signals={n: v[rows] for n, v in own.signals.items()},
-            runs=tuple(zip([0, *stops[:-1]], stops, strict=True)),
-        )  # fmt: skip
-        return Chunks(chosen, self.piece_of[which])
-
-
-def chunks(path: Path, prepare: Any = raw) -> Chunks:
-    """The trajectories of a file. A chunk's number less its first second over ten is its recording's first chunk.
-
-    Raises
-    ------
-    BadInput : the file is none of the truck's.
-    """
-    found: Recording = prepare(path)
-    table = pd.read_parquet(path, columns=["trajectory", "time"])
-    begun = table.groupby("trajectory", sort=False)["time"].first()
-    numbers = begun.index.to_numpy(dtype=float) - np.round(begun.to_numpy(dtype=float) / SECONDS)
-    if len(numbers) != len(found.runs):
-        raise BadInput(f"{path} has {len(numbers)} trajectories in {len(found.runs)} unbroken runs; is it complete?")
-    return Chunks(found, numbers)
-
-
-def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:
-    """Split -> trajectories; test where its file is there."""
-    found = {split: chunks(data / f"{split}.parquet", prepare) for split in SPLITS[:2]}
-    if by_recording:
-        both = _joined(found["train"], found["val"])
-        held = np.isin(both.piece_of, np.unique(both.piece_of)[HELD_OUT - 1 :: HELD_OUT])
-        found = {"train": both.of(~held, "train, by recording"), "val": both.of(held, "val, by recording")}
-    elif (data / "test.parquet").is_file():
-        found["test"] = chunks(data / "test.parquet", prepare)
-    return found
-
-
-def _joined(one: Chunks, other: Chunks) -> Chunks:
-    a, b = one.recording, other.recording
-    shift = len(a)
-    runs = (*a.runs, *((start + shift, stop + shift) for start, stop in b.runs))
-    signals = {name: np.concatenate([own, b.signals[name]]) for name, own in a.signals.items() if name in b.signals}
-    whole = replace(a, time=np.concatenate([a.time, b.time]), signals=signals, runs=runs)
-    return Chunks(whole, np.concatenate([one.piece_of, other.piece_of]))
 
 
 class TruckSets:

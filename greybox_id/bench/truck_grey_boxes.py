@@ -26,8 +26,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..combined import combined
-from ..engine.layout import NormalEquations
-from ..engine.least_squares import LeastSquares
+from ..engine.least_squares import LeastSquares, NormalEquations
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..engine.motion.simulator import Simulator
@@ -39,7 +38,6 @@ from ..uncertainty import uncertainty
 from .truck_inputs import prepared, published_signs, raw
 from .truck_models import BOTH_ANGLES, LEVER_ARM, ONE_ANGLE, PUBLISHED, bank_map, spread_over, truck
 
-SPLITS = ("train", "val", "test")
 OUTPUTS = ("v_y", "yaw_rate")
 TYPICAL = np.array([0.045, 0.005])
 """Errors that count alike, v_y in m/s and yaw rate in rad/s."""
@@ -154,11 +152,6 @@ def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) ->
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return problem, solution
-
-
-def errors(simulator: Simulator, recording: Recording, p: Array) -> Array:
-    """(trajectories, outputs) RMSE of free runs."""
-    return np.sqrt([np.mean(own**2, axis=0) for own in deviations(simulator, recording, p)])
 
 
 def deviations(simulator: Simulator, recording: Recording, p: Array) -> list[Array]:

@@ -1,4 +1,4 @@
-"""The truck's recordings as the benchmark's models see them: every tenth row, steering without its dead zone.
+"""The truck's recordings as the benchmark's models see them: split, every tenth row, steering without its dead zone.
 
 What is made of the steering angles and of the speed here is NOT CAUSAL: filters are centred, and a stretch in which
 alpha1 rests at zero is bridged from both of its ends. The task, a free run along recorded inputs, allows that; a
@@ -8,14 +8,18 @@ controller could not do it. Outputs (v_y and yaw rate) are taken as they are.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from ..datasets.read import read
+from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
 
@@ -33,6 +37,12 @@ ORIGIN = (47.5342, -0.6355)
 METRES_PER_DEGREE = (111132.0, 111320.0 * np.cos(np.radians(ORIGIN[0])))
 ROAD = (0.755, -0.656)
 """East and north along the track's straights."""
+
+SPLITS = ("train", "val", "test")
+SECONDS = 10.0
+"""Of a chunk."""
+HELD_OUT = 3
+"""Every so many-th recording is held out where the split is by recording."""
 
 Filter = Callable[[Array], Array]
 
@@ -76,6 +86,69 @@ def prepared(path: Path) -> Recording:
         "along_road": (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0),
     }
     return _thinned(found.with_signals(**more))
+
+
+@dataclass(frozen=True)
+class Chunks:
+    """Trajectories of 10 s, and the recording of the truck that each is a piece of.
+
+    Attributes
+    ----------
+    recording : the trajectories as runs.
+    piece_of : (trajectories,) number of the recording's first trajectory.
+    """
+
+    recording: Recording
+    piece_of: Array
+
+    def of(self, which: NDArray[np.bool_], name: str) -> Chunks:
+        """Some of the trajectories, (trajectories,) bool."""
+        own = self.recording
+        runs = [run for run, taken in zip(own.runs, which, strict=True) if taken]
+        rows = np.concatenate([np.arange(a, b) for a, b in runs])
+        stops = np.cumsum([b - a for a, b in runs]).tolist()
+        chosen = replace(
+            own, name=name, time=own.time[rows], signals={n: v[rows] for n, v in own.signals.items()},
+            runs=tuple(zip([0, *stops[:-1]], stops, strict=True)),
+        )  # fmt: skip
+        return Chunks(chosen, self.piece_of[which])
+
+
+def chunks(path: Path, prepare: Any = raw) -> Chunks:
+    """The trajectories of a file. A chunk's number less its first second over ten is its recording's first chunk.
+
+    Raises
+    ------
+    BadInput : the file is none of the truck's.
+    """
+    found: Recording = prepare(path)
+    table = pd.read_parquet(path, columns=["trajectory", "time"])
+    begun = table.groupby("trajectory", sort=False)["time"].first()
+    numbers = begun.index.to_numpy(dtype=float) - np.round(begun.to_numpy(dtype=float) / SECONDS)
+    if len(numbers) != len(found.runs):
+        raise BadInput(f"{path} has {len(numbers)} trajectories in {len(found.runs)} unbroken runs; is it complete?")
+    return Chunks(found, numbers)
+
+
+def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:
+    """Split -> trajectories; test where its file is there."""
+    found = {split: chunks(data / f"{split}.parquet", prepare) for split in SPLITS[:2]}
+    if by_recording:
+        both = _joined(found["train"], found["val"])
+        held = np.isin(both.piece_of, np.unique(both.piece_of)[HELD_OUT - 1 :: HELD_OUT])
+        found = {"train": both.of(~held, "train, by recording"), "val": both.of(held, "val, by recording")}
+    elif (data / "test.parquet").is_file():
+        found["test"] = chunks(data / "test.parquet", prepare)
+    return found
+
+
+def _joined(one: Chunks, other: Chunks) -> Chunks:
+    a, b = one.recording, other.recording
+    shift = len(a)
+    runs = (*a.runs, *((start + shift, stop + shift) for start, stop in b.runs))
+    signals = {name: np.concatenate([own, b.signals[name]]) for name, own in a.signals.items() if name in b.signals}
+    whole = replace(a, time=np.concatenate([a.time, b.time]), signals=signals, runs=runs)
+    return Chunks(whole, np.concatenate([one.piece_of, other.piece_of]))
 
 
 def _thinned(recording: Recording) -> Recording:

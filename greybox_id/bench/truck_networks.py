@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..engine.hybrid.free_run import free_run
+from ..engine.hybrid.cell import free_run
 from ..engine.hybrid.problem import WindowErrors
 from ..engine.hybrid.stretches import stretches
 from ..fitting.how import How, Say
@@ -132,10 +132,6 @@ class NetworkTraining:
     def together(self) -> dict[str, Array]:
         """Split -> (trajectories, outputs) RMSE of the mean of all seeds' free runs."""
         return {split: np.sqrt(np.mean(np.mean(own, axis=0) ** 2, axis=1)) for split, own in self.errors.items()}
-
-    def along(self, split: str) -> Array:
-        """(rows, outputs) RMSE over all trajectories up to a row, mean over seeds."""
-        return np.asarray(np.mean([along(own) for own in self.errors[split]], axis=0))
 
 
 def along(errors: Array) -> Array:

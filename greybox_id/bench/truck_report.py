@@ -1,16 +1,80 @@
-"""The tables and figures of the transfer-learning paper, measured anew, as a document."""
+"""The tables and figures of the transfer-learning paper, measured anew: as a document, and for a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import __version__
 from ..reports.document import Document, Part, Points, Table, Text, titled
 from ..reports.drawing import Drawing
+from ..reports.figures.sheet import Sheet, band
+from ..reports.figures.style import BLUE, CHAIN, DASHED, DOTTED, MEASURED, ORANGE, PURPLE, RUST, Look, label, look
 from ..reports.numbers import number
-from .truck_figures import UNITS, learning_curves, over_durations, slalom
+from ..reports.text.screen import plain_table
 from .truck_networks import WORDS
+
+UNITS = {"v_y": "m/s", "yaw_rate": "rad/s"}
+COLOURS = (BLUE, ORANGE, PURPLE, RUST)
+DASHES = ("-", DASHED, CHAIN, DOTTED)
+
+
+def looks(names: Sequence[str]) -> dict[str, Look]:
+    """How models are drawn, in their order."""
+    return {
+        name: look(COLOURS[k % len(COLOURS)], 1.1, name, dashes=DASHES[k % len(DASHES)]) for k, name in enumerate(names)
+    }
+
+
+def over_durations(durations: Sequence[Mapping[str, Any]]) -> Sheet:
+    """Fig. 3: RMSE of free runs over how long they have run, by output."""
+    sheet = Sheet((120.0,), len(UNITS))
+    lines = looks([own["model"] for own in durations])
+    for ax, (output, unit) in zip(sheet.grid[0], UNITS.items(), strict=True):
+        for own in durations:
+            ax.plot(own["seconds"], own[output], **lines[own["model"]] | {"marker": "o", "markersize": 2.4})
+        ax.set(xlabel="time since the start [s]", ylabel=f"RMSE of {label(output, unit)}", ylim=(0.0, None))
+    return sheet
+
+
+def slalom(traces: Mapping[str, Any]) -> Sheet:
+    """Fig. 4: a slalom, measured and predicted, with 95 % bands: a row of axes for each method."""
+    lines = looks([own["model"] for own in traces["lines"]])
+    sheet = Sheet((80.0,) * len(lines), len(UNITS), joined=True)
+    seconds = np.array(traces["seconds"])
+    for row, own in zip(sheet.grid, traces["lines"], strict=True):
+        line = lines[own["model"]]
+        for ax, (output, unit) in zip(row, UNITS.items(), strict=True):
+            mean, reach = np.array(own[output]), np.array(own[f"{output}_reach"])
+            band(ax, seconds, mean - reach, mean + reach, line["color"])
+            ax.plot(seconds, traces["measured"][output], **MEASURED)
+            ax.plot(seconds, mean, **line)
+            ax.set_ylabel(label(output, unit))
+    for ax in sheet.grid[-1]:
+        ax.set_xlabel("time since the start [s]")
+    return sheet
+
+
+def learning_curves(curves: Sequence[Mapping[str, Any]]) -> Sheet:
+    """RMSE on val over the share of the training recordings, and what transfer makes of it with 95 % intervals."""
+    sheet = Sheet((110.0, 90.0), len(UNITS), joined=True)
+    lines = {"learning": look(ORANGE, 1.1, "MLP", dashes=DASHED, dots=1.6),
+             "transfer": look(BLUE, 1.1, "MLP, transfer learning", dots=1.6)}  # fmt: skip
+    for column, (output, unit) in zip(sheet.grid.T, UNITS.items(), strict=True):
+        own = [each for each in curves if each["output"] == output]
+        share = 100 * np.array([each["share"] for each in own])
+        for method, line in lines.items():
+            column[0].plot(share, [each[method] for each in own], **line)
+        column[0].set(ylabel=f"RMSE of {label(output, unit)}", ylim=(0.0, None))
+        ratio, low, high = (np.array([each[name] for each in own]) for name in ("ratio", "low", "high"))
+        column[1].axhline(1.0, color=MEASURED["color"], linewidth=0.6)
+        band(column[1], share, low, high)
+        column[1].plot(share, ratio, **lines["transfer"])
+        column[1].set(xlabel="share of the training recordings [%]", ylabel="with transfer over without")
+    return sheet
+
 
 Found = Mapping[str, Any]
 BICYCLES = ("bicycle, signs as published", "bicycle, signs put right, lever arm")
@@ -166,3 +230,49 @@ def _difference(own: Found) -> tuple[str, str, str, str]:
         f"[{own['low']:+.5f}, {own['high']:+.5f}]".replace("-", "−"),
         better if own["distinguished"] else "not distinguished",
     )
+
+
+def tables(found: Mapping[str, Any]) -> list[Any]:
+    """Parts to print: models beside the paper's figures, what is distinguished from what, learning curves, lessons."""
+    models = plain_table("table", "model", "inputs", "numbers", "split", "v_y, m/s", "yaw rate, rad/s", "CPU s")
+    for row in found["rows"]:
+        split = f"{row['split']}{', by recording' if row['by_recording'] else ''}"
+        models.add_row(
+            row["table"], row["model"], row["inputs"], str(row["parameters"]), split,
+            f"{row['v_y']:.4f} ± {row['v_y_stderr']:.4f}", f"{row['yaw_rate']:.5f} ± {row['yaw_rate_stderr']:.5f}",
+            f"{row['cpu_seconds']:.1f}",
+        )  # fmt: skip
+    for name, (v_y, yaw_rate) in found["paper"].items():
+        models.add_row("paper", name, "v_x, alpha1", "", "test", f"{v_y:.4f}", f"{yaw_rate:.5f}", "")
+    pairs = plain_table("model", "against", "split", "output", "difference", "95 % interval", "")
+    for own in found["comparisons"]:
+        split = f"{own['split']}{', by recording' if own['by_recording'] else ''}"
+        pairs.add_row(
+            own["model"], own["against"], split, f"{own['output']} [{UNITS[own['output']]}]",
+            f"{own['difference']:+.5f}", f"[{own['low']:+.5f}, {own['high']:+.5f}]",
+            "" if own["distinguished"] else "not distinguished",
+        )  # fmt: skip
+    head = (
+        "10 s of free run from the first reading: RMSE, mean over trajectories, with standard errors over recordings\n"
+    )
+    parts = [head, models, "\nPaired over trajectories, by recordings\n", pairs]
+    if found["learning_curves"]:
+        curves = plain_table("share of train", "output", "MLP", "with transfer", "ratio", "95 % interval")
+        for own in found["learning_curves"]:
+            curves.add_row(
+                f"{100 * own['share']:g} %", f"{own['output']} [{UNITS[own['output']]}]", f"{own['learning']:.4f}",
+                f"{own['transfer']:.4f}", f"{own['ratio']:.2f}", f"[{own['low']:.2f}, {own['high']:.2f}]",
+            )  # fmt: skip
+        parts += ["\nErrors on val, trained on shares of the training recordings\n", curves]
+    if found["lessons"]:
+        lessons = plain_table("share", "taught", "against", "output", "difference", "95 % interval", "")
+        for own in found["lessons"]:
+            lessons.add_row(
+                f"{100 * own['share']:g} %", own["taught"], own["against"], f"{own['output']} [{UNITS[own['output']]}]",
+                f"{own['difference']:+.5f}", f"[{own['low']:+.5f}, {own['high']:+.5f}]",
+                "" if own["distinguished"] else "not distinguished",
+            )  # fmt: skip
+        parts += ["\nWhat a network learns before it sees a recording\n", lessons]
+    if found["left_out"]:
+        parts.append(f"\n{found['left_out']} trainings are left out: run it again with the same ‹out› to go on.")
+    return parts

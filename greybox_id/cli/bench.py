@@ -47,8 +47,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     """  # fmt: skip
     from ..bench.kept import KeptBench, page_folder, write_pages
     from ..bench.msnn import measure
-    from ..bench.msnn_report import msnn_report
-    from ..bench.msnn_words import tables
+    from ..bench.msnn_report import msnn_report, tables
 
     kept = KeptBench("msnn", out)
     folder = None if report is None else page_folder(report, "msnn")
@@ -90,8 +89,7 @@ def truck_command(
     """  # fmt: skip
     from ..bench.kept import KeptBench, page_folder, write_pages
     from ..bench.truck import TruckOptions, truck_tables
-    from ..bench.truck_report import truck_report
-    from ..bench.truck_words import tables
+    from ..bench.truck_report import tables, truck_report
 
     kept = KeptBench("truck", out, minutes)
     folder = None if report is None else page_folder(report, "truck")
@@ -123,7 +121,7 @@ def loop_command(
     greybox bench loop --out black_box --case 1 --case 6 --arm base --arm named --arm oracle --json
     """  # fmt: skip
     from ..bench.loop import loop_tables
-    from ..bench.loop_words import tables
+    from ..bench.loop_report import tables
 
     with progress() as say:
         found = loop_tables(out, quick=quick, cases=cases, arms=arms, vehicles=vehicles, seeds=seeds, say=say)

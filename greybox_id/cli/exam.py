@@ -113,7 +113,7 @@ def make_command(
             how_many = Counts(*(most if own is None else own for own, most in wanted))
             made = make_foreign(out, seed, how_many, families, jobs, say)
         elif tier == "injected":
-            from ..exam.injected import make_injected
+            from ..exam.real import make_injected
 
             if data is None:
                 raise BadInput("--tier injected alters real recordings; name their folder with --data.")
@@ -178,8 +178,7 @@ def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bo
     \b
     greybox exam score exam_clean --detail
     """  # fmt: skip
-    from ..exam.score import score
-    from ..exam.table import tables
+    from ..exam.score import score, tables
 
     with progress() as say:
         body, again = score(folder, say, jobs=jobs, noted=noted)

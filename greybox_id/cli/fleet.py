@@ -161,7 +161,7 @@ def _watching() -> Iterator[Watch]:
         return
     from rich.live import Live
 
-    from ..fleet.live import live
+    from ..fleet.run import live
 
     with Live(console=screen, refresh_per_second=4, transient=True) as table:
 

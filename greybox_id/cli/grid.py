@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ..models.names import MODEL_NAMES
+from ..models import MODEL_NAMES
 from .completion import names
 from .options import columns_option, jobs_option, json_option, read_part
 from .output import console, print_json, progress, show

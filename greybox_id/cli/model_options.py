@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from ..models.names import MODEL_NAMES
+from ..models import MODEL_NAMES
 from .completion import names
 from .options import VEHICLES, settings_of
 from .own import named_effects, named_model
@@ -77,7 +77,7 @@ def wanted(
     per_run: Sequence[str] = (),
 ) -> Wanted:
     """What these options ask for."""
-    from ..choices.parameters import Choices, magnitudes, wanted_vehicle  # not for --help: these load every model
+    from ..choices.parameters import Choices, magnitudes, wanted_vehicle
     from ..choices.wanted import Wanted
 
     choices = Choices(fix, free, prior, start, per_run)

@@ -12,7 +12,7 @@ import click
 from .. import __version__
 from ..api.track_result import TrackResult
 from ..api.tracking import TrackSetup
-from ..choices.quantity import named, number
+from ..choices.parameters import named, number
 from ..choices.wanted import Wanted
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
@@ -21,7 +21,7 @@ from ..errors import BadInput
 from ..files import at_once, write_atomically
 from ..filters import How
 from ..filters import track as track_recording
-from ..filters.applied import tracked_vehicle
+from ..filters.track import tracked_vehicle
 from ..guard import claim
 from ..models.effects import EFFECTS
 from ..reports.text.track import as_dict, parts
@@ -118,7 +118,7 @@ def track(
             raise click.UsageError(
                 "--follow reads standard input: no RECORDING, --smooth, --calibrate, --figures or --apply."
             )
-        from ..filters.follow import follow as follow_lines
+        from ..filters.live import follow as follow_lines
 
         follow_lines(model, own, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, uncertain)
         return

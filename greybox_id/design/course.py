@@ -9,9 +9,8 @@ import numpy as np
 
 from ..engine.motion.lanes import Interval, lay
 from ..engine.motion.runs import Index, MotionRun
-from ..engine.motion.schedule import schedule
+from ..engine.motion.schedule import longest_segment, schedule
 from ..engine.motion.simulator import Simulator
-from ..engine.motion.stiffness import longest_segment
 from ..motion_model import MotionModel
 from ..parameter import Array
 from .driver import PATH, PLANNED, TOLD, PlanDriver, driven

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..parameter import Array
 from .compiler import CannotCompile, library, tell_slow
-from .lanes import FEW, WIDE, narrow_source, source
+from .vectors import FEW, WIDE, narrow_source, source
 from .virtual import VirtualMachine
 
 PAYS = 20_000
@@ -249,7 +249,7 @@ class _Functions:
 def _writers() -> str:
     """The modules that write the C source, as text."""
     folder = Path(__file__).parent
-    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "emit", "lanes"))
+    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "emit", "vectors"))
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:

@@ -1,15 +1,141 @@
-"""What solvers and uncertainty ask of a least-squares problem, whatever the kind of its model."""
+"""Least-squares problems: where parameters stand among the unknowns, priors as rows, and what solvers ask of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..parameter import Array
-from .layout import Layout, NormalEquations
+from ..model import Model
+from ..parameter import Array, Parameter, Prior
+from .trace import Index
+
+
+def prior_rows(
+    parameters: Sequence[Parameter], strengths: Mapping[str, float] | None = None
+) -> tuple[sp.csr_matrix, Array]:
+    """Rows R and offsets r so that the priors' residuals are R p - r, in standard deviations.
+
+    Parameters
+    ----------
+    parameters : in the order of the parameter vector p.
+    strengths : name of a prior's strength -> factor by which its standard deviations are divided.
+
+    Returns
+    -------
+    (rows, parameters) sparse matrix, (rows,) offsets.
+    """
+    strengths = strengths or {}
+    blocks: list[tuple[Index, Array, Array]] = []  # entry indices (rows, terms), coefficients, offsets
+    start = 0
+    for parameter in parameters:
+        index = start + np.arange(parameter.size).reshape(parameter.shape)
+        start += parameter.size
+        if parameter.prior is not None:
+            blocks += _rows(parameter, parameter.prior, index, strengths.get(parameter.prior.strength, 1.0))
+    if not blocks:
+        return sp.csr_matrix((0, start)), np.empty(0)
+    matrices: list[sp.csr_matrix] = [
+        sp.csr_matrix((c.ravel(), (np.repeat(np.arange(len(i)), i.shape[1]), i.ravel())), shape=(len(i), start))
+        for i, c, _ in blocks
+    ]
+    return sp.vstack(matrices, format="csr"), np.concatenate([offsets for _, _, offsets in blocks])
+
+
+def _rows(parameter: Parameter, prior: Prior, index: Index, strength: float) -> list[tuple[Index, Array, Array]]:
+    mean = np.broadcast_to(parameter.array if prior.mean is None else np.asarray(prior.mean, float), parameter.shape)
+    weight = strength / np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).reshape(-1, 1)
+    told = weight[:, 0] > 0.0
+    rows = [(index.reshape(-1, 1)[told], weight[told], (mean.reshape(-1, 1) * weight)[told, 0])]
+    for axis, sd in enumerate(prior.step_sd):
+        if sd is None or parameter.shape[axis] < 2:
+            continue
+        before = np.take(index, range(parameter.shape[axis] - 1), axis).reshape(-1, 1)
+        after = np.take(index, range(1, parameter.shape[axis]), axis).reshape(-1, 1)
+        steps = np.diff(mean, axis=axis)
+        weight = strength / np.broadcast_to(np.asarray(sd, float), steps.shape).reshape(-1, 1)
+        rows.append((np.hstack([before, after]), np.hstack([-weight, weight]), steps.ravel() * weight[:, 0]))
+    return rows
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a run's model parameters stand among the unknowns.
+
+    Run-scoped ones have a place per run; a run and its mirror image share it.
+    """
+
+    index: tuple[NDArray[np.intp], ...]
+    size: int
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """A quadratic model of the objective about a point, nodes eliminated.
+
+    Attributes
+    ----------
+    H : (unknowns, unknowns) Gauss-Newton Hessian, priors included.
+    g : (unknowns,) gradient of the objective.
+    pulled : simulation at another point -> J'r with the residuals r there and the derivative J of here; for steps that
+        follow a bend. None where a problem does not offer it.
+    """
+
+    H: Array
+    g: Array
+    pulled: Callable[[Array, Any], Array] | None = None
+
+
+def lay_out(model: Model, count: int, copies: int) -> Layout:
+    """Where the parameters of so many runs stand; the runs beyond `copies` are mirror images of the first ones."""
+    size, columns = 0, []
+    for parameter in model.parameters:
+        if parameter.scope == "run":
+            own = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
+            block = np.tile(own, (count // copies, 1))
+        else:
+            block = np.broadcast_to(size + np.arange(parameter.size), (count, parameter.size))
+        size = int(block.max(initial=size - 1)) + 1
+        columns.append(block)
+    joined = np.hstack(columns) if columns else np.empty((count, 0))
+    return Layout(tuple(row.astype(np.intp) for row in joined), size)
+
+
+def limits(model: Model, layout: Layout) -> tuple[tuple[Array, Array], NDArray[np.bool_]]:
+    """Lowest and highest values of all unknowns, and whether each is free."""
+    low, high = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    free = np.ones(layout.size, dtype=bool)
+    start = 0
+    for parameter in model.parameters:
+        for index in layout.index:
+            own = index[start : start + parameter.size]
+            low[own], high[own], free[own] = *parameter.bounds, not parameter.fixed
+        start += parameter.size
+    return (low, high), free
+
+
+def beliefs(
+    model: Model, layout: Layout, copies: int, strengths: Mapping[str, float] | None
+) -> tuple[sp.csr_matrix, Array]:
+    """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
+    blocks, offsets, start = [], [], 0
+    for parameter in model.parameters:
+        R, r = prior_rows([parameter], strengths)
+        own = slice(start, start + parameter.size)
+        start += parameter.size
+        placements = layout.index[: copies if parameter.scope == "run" else 1]
+        for index in placements:
+            place = sp.csr_matrix(
+                (np.ones(parameter.size), (np.arange(parameter.size), index[own])), shape=(parameter.size, layout.size)
+            )
+            blocks.append(R @ place)
+            offsets.append(r)
+    return sp.vstack(blocks, format="csr"), np.concatenate(offsets)
+
 
 Matched = Any
 """A problem's own simulation at a point: what it needs again to evaluate and linearise there."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..parameter import Array
 from ..recording import Recording
-from .layout import NormalEquations, beliefs, lay_out, limits
-from .sensing import Sensing
+from .elements import Sensing
+from .least_squares import NormalEquations, beliefs, lay_out, limits
 from .series import Run, runs
 from .trace import Trace
 

@@ -29,7 +29,7 @@ from .equations import called, must_be_numbers
 from .sampled import SampledFunction
 
 if TYPE_CHECKING:
-    from .actuation import Actuation
+    from .elements import Actuation
 
 Index = NDArray[np.intp]
 
@@ -87,7 +87,7 @@ class Trace:
     @cached_property
     def actuation(self) -> Actuation:
         """The model's actuators, made once for all runs: every one of them is a function of CasADi's."""
-        from .actuation import Actuation
+        from .elements import Actuation
 
         return Actuation(self)
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import read_json, without_nan
-from .vocabulary import always_alike
+from .aliases import always_alike
 
 Kind = Literal["null", "single", "double", "outside", "real"]
 """No gap; one or two effects of the vocabulary; one outside it; a real vehicle, of which nobody knows the answer."""

@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,13 +23,9 @@ from ..json_data import read_json
 from ..recording import Recording
 from ..signals import SIGNALS
 from .answers import Answer, Tier, read_answer, write_answer
-from .folder import CASES, SEALED, UNFINISHED
+from .folder import CASES, COLUMNS, SEALED, UNFINISHED, seal
 from .plan import Counts, Planned, plan
-from .seal import seal
-from .world import MadeWorld, made
-
-if TYPE_CHECKING:
-    from .foreign.case import MadeCase
+from .world import made
 
 
 @dataclass(frozen=True)
@@ -156,9 +152,8 @@ def _write(planned: Planned, folder: Path) -> Answer:
     if planned.tier == "foreign":
         from .foreign.case import made as made_foreign
 
-        foreign = made_foreign(planned)
-        write_atomically(given / "columns.toml", foreign.columns)
-        case: MadeWorld | MadeCase = foreign
+        case = made_foreign(planned)
+        write_atomically(given / COLUMNS, case.columns)
     else:
         case = made(planned)
     write_recording(case.recording, given / "recording.csv")

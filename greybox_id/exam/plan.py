@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import BadInput
+from .aliases import always_alike, group_of
 from .answers import Kind, Tier
-from .vocabulary import always_alike, group_of
 
 SINGLE, OUTSIDE = 0.57, 0.18
 """Shares of the cases that are no nulls; the rest are doubles."""

@@ -15,9 +15,8 @@ from ..errors import BadInput
 from ..files import write_atomically
 from ..fitting import Say
 from ..json_data import without_nan
-from .desk import Desk
+from .desk import PEEKED, Desk
 from .folder import DIAGNOSIS, case_folders, exam_of
-from .worker import PEEKED
 
 
 @dataclass(frozen=True)

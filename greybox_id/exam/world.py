@@ -41,22 +41,24 @@ DRAWS = 20
 
 
 @dataclass(frozen=True)
-class MadeWorld:
+class MadeCase:
     """A case as it is handed out, and what is kept back.
 
     Attributes
     ----------
     recording, vehicle_file : handed out.
     held_out, answer : kept back.
+    columns : a column map, handed out where it is not the usual one: it says how commands run between rows.
     """
 
     recording: Recording
     vehicle_file: str
     held_out: Recording
     answer: Answer
+    columns: str = ""
 
 
-def made(planned: Planned) -> MadeWorld:
+def made(planned: Planned) -> MadeCase:
     """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
 
     Raises
@@ -129,7 +131,7 @@ class _Case:
         seconds = float(self.rng.uniform(*duration))
         return drive(self.car, "mixed", seconds, self.rate, effects, forms, seed, **self.spoilt)
 
-    def made(self) -> MadeWorld:
+    def made(self) -> MadeCase:
         """The case with its answer."""
         held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
         answer = Answer(
@@ -152,7 +154,7 @@ class _Case:
                 **self.spoilt,
             },
         )
-        return MadeWorld(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
+        return MadeCase(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
 
     @cached_property
     def shows(self) -> bool:

@@ -10,7 +10,7 @@ from importlib import resources
 
 from .. import __version__
 from ..engine.compiler import CannotCompile, compiler_command
-from ..engine.motion.stiffness import STABLE
+from ..engine.motion.schedule import STABLE
 from .c.motion import MotionC
 from .c.naming import constant, number
 from .equations import Equations, Named

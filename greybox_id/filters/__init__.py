@@ -1,7 +1,7 @@
 """Tracking: EKF, UKF and smoother over any model of motion, with what drifts among its parameters."""
 
 from .how import How
-from .points import SigmaPoints
+from .kernel import SigmaPoints
 from .track import Track
 from .verb import Tracker, track
 

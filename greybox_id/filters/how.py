@@ -9,8 +9,7 @@ from typing import get_args
 
 from ..errors import BadInput, near_or_all
 from .filtering import GATE
-from .kernel import Kind
-from .points import SigmaPoints
+from .kernel import Kind, SigmaPoints
 
 READINGS = ("v_x", "yaw_rate", "a_y")
 """What a series car measures: readings that a filter takes unless others are named."""

@@ -1,4 +1,9 @@
-"""Filters compiled: a model's readings and segments in, states and their covariance out."""
+"""Filters compiled: a model's readings and segments in, states and their covariance out.
+
+Sigma points of the unscented one are the scaled points of Van der Merwe, Sigma-Point Kalman Filters for Probabilistic
+Inference in Dynamic State-Space Models, 2004, Sec. 3.2.2: the mean, and n points ahead and n behind it at
+sqrt(n + lambda) standard deviations along the columns of a root of P, lambda = alpha^2 (n + kappa) - n.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +18,31 @@ import numpy as np
 
 from ..engine.compiler import library
 from ..parameter import Array
-from .ekf_source import ekf_source
-from .points import SigmaPoints
+from .sources import ekf_source, ukf_source
 from .state_space import StateSpace
-from .ukf_source import ukf_source
+
+
+@dataclass(frozen=True)
+class SigmaPoints:
+    """Scaled sigma points.
+
+    Attributes
+    ----------
+    alpha, beta, kappa : spread, knowledge of the fourth moment, second scale. At their defaults the points lie at
+        sqrt(n) standard deviations and the mean weighs nothing in means: no weight is negative, so that no covariance
+        can become indefinite, however many states there are.
+    """
+
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def weights(self, n: int) -> Array:
+        """(4,): weight of the mean's point in means and in covariances, weight of every other point, and its reach."""
+        scale = self.alpha**2 * (n + self.kappa)
+        middle = 1 - n / scale
+        return np.array([middle, middle + 1 - self.alpha**2 + self.beta, 0.5 / scale, np.sqrt(scale)])
+
 
 Kind = Literal["ekf", "ukf"]
 Kept = Literal["nothing", "filtered", "both ways"]
@@ -114,6 +140,6 @@ def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool) 
 def _writers() -> str:
     """The modules that write the C source, as text."""
     engine = Path(__file__).parents[1] / "engine"
-    own = (Path(__file__).with_name(f"{name}.py") for name in ("written", "ekf_source", "ukf_source"))
-    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "lanes")), *own]
+    own = (Path(__file__).with_name(f"{name}.py") for name in ("sources",))
+    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "vectors")), *own]
     return "\0".join(file.read_text("utf-8") for file in files)

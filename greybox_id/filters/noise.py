@@ -26,8 +26,6 @@ LEAST = 1e-3
 STEPPED, SURE = 0.2, 0.2
 """A reading of which fewer than this share of rows differ goes in steps; share of the scatter between neighbouring rows
 that is noise at least."""
-ORIGINS = ("stated", "tuned", "guessed")
-"""Where the size of a noise may be from."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +71,7 @@ def start_levels(
 
 
 def origins(space: StateSpace, stated: Mapping[str, float], tuned: Sequence[str]) -> dict[str, str]:
-    """Noise -> where its size is from, one of `ORIGINS`."""
+    """Noise -> where its size is from: stated, tuned or guessed."""
     return {name: "stated" if name in stated else "tuned" if name in tuned else "guessed" for name in space.noises}
 
 

@@ -12,8 +12,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from ..parameter import Array
-from .kernel import History, Kept, Kind, blank_history
-from .points import SigmaPoints
+from .kernel import History, Kept, Kind, SigmaPoints, blank_history
 from .state_space import StateSpace
 
 

@@ -1,17 +1,19 @@
-"""What tracking finds: states, tyres and forces over time, each with its standard deviation."""
+"""What tracking finds: states, tyres and forces over time with standard deviations; the vehicle with what was tuned."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
+from ..effect import Effect
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from .consistency import Consistency
+from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
+from .findings import Consistency
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Track:
     parameters, disturbances : what walks for good, and what comes and goes, as named; inputs that were not recorded
         are among the parameters.
     noise : name -> size, as used.
-    noise_from, noise_units : name -> where its size is from (one of `noise.ORIGINS`), and its SI unit; of what walks,
+    noise_from, noise_units : name -> where its size is from (stated, tuned, guessed), and its SI unit; of what walks,
         that per root second.
     innovations, expected : channel -> (n,) innovations of readings, and their standard deviations as expected.
     consistency : channel -> what these say.
@@ -81,3 +83,40 @@ class Track:
             columns[name] = values
             columns[f"{name}_sd"] = self.sds[name]
         return pd.DataFrame(columns)
+
+
+SOURCE = "tuned on the innovations of {recording}"
+
+
+def tracked_vehicle(
+    vehicle: Vehicle,
+    found: Track,
+    parameters: Sequence[str],
+    disturbances: Sequence[str],
+    effects: Mapping[str, Effect],
+) -> Vehicle:
+    """The vehicle with the model's numbers as calibrated, their uncertainty, and the noise.
+
+    Parameters
+    ----------
+    parameters, disturbances : what was tracked, as named.
+    effects : all there are, by name; those of the model stand under [model] effects.
+    """
+    source = SOURCE.format(recording=found.recording.name)
+    before = vehicle.model.effects if vehicle.model is not None else {}
+    model = found.model
+    there = [name for name in model.effects if name not in (*parameters, *disturbances)]
+    of_effects = {name: before.get(name, Stated(float(model[name].array))) for name in there}
+    values = dict(vehicle.values)
+    for name, (value, sd) in found.calibrated.items():
+        stated = Stated(value, sd if np.isfinite(sd) and sd > 0 else None, source=source)
+        (of_effects if name in effects else values)[name] = stated
+    plan = TrackingPlan(tuple(parameters), tuple(disturbances), _rounded(found.noise, found))
+    chosen = ChosenModel(model.name, dict(model.settings), of_effects)
+    return replace(vehicle, values=values, model=chosen, tracking=plan)
+
+
+def _rounded(noise: Mapping[str, float], found: Track) -> dict[str, float]:
+    """The noises that readings told, to three digits."""
+    unread = {f"noise_{name}" for name in found.model.outputs if name not in found.consistency}
+    return {name: float(f"{size:.3g}") for name, size in noise.items() if name not in unread}

@@ -16,9 +16,11 @@ from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
 from ..signals import unit_of, unit_of_quantity
-from .consistency import WINDOW, Consistency, consistency, widening
-from .filtering import Filtering, filtering
+from .filtering import Filtering, filtering, smoothed
 from .findings import (
+    WINDOW,
+    Consistency,
+    consistency,
     distrusted_data,
     lost,
     must_be_finite,
@@ -27,17 +29,15 @@ from .findings import (
     told_rows,
     too_quiet,
     untold,
-)  # fmt: skip
-from .guard import guarded
+    widening,
+)
 from .how import READINGS, How
 from .kernel import History, Kept
-from .laid import LaidRun, laid
+from .laid import LaidRun, guarded, laid
 from .noise import NoiseLevels, origins, resolution_of, scatter_of, start_levels, units
-from .smoother import smoothed
 from .state_space import SLOWEST, StateSpace
 from .track import Track
-from .tuning import Tuned, beginning, model_coordinates, noise_coordinates, tuned
-from .uncertain import believed, padded
+from .tuning import Tuned, beginning, believed, model_coordinates, noise_coordinates, padded, tuned
 from .walking import walking
 
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")

@@ -14,8 +14,8 @@ from ..recording import Recording
 from ..scores.metrics import score_motion
 from ..scores.verdict import times_as_large
 from ..verdict import WITH_CARE, Reason
+from .attempt import refitted
 from .how import How
-from .motion import refitted
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0

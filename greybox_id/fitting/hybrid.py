@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,28 +68,44 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
         train = [*train, *(mirrored(model, one) for one in train)]
     sd = read_noise(model, [one for _, one in named], how)
     problem, outside = HybridProblem(model, train, sd), WindowErrors(model, held_out, sd)
+    best, stage = trained_best(
+        model, how, say, clock, lambda seed, own: _descent(problem, outside, model, seed, own),
+        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
+    )  # fmt: skip
+    p = problem.parameters(best.x)
+    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
+    return Trained(model.with_values(p), stage, names, errors)
+
+
+def trained_best(
+    model: HybridModel, how: How, say: Say, clock: float, train: Callable[[int, Say], Descent],
+    words: Callable[[float], str], noise_of: Callable[[Descent], Array],
+) -> tuple[Descent, Stage]:  # fmt: skip
+    """The best of several trainings by what is held out, and the record of all.
+
+    Parameters
+    ----------
+    clock : processor time at which all began.
+    train : seed, progress -> a training.
+    words : held-out error -> for people.
+    noise_of : the best training -> noise of the readings.
+    """
     away = apart(how.starts, how.jobs)
 
     def told(k: int, one: Descent) -> bool:
         if away:
-            error = np.sqrt(one.held_out[one.best])
-            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {error:.3f} of noise")
+            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {words(one.held_out[one.best])}")
         return one.status != "interrupted"
 
-    done = side_by_side(
-        lambda k: _descent(problem, outside, model, how.seed + k, quiet if away else say), how.starts, how.jobs, told
-    )
-    found = done.results
-    best = min(found, key=lambda each: each.held_out[each.best])
-    p = problem.parameters(best.x)
+    done = side_by_side(lambda k: train(how.seed + k, quiet if away else say), how.starts, how.jobs, told)
+    best = min(done.results, key=lambda each: each.held_out[each.best])
     stage = Stage(
         model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
-        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in found)), strengths={},
-        strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, sd.tolist(), strict=True)),
+        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in done.results)), strengths={},
+        strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, noise_of(best).tolist(), strict=True)),
         cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
     )  # fmt: skip
-    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    return Trained(model.with_values(p), stage, names, errors)
+    return best, stage
 
 
 def _descent(problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say) -> Descent:

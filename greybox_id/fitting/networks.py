@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -18,12 +17,10 @@ from ..engine.hybrid.stretches import Stretch
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
 from ..parameter import Array
-from ..processes import apart, side_by_side
-from ..provenance import Stage
 from ..recording import Recording
 from ..solvers.quasi_newton import Descent, descend
-from .how import How, Say, quiet
-from .hybrid import Trained, manoeuvres, split
+from .how import How, Say
+from .hybrid import Trained, manoeuvres, split, trained_best
 from .pretraining import Pretraining, known_physics, pretrained
 
 HORIZONS = (2, 11, 21)
@@ -65,25 +62,10 @@ def fit_network(
         model = known_physics(model, known)
     sd = counted(model, [one for _, one in named], how)
     outside = WindowErrors(model, held_out, sd)
-    away = apart(how.starts, how.jobs)
-
-    def told(k: int, one: Descent) -> bool:
-        if away:
-            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {one.held_out[one.best]:.3g}")
-        return one.status != "interrupted"
-
-    def work(k: int) -> Descent:
-        own = quiet if away else say
-        return trained_from(model, recordings, train, sd, outside, how.seed + k, own, known)
-
-    done = side_by_side(work, how.starts, how.jobs, told)
-    best = min(done.results, key=lambda each: each.held_out[each.best])
-    stage = Stage(
-        model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
-        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in done.results)), strengths={},
-        strengths_from="early stopping", tried=(),
-        noise={name: float(own) for name, own in zip(model.outputs, _noise(model, held_out, best.x), strict=True)},
-        cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
+    best, stage = trained_best(
+        model, how, say, clock,
+        lambda seed, own: trained_from(model, recordings, train, sd, outside, seed, own, known),
+        lambda error: f"{error:.3g}", lambda one: _noise(model, held_out, one.x),
     )  # fmt: skip
     inside = WindowErrors(model, train, sd)
     errors = (float(np.sqrt(inside(best.x))), float(np.sqrt(outside(best.x))))
@@ -99,7 +81,6 @@ def trained_from(
     seed: int,
     say: Say,
     known: Pretraining | None = None,
-    steps: int = STEPS,
 ) -> Descent:
     """One training, from random weights or from a known vehicle's; x are the model's parameters.
 
@@ -122,9 +103,12 @@ def trained_from(
             line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"
             say(f"{line}, held out {np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
+        def held(q: Array, own: HybridProblem = problem) -> float:
+            return outside(own.parameters(q))
+
         here = descend(
-            problem, partial(_of_unknowns, outside, problem), problem.unknowns(p), problem.bounds,
-            warm_up=ADAM if random and rows == horizons[0] else 0, steps=steps if last else SHORT_STEPS,
+            problem, held, problem.unknowns(p), problem.bounds,
+            warm_up=ADAM if random and rows == horizons[0] else 0, steps=STEPS if last else SHORT_STEPS,
             patience=PATIENCE if last else SHORT_STEPS, say=told,
         )  # fmt: skip
         best = problem.parameters(here.x)
@@ -136,10 +120,6 @@ def trained_from(
             break
     assert found is not None
     return found
-
-
-def _of_unknowns(outside: Outside, problem: HybridProblem, q: Array) -> float:
-    return outside(problem.parameters(q))
 
 
 def counted(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:

@@ -30,8 +30,7 @@ from ..motion_model import MotionModel
 from ..parameter import Array, unpack
 from ..provenance import DataRecord, Stage, data_record
 from ..recording import Recording, join
-from ..scores.baseline import Scores, score_beside_hold, unfitted_scores
-from ..scores.metrics import as_dict, score
+from ..scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
 from ..scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words
 from ..scores.verdict import distrust, judged, used_signals
 from ..solvers.gauss_newton import Solution, Status

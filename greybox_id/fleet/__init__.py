@@ -1,1 +1,6 @@
 """Many recordings of many vehicles: units of work on engines, results on disk, and what they say together."""
+
+CHECK, FIT, GAP = STEPS = ("check", "fit", "gap")
+OK, NOT_TRUSTED, FAILED, TIMEOUT, MEMORY = STATUSES = ("ok", "not trusted", "failed", "timeout", "memory")
+"""How a recording ended: all steps done; its check forbids trusting it; a step cannot be done, as the sentence says; it
+took longer, or more memory, than the limits allow."""

@@ -13,8 +13,8 @@ from queue import SimpleQueue
 from typing import Any, Protocol
 
 from ..errors import BadInput
+from . import FAILED, MEMORY, TIMEOUT
 from .contained import Nursery
-from .states import FAILED, MEMORY, TIMEOUT
 from .unit import MADE_BY
 
 RETRIES = 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,23 +16,20 @@ from ..combined import Z, reach
 from ..files import write_atomically
 from ..parameter import Array
 from ..reports.numbers import number, pretty_unit
-from .apart import Flags
-from .drift import CONSTANT, SLOPE, STEP, Drifted, VehicleChange, drifted
-from .hierarchy import Informed, informed, marginal
-from .states import OK
+from . import OK
+from .changes import CONSTANT, SLOPE, STEP, VehicleChange
+from .drift import Drifted, drifted
+from .hierarchy import marginal
+from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows
 from .store import ESTIMATED, Store
 from .unit import unpacked
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST = 12
-"""Parameters that are estimated together: those that most recordings inform."""
 LEVEL = 0.95
 FAR = 0.05
 """Rate of false outliers among vehicles."""
-ORDERS = ("odometer", "time", "order")
-"""What recordings of a vehicle are put in order by: the first that all of them have, else how they are listed."""
 PRIOR = "prior.toml"
 
 
@@ -105,23 +101,6 @@ class FleetEstimate:
 
 
 @dataclass(frozen=True)
-class _Joined:
-    """Recordings as the hierarchy takes them, with what rows are called by."""
-
-    names: list[str]
-    units: list[str]
-    logs: list[bool]
-    seen: Informed
-    keys: list[str]
-    vehicles: list[str]
-    order: list[np.ndarray[tuple[int], np.dtype[np.int64]]]
-    x: list[Array]
-    over: list[str]
-    rows: pd.DataFrame
-    refitted: int
-
-
-@dataclass(frozen=True)
 class SecondPass:
     """What is fitted again, and with which priors.
 
@@ -145,10 +124,10 @@ class SecondPass:
 def second_pass(store: Store) -> SecondPass:
     """Which recordings gain by a second fit, with what first fits say of the fleet as prior."""
     recordings = store.current()
-    joined, _ = _joined(store, recordings, refits=False)
+    joined, _ = joined_fits(store, recordings, refits=False)
     if joined is None:
         return SecondPass(frozenset(), ())
-    found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
+    found = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
     width = _widths(joined, found)
     _, covariance = marginal(joined.seen)
     free = np.diagonal(joined.seen.information, axis1=1, axis2=2) > 0
@@ -158,12 +137,12 @@ def second_pass(store: Store) -> SecondPass:
     fitted = recordings[recordings["status"] == OK]["key"]
     texts = []
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
-        mean = _natural(float(found.population.mean[k]), log)
+        mean = natural(float(found.population.mean[k]), log)
         texts.append(_prior_text(name, mean, float(width[k]) * (mean if log else 1.0), unit))
     return SecondPass(frozenset(str(key) for key in fitted if key not in good), tuple(texts))
 
 
-def _widths(joined: _Joined, found: Drifted) -> Array:
+def _widths(joined: JoinedFits, found: Drifted) -> Array:
     """Standard deviation of what a recording of a vehicle that is not known has, in the coordinates of estimates."""
     own = found.population
     spread = own.spread if len(joined.vehicles) > 1 else 0.0
@@ -201,13 +180,13 @@ def estimate(folder: str | Path) -> FleetEstimate:
     """
     store = Store.existing(folder)
     recordings = store.current()
-    joined, left_out = _joined(store, recordings)
+    joined, left_out = joined_fits(store, recordings)
     found: Drifted | None = None
     if joined is None:
         tables: dict[str, list[dict[str, Any]]] = {name: [] for name in ESTIMATED}
         over: dict[str, str] = {}
     else:
-        found = drifted(joined.seen, joined.order, joined.x, _doubted(store, joined))
+        found = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
         tables = {
             "population": _population_rows(joined, found),
             "vehicles": _vehicle_rows(joined, found),
@@ -231,136 +210,18 @@ def estimate(folder: str | Path) -> FleetEstimate:
     )
 
 
-def _joined(
-    store: Store, recordings: pd.DataFrame, refits: bool = True
-) -> tuple[_Joined | None, dict[str, int]]:  # fmt: skip
-    """Recordings whose fits can be joined, their second ones where there are, and why others cannot."""
-    left_out = Counter[str]()
-    for status, count in recordings["status"].value_counts().sort_index().items():
-        if status != OK:
-            left_out[str(status)] = int(count)
-    covariances, again = store.read("covariances"), 0
-    if refits:
-        recordings, covariances, again = _with_refits(store, recordings, covariances)
-    kept = recordings[recordings["status"] != "not trusted"].merge(covariances, on="key")
-    missing = int((recordings["status"] == OK).sum()) - int((kept["status"] == OK).sum())
-    if missing:
-        left_out["no fit, or its optimum is not confirmed"] = missing
-    kept = kept[kept["verdict"] != "not usable"].sort_values(["vehicle", "path"]).reset_index(drop=True)
-    names, units, logs = _names(kept)
-    said = [_of_row(row, names, logs) for row in _rows(kept)]
-    fine = [own is not None for own in said]
-    if not all(fine):
-        left_out["its fit informs nothing"] = len(fine) - sum(fine)
-    kept = kept[fine].reset_index(drop=True)
-    both = [own for own in said if own is not None]
-    if not both:
-        return None, dict(left_out)
-    information, vector = np.array([own for own, _, _ in both]), np.array([own for _, own, _ in both])
-    freedom = np.array([own for _, _, own in both])
-    here = np.flatnonzero(np.diagonal(information, axis1=1, axis2=2).sum(axis=0) > 0)
-    information, vector = information[:, here][:, :, here], vector[:, here]
-    names, units, logs = [names[k] for k in here], [units[k] for k in here], [logs[k] for k in here]
-    vehicles = sorted(set(kept["vehicle"]))
-    numbers = {name: k for k, name in enumerate(vehicles)}
-    of = np.array([numbers[own] for own in kept["vehicle"]], dtype=np.int64)
-    order, x, over = [], [], []
-    for k in range(len(vehicles)):
-        rows = np.flatnonzero(of == k)
-        values, by = _along(kept.iloc[rows])
-        first = np.argsort(values, kind="stable")
-        order.append(rows[first])
-        along = values[first] - values.min()
-        x.append(along / along[-1] if along[-1] > 0 else along)
-        over.append(by)
-    seen = Informed(information, vector, of, len(vehicles), freedom)
-    keys = [str(own) for own in kept["key"]]
-    return _Joined(names, units, logs, seen, keys, vehicles, order, x, over, kept, again), dict(left_out)
-
-
-def _with_refits(
-    store: Store, recordings: pd.DataFrame, covariances: pd.DataFrame
-) -> tuple[pd.DataFrame, pd.DataFrame, int]:  # fmt: skip
-    """The same with second fits in place of first ones, and how many they are."""
-    second = store.refits()[["key", "refit_of", "status", "verdict"]]
-    second = second[(second["status"] == OK) & second["key"].isin(set(covariances["key"]))]
-    first = dict(zip(second["key"], second["refit_of"], strict=True))
-    verdicts = dict(zip(second["refit_of"], second["verdict"], strict=True))
-    kept = covariances[~covariances["key"].isin(set(verdicts))]
-    kept = kept.assign(key=kept["key"].replace(first))
-    told = recordings["key"].map(verdicts)
-    return recordings.assign(verdict=told.where(told.notna(), recordings["verdict"])), kept, len(first)
-
-
-def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
-    """Names, units and coordinates of the parameters that most recordings have."""
-    counts: Counter[tuple[str, str, bool]] = Counter()
-    for row in _rows(kept[["names", "units", "logarithm"]]):
-        counts.update(zip(map(str, row["names"]), map(str, row["units"]), map(bool, row["logarithm"]), strict=True))
-    chosen: dict[str, tuple[str, bool]] = {}
-    for (name, unit, log), _ in counts.most_common():
-        if len(chosen) < MOST:
-            chosen.setdefault(name, (unit, log))
-    return list(chosen), [unit for unit, _ in chosen.values()], [log for _, log in chosen.values()]
-
-
-def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array, float] | None:
-    """Information, vector and degrees of freedom of a recording over all parameters; None where it says nothing."""
-    own = [str(name) for name in row["names"]]
-    covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
-    size = np.diag(covariance)
-    sound = np.isfinite(size) & (size > 0) & ~np.asarray(row["at_bound"], dtype=bool)
-    taken = [
-        k for k, (name, log) in enumerate(zip(own, row["logarithm"], strict=True))
-        if sound[k] and name in names and logs[names.index(name)] == bool(log)
-    ]  # fmt: skip
-    if not taken:
-        return None
-    parts = [np.asarray(row[name], dtype=float)[taken] for name in ("centre", "prior_mean", "prior_sd", "dof")]
-    try:
-        data, vector = informed(covariance[np.ix_(taken, taken)], *parts)
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    if not (np.all(np.isfinite(data)) and np.all(np.isfinite(vector)) and np.any(np.diag(data) > 0)):
-        return None
-    places = [names.index(own[k]) for k in taken]
-    whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
-    whole[np.ix_(places, places)], of[places] = data, vector
-    return whole, of, float(np.nanmin(np.append(parts[-1], np.inf)))
-
-
-def _along(rows: pd.DataFrame) -> tuple[Array, str]:
-    """What recordings of a vehicle are in order by, and what that is called."""
-    for name in ORDERS[:2]:
-        values = rows[name].to_numpy(dtype=float)
-        if np.all(np.isfinite(values)) and np.ptp(values) > 0:
-            return values, name
-    return np.arange(len(rows), dtype=float), ORDERS[2]
-
-
-def _doubted(store: Store, joined: _Joined) -> Flags:
-    """Recordings with a gap, which count less the further they lie from their vehicle."""
-    gaps = store.read("gaps", ["key", "detected"])
-    with_gap = set(gaps[gaps["detected"].fillna(False).astype(bool)]["key"])
-    return np.array([key in with_gap for key in joined.keys], dtype=bool)
-
-
-def _natural(value: float, log: bool) -> float:
-    return math.exp(min(value, 700.0)) if log else value
-
-
-def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+def _population_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     own, rows = found.population, []
     several = len(joined.vehicles) > 1
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
         mu, sd, tau = float(own.mean[k]), float(np.sqrt(own.mean_covariance[k, k])), float(np.sqrt(own.spread[k]))
-        size = _natural(mu, log) if log else 1.0
+        size = natural(mu, log) if log else 1.0
         dof, far = float(own.spread_dof[k]), float(reach(own.mean_dof[k]))
         ends = [tau * math.sqrt(dof / chdtri(dof, tail)) for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
         rows.append(
             {
-                "name": name, "unit": unit, "logarithm": log, "mean": _natural(mu, log),
-                "low": _natural(mu - far * sd, log), "high": _natural(mu + far * sd, log),
+                "name": name, "unit": unit, "logarithm": log, "mean": natural(mu, log),
+                "low": natural(mu - far * sd, log), "high": natural(mu + far * sd, log),
                 "spread": tau * size if several else math.nan,
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
@@ -372,7 +233,7 @@ def _population_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     return rows
 
 
-def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+def _vehicle_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     own = found.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
@@ -394,9 +255,9 @@ def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
                     "vehicle": vehicle, "name": name, "unit": unit,
                     "recordings": int(np.sum(joined.seen.information[mine, k, k] > 0)),
                     "time": float(np.max(times)) if np.all(np.isfinite(times)) else math.nan,
-                    "value": _natural(value, log), "low": _natural(value - far * sd, log),
-                    "high": _natural(value + far * sd, log), "next_low": _natural(value - far * further, log),
-                    "next_high": _natural(value + far * further, log), "outlier": outlier,
+                    "value": natural(value, log), "low": natural(value - far * sd, log),
+                    "high": natural(value + far * sd, log), "next_low": natural(value - far * further, log),
+                    "next_high": natural(value + far * further, log), "outlier": outlier,
                     "sentence": None,
                 }
             )  # fmt: skip
@@ -404,7 +265,7 @@ def _vehicle_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     return rows
 
 
-def _tell_outliers(rows: list[dict[str, Any]], joined: _Joined, found: Drifted) -> None:
+def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, found: Drifted) -> None:
     """A sentence for each vehicle that lies apart from the others, at a rate of false ones (Bonferroni)."""
     tested = [row for row in rows if math.isfinite(row["outlier"])]
     means = dict(zip(joined.names, zip(found.population.mean, joined.logs, strict=True), strict=True))
@@ -412,14 +273,14 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: _Joined, found: Drifted) 
         if 2 * ndtr(-abs(row["outlier"])) * len(tested) > FAR:
             continue
         mean, log = means[row["name"]]
-        typical = _natural(float(mean), log)
+        typical = natural(float(mean), log)
         row["sentence"] = (
             f"{row['vehicle']}: {row['name']} {number(row['value'], 3)} {pretty_unit(row['unit'])} "
             f"[{number(row['low'], 3)}, {number(row['high'], 3)}], where the fleet has {number(typical, 3)}"
         )
 
 
-def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+def _drift_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     rows = []
     told = {name: joined.rows[name].to_numpy() for name in ("odometer", "time", "key", "path")}
     for own in found.changes:
@@ -429,8 +290,8 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         begin = own.begin if own.drifts else now
         size, sd = own.change, math.sqrt(own.variance)
         if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
-            size = _natural(begin + own.change, log) - _natural(begin, log)
-            along = _natural(begin + own.change, log)
+            size = natural(begin + own.change, log) - natural(begin, log)
+            along = natural(begin + own.change, log)
             sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
         sizes = [size, size - Z * sd, size + Z * sd]
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
@@ -456,12 +317,12 @@ def _drift_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
     return rows
 
 
-def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
+def _apart_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     """Recordings that are set apart, by the parameter in which their fits lie furthest off."""
     rows: list[dict[str, Any]] = []
     far, scatter = found.distances, found.population.scatter
     for j in np.flatnonzero(found.apart):
-        at = _rows(joined.rows.iloc[[int(j)]])[0]
+        at = plain_rows(joined.rows.iloc[[int(j)]])[0]
         own = list(at["names"])
         of_fit = np.sqrt(np.diag(unpacked(np.asarray(at["lower"], dtype=float), len(own))))
         places = [(k, own.index(name)) for k, name in enumerate(joined.names) if name in own]
@@ -471,8 +332,8 @@ def _apart_rows(joined: _Joined, found: Drifted) -> list[dict[str, Any]]:
         worst = int(np.nanargmax(off))
         k, width = places[worst][0], widths[worst]
         name, unit, log = joined.names[k], joined.units[k], joined.logs[k]
-        value, middle = _natural(centres[worst], log), float(far.at[j, k])
-        low, high = (_natural(middle + end * width, log) for end in (-Z, Z))
+        value, middle = natural(centres[worst], log), float(far.at[j, k])
+        low, high = (natural(middle + end * width, log) for end in (-Z, Z))
         rows.append(
             {
                 "key": str(at["key"]), "path": str(at["path"]), "vehicle": str(at["vehicle"]),
@@ -520,7 +381,7 @@ def _date(time: float, path: str) -> str:
 
 
 def _write_prior(
-    folder: Path, rows: Sequence[Mapping[str, Any]], joined: _Joined | None, found: Drifted | None
+    folder: Path, rows: Sequence[Mapping[str, Any]], joined: JoinedFits | None, found: Drifted | None
 ) -> None:  # fmt: skip
     """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
     lines = [
@@ -535,13 +396,9 @@ def _write_prior(
     write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
-
-
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows as plain data; what is not there is None."""
     return [
         {name: None if isinstance(own, float) and math.isnan(own) else own for name, own in row.items()}
-        for row in _rows(table)
+        for row in plain_rows(table)
     ]

@@ -14,13 +14,12 @@ from glob import has_magic
 from pathlib import Path
 from typing import Any
 
-from ..choices.parameters import wanted_vehicle
-from ..choices.quantity import number
+from ..choices.parameters import number, wanted_vehicle
 from ..datasets.formats import SUFFIXES, hash_of
 from ..errors import BadInput
 from ..files import near_file
+from . import FIT
 from .plan import FleetPlan, content_of, vehicle_named
-from .states import FIT
 from .unit import MADE_BY
 
 COLUMNS = ("path", "vehicle", "time", "odometer", "tags")

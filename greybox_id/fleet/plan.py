@@ -16,7 +16,7 @@ from ..datasets.column_map import column_map, shipped_maps
 from ..datasets.vehicle_file import shipped_vehicles
 from ..errors import BadInput, near_or_all
 from ..files import near_file
-from .states import FIT, GAP, STEPS
+from . import FIT, GAP, STEPS
 
 KEYS = ("recordings", "vehicle", "columns", "steps", "limits", *STEPS)
 LIMITS = ("seconds", "memory")

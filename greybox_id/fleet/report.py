@@ -20,7 +20,7 @@ from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from ..reports.html import write_html
 from ..reports.numbers import counted, number, pretty_unit
-from .drift import STEP
+from .changes import STEP
 from .estimate import FleetEstimate, estimate
 from .run import FleetStatus, status
 from .store import Store

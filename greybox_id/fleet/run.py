@@ -11,16 +11,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
 from ..processes import duration
+from . import FAILED, FIT, MEMORY, OK, STATUSES, TIMEOUT
 from .contained import Broken
 from .engines import engine as engine_of
 from .estimate import second_pass
 from .manifest import FleetEntry, entries
 from .plan import FleetPlan, plan_of
-from .states import FAILED, FIT, MEMORY, OK, TIMEOUT
 from .store import OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 
@@ -424,3 +428,24 @@ def _in_journal(store: Store) -> dict[str, str]:
             row = json.loads(line)["recordings"][0]
             found[row["key"]] = row["status"]
     return found
+
+
+MOST = 12
+"""Vehicles shown: those with most recordings that did not end well."""
+
+
+def live(progress: FleetProgress) -> RenderableType:
+    """The table: a row for each vehicle, the worst first, and a line for all."""
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("vehicle", header_style="dim")
+    for name in STATUSES:
+        table.add_column(name, header_style="dim", justify="right")
+    worst = sorted(progress.vehicles.items(), key=lambda own: (own[1][OK] - sum(own[1].values()), own[0]))
+    for name, counts in worst[:MOST]:
+        table.add_row(Text(name), *(str(counts[status] or "") for status in STATUSES))
+    if len(worst) > MOST:
+        table.add_row(Text(f"and {len(worst) - MOST} more", style="dim"))
+    lines: list[RenderableType] = [table, Text(f"{progress.line()}  {duration(progress.seconds)}")]
+    if progress.last:
+        lines.append(Text(progress.last, style="yellow", no_wrap=True, overflow="ellipsis"))
+    return Group(*lines)

@@ -28,9 +28,9 @@ from ..models.own import is_place
 from ..models.registry import install
 from ..parameter import Array, Parameter
 from ..recording import Recording
-from ..uncertainty.left_open import left_open
+from ..uncertainty.identifiability import left_open
 from ..vehicle import Vehicle
-from .states import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
+from . import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
 
 MADE_BY = __version__
 """The version of what computes: part of every key."""

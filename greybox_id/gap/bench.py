@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.motion.chain import chained
-from ..engine.motion.lanes import Interval, Lanes, cut_rows, lay
+from ..engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay
 from ..engine.motion.runs import Index, MotionRun, motion_runs
-from ..engine.motion.schedule import Schedule, schedule
+from ..engine.motion.schedule import Schedule, longest_segments, schedule
 from ..engine.motion.simulator import Simulator
-from ..engine.motion.stiffness import longest_segments
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array

@@ -22,9 +22,9 @@ from scipy.linalg import solve_triangular
 from ..engine.motion.runs import Index
 from ..errors import BadInput
 from ..filters.filtering import Filtering, filtering
+from ..filters.kernel import SigmaPoints
 from ..filters.laid import LaidRun, laid
 from ..filters.noise import resolution_of, scatter_of, start_levels
-from ..filters.points import SigmaPoints
 from ..filters.state_space import SLOWEST, StateSpace, Tracked
 from ..filters.tuning import noise_coordinates, tuned
 from ..motion_model import MotionModel

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.sensing import Sensing
+from ..engine.elements import Sensing
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel

@@ -2,12 +2,12 @@
 
 It reads the last steps of commands and motion and says the next one, in place of tyres and actuators. Source of the
 variant `paper`: "Online dynamics model learning and policy fine-tuning for autonomous racing"; `abstract` is what that
-paper's abstract says in place of its section on methods.
+paper's abstract says in place of its section on methods. ELU: Clevert, Unterthiner & Hochreiter, ICLR 2016.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,107 @@ import numpy as np
 
 from ..files import write_atomically
 from ..parameter import Array
+from ..racing.policy import sizes_of
 from ..saved import Kind
-from .layers import Layers
+
+
+@dataclass(frozen=True)
+class Layers:
+    """One network: layers of ELU, the last one linear.
+
+    Attributes
+    ----------
+    weights : (in, out) of each layer.
+    biases : (out,) of each layer.
+
+    Raises
+    ------
+    ValueError : shapes that do not follow each other, or what is no finite number.
+    """
+
+    weights: tuple[Array, ...]
+    biases: tuple[Array, ...]
+
+    def __post_init__(self) -> None:
+        sizes_of(self.weights, self.biases)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers that go in, units of the hidden layers, numbers that come out."""
+        return (len(self.weights[0]), *(len(own) for own in self.biases))
+
+    def __call__(self, x: Array) -> Array:
+        """(L, out) of (L, in), each row by itself: to the bit the same alone and among others."""
+        h = x[:, None, :]
+        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            h = elu(h @ W + b)
+        found: Array = (h @ self.weights[-1] + self.biases[-1])[:, 0]
+        return found
+
+
+def drawn(sizes: Sequence[int], rng: np.random.Generator) -> Array:
+    """Weights drawn such that what goes through keeps its variance (Glorot & Bengio 2010); biases zero; packed."""
+    shapes = list(zip(sizes[:-1], sizes[1:], strict=True))
+    weights = [rng.normal(0.0, np.sqrt(2.0 / (a + b)), (a, b)) for a, b in shapes]
+    return packed(weights, [np.zeros(b) for _, b in shapes])
+
+
+def packed(weights: Sequence[Array], biases: Sequence[Array]) -> Array:
+    """All numbers in one row: layer by layer, weights before biases."""
+    return np.concatenate([part for W, b in zip(weights, biases, strict=True) for part in (W.ravel(), b)])
+
+
+def unpacked(q: Array, sizes: Sequence[int]) -> tuple[list[Array], list[Array]]:
+    """Weights and biases out of one row."""
+    weights, biases, at = [], [], 0
+    for a, b in zip(sizes[:-1], sizes[1:], strict=True):
+        weights.append(q[at : at + a * b].reshape(a, b))
+        biases.append(q[at + a * b : at + a * b + b])
+        at += a * b + b
+    return weights, biases
+
+
+def elu(h: Array) -> Array:
+    """h above zero, exp(h) - 1 below."""
+    found: Array = np.maximum(h, 0.0) + (np.exp(np.minimum(h, 0.0)) - 1.0)
+    return found
+
+
+class SquaredError:
+    """Half the mean squared error of a network on rows, and its gradient.
+
+    Parameters
+    ----------
+    sizes : of the layers.
+    x, y : (n, in) and (n, out) rows.
+    """
+
+    def __init__(self, sizes: Sequence[int], x: Array, y: Array) -> None:
+        self._sizes, self._x, self._y = sizes, np.ascontiguousarray(x), y
+
+    def __call__(self, q: Array) -> tuple[float, Array]:
+        """Loss and gradient at packed weights."""
+        weights, biases = unpacked(q, self._sizes)
+        *seen, error = self._through(weights, biases)
+        back = error / error.size
+        W_by, b_by = list(weights), list(biases)
+        for k in range(len(weights) - 1, -1, -1):
+            W_by[k], b_by[k] = seen[k].T @ back, back.sum(axis=0)
+            if k:
+                back = (back @ weights[k].T) * (1.0 + np.minimum(seen[k], 0.0))  # an ELU's slope is its value plus 1
+        return 0.5 * float(np.sum(error**2)) / error.size, packed(W_by, b_by)
+
+    def errors(self, q: Array) -> Array:
+        """(n, out) what the network says, less what it should."""
+        return self._through(*unpacked(q, self._sizes))[-1]
+
+    def _through(self, weights: Sequence[Array], biases: Sequence[Array]) -> list[Array]:
+        """What each layer reads, and the errors of the last one."""
+        seen = [self._x]
+        for W, b in zip(weights[:-1], biases[:-1], strict=True):
+            seen.append(elu(seen[-1] @ W + b))
+        return [*seen, seen[-1] @ weights[-1] + biases[-1] - self._y]
+
 
 DRIVE = "drive"
 """What the drive or speed command is called among a network's inputs, whichever signal it is recorded as."""

@@ -14,8 +14,7 @@ from ..racing.stage import PLANE
 from ..recording import Recording
 from ..solvers.quasi_newton import Descent, descend
 from .injection import fingerprint
-from .layers import Layers, SquaredError, drawn, unpacked
-from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet
+from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, drawn, unpacked
 from .open_loop import OpenLoop
 from .windows import HELD_OUT, StepWindows, data_hash, resampled, windows
 

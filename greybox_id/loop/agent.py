@@ -16,26 +16,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .. import __version__
 from ..datasets.read import read
 from ..datasets.vehicle_file import parse_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import write_atomically
 from ..json_data import plain
+from ..models.registry import motion_model_of
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
-from ..racing.world import World
-from .adapting import Say, foretold, used_to, world_of
-from .arms import stated_model
+from .adapting import Say, foretold
 from .client import Client, Unanswered
-from .demo import CAP, Watched, joined
+from .demo import CAP, Underway, Watched, joined
 from .protocol import ARMS
-from .safety import Cap, Log
+from .safety import Cap
 from .scene import DrivenRows, Scene, driven
-from .state import begun, keep
 from .store import DONE, FAILED
-from .swap import WORSE, NotSwapped, Seat, read_learned
+from .swap import WORSE, NotSwapped, Seat
 from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond
 
 ROWS = LEAST
@@ -144,26 +140,20 @@ def agent(
     return _Agent(Client(address, token), Path(out), options or AgentOptions(), say).run()
 
 
-class _Agent:
+class _Agent(Underway):
     def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
-        self.client, self.folder, self.options, self.say = client, folder, options, say
-        self.scene = Scene(options.case)
-        self.vehicle = self.scene.vehicle
-        self.nominal = stated_model(self.vehicle)
-        asked = vars(self.options) | {"version": __version__}
+        self.client, self.options = client, options
         fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0}
-        self.state = begun(folder / "agent.json", "agent", asked, fresh | {"twin": None})
-        self.log = Log(folder / "log.jsonl")
+        scene = Scene(options.case)
+        super().__init__(folder / "agent.json", "agent", vars(options), fresh | {"twin": None}, scene, say)
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
     def run(self) -> AgentOutcome:
         """All that is not done yet."""
         self.client.get("/healthz")
-        write_atomically(self.folder / "vehicle.toml", self.scene.text, continued=True)
-        base = self._base()
-        file = self.folder / "policy.json"
+        good = self.base(BASE).policy
+        base, file = (self.folder / "base.json").read_bytes(), self.folder / "policy.json"
         seat = Seat(file.read_bytes() if file.is_file() else base, self.folder)
-        good = read_learned(base, self.folder).policy
         self._hello(seat.now.sha, file.read_bytes() if file.is_file() else base)
         try:
             while len(self.state["trainings"]) < self.options.trainings:
@@ -175,22 +165,6 @@ class _Agent:
             seat.close()
         done = self.state["drives"], self.state["trainings"]
         return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
-
-    def _keep(self) -> None:
-        keep(self.folder / "agent.json", self.state)
-
-    def _units(self, cap: float) -> World:
-        """The world that the vehicle's own driver sees."""
-        return world_of(self.nominal, self.vehicle, 1, cap)
-
-    def _base(self) -> bytes:
-        """The shipped driver, used to this vehicle as its file states it."""
-        file = self.folder / "base.json"
-        if not file.is_file():
-            self.say("learning to drive the vehicle as its file states it")
-            made = used_to(self.nominal, self.vehicle, BASE, CAP, self.options.seed)
-            write_atomically(file, made.text(), continued=True)
-        return file.read_bytes()
 
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""
@@ -231,16 +205,12 @@ class _Agent:
     def _drive(self, seat: Seat, good: Policy) -> str:
         """Drive and send the rows; why it is time to learn, "" where it is not."""
         k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
-        driven_at, units = cap.share, self._units(cap.share)
+        driven_at, units = cap.share, self.units(cap.share)
         expected = self._expected(seat.now.policy, driven_at)
         self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
-        hands = Watched(units, seat, good, cap, self._units, expected["worst"], self.log)
+        hands = Watched(units, seat, good, cap, self.units, expected["worst"], self.log)
         drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
-        for own in drive.episodes:
-            cap.clean += len(own.laps)
-            if own.crashed:
-                self.log.write("crash", drive=k, s=float(own.s[-1]))
-                cap.event()
+        self.count(drive, cap, drive=k)
         recordings = drive.recordings
         if recordings:
             file = self.folder / f"rows_{k}.csv"
@@ -267,7 +237,7 @@ class _Agent:
             reason = path_error_beyond(drive.path_error, expected["path_error_rms"])
             reason = reason or ("" if (band := self._band()) is None else band.beyond(recordings))
         self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
-        self._keep()
+        self.keep()
         return reason
 
     def _train(self, seat: Seat, reason: str) -> None:
@@ -302,7 +272,7 @@ class _Agent:
         )
         self.state["learned_at"] = sum(one["rows"] for one in self.state["drives"])
         self.state["due"] = ""
-        self._keep()
+        self.keep()
 
     def _swapped(self, seat: Seat, body: bytes, sha: str, result: Mapping[str, Any]) -> str:
         """Try a policy, and swap; why it is not swapped, or ""."""
@@ -328,7 +298,7 @@ class _Agent:
         """
         said = self.state["foretold"]
         if not said:
-            found = foretold(self.nominal, self.vehicle, policy.act, self._units(cap), cap, by_hand())
+            found = foretold(self.nominal, self.vehicle, policy.act, self.units(cap), cap, by_hand())
             return {"path_error_rms": found.path_error, "worst": found.worst}
         above = [own for own in said if own["cap"] >= cap - 1e-9]
         return min(above or said, key=lambda own: abs(own["cap"] - cap))
@@ -343,7 +313,7 @@ class _Agent:
             return None
         if self._known[0] != made:
             files = [self.folder / f"rows_{k}.csv" for k in range(1, made["drives"] + 1)]
-            model = stated_model(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
+            model = motion_model_of(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
             try:
                 self._known = (made, InnovationBand.of(model, [read(own) for own in files if own.is_file()]))
             except BadInput as error:

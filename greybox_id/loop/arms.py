@@ -17,7 +17,7 @@ from ..gap.gap import Gap
 from ..learned.injection import injected
 from ..learned.training import train_actuator_net
 from ..models.effects import EFFECTS
-from ..models.registry import model_of, with_effects
+from ..models.registry import motion_model_of, with_effects
 from ..motion_model import MotionModel
 from ..racing.draws import Draws, by_hand, nothing_drawn, of_posterior
 from ..recording import Recording
@@ -76,7 +76,7 @@ def twin(arm: str, vehicle: Vehicle, recordings: Sequence[Recording], seed: int 
     """
     if arm not in ARMS:
         raise BadInput(f"There is no arm {arm!r:.40}.{near_or_all(arm[:40], ARMS)}")
-    stated = Twin(vehicle, stated_model(vehicle))
+    stated = Twin(vehicle, motion_model_of(vehicle))
     given = list(recordings)
     match arm:
         case "nominal":
@@ -104,7 +104,7 @@ def oracle(vehicle: Vehicle, effects: Mapping[str, float]) -> Twin | None:
     """A vehicle with effects that it truly has; None where no model has one of them."""
     if any(name not in EFFECTS for name in effects):
         return None
-    return Twin(vehicle, moving(with_effects(stated_model(vehicle), dict(effects))), applied=dict(effects))
+    return Twin(vehicle, moving(with_effects(motion_model_of(vehicle), dict(effects))), applied=dict(effects))
 
 
 def corrected(found: Twin, recordings: Sequence[Recording], seed: int) -> Twin:
@@ -120,7 +120,7 @@ def named(vehicle: Vehicle, recordings: Sequence[Recording]) -> Twin:
     """What `greybox gap` says of rows, and the model that closes the gap."""
     gap = diagnose(vehicle, list(recordings), vehicle=vehicle)
     found = Twin(
-        vehicle, stated_model(vehicle), detected=gap.gap_detected, named=causes(gap),
+        vehicle, motion_model_of(vehicle), detected=gap.gap_detected, named=causes(gap),
         unknown_probability=gap.unknown_probability,
     )  # fmt: skip
     if not gap.applied or not isinstance(gap.closed, MotionModel):
@@ -159,14 +159,6 @@ def randomised(found: Twin) -> Draws:
         low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
         columns[name] = np.fmax(np.fmin(found.applied[name] + off, high), low)
     return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()
-
-
-def stated_model(vehicle: Vehicle) -> MotionModel:
-    """The model of a vehicle. Raises `BadInput` where it has one of another kind."""
-    model = model_of(vehicle)
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
-    return model
 
 
 def moving(model: object) -> MotionModel:

@@ -25,6 +25,7 @@ from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
 from ..files import write_atomically
 from ..learned.injection import InjectedModel
+from ..models.registry import motion_model_of
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..racing.draws import Draws, by_hand
@@ -43,7 +44,7 @@ from .adapting import (
     used_to,
     world_of,
 )
-from .arms import Twin, oracle, stated_model, twin
+from .arms import Twin, oracle, twin
 from .page import page
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
@@ -158,56 +159,76 @@ def demo(
     return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 
 
-class _Running:
+class Underway:
+    """Driving and learning under way in a folder: what is kept there, and who drives that knows the file alone.
+
+    Parameters
+    ----------
+    file : of the state.
+    kind, asked, fresh : see `state.begun`; the version is asked for too.
+    scene : whose vehicle.
+    say : told what is going on.
+    """
+
+    def __init__(
+        self, file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, Any], scene: Scene, say: Say
+    ) -> None:
+        self._file, self.folder, self.scene, self.say = file, file.parent, scene, say
+        self.vehicle = scene.vehicle
+        self.nominal = motion_model_of(self.vehicle)
+        self.state = begun(file, kind, {**asked, "version": __version__}, fresh)
+        self.log = Log(self.folder / "log.jsonl")
+        write_atomically(self.folder / "vehicle.toml", scene.text, continued=True)
+
+    def keep(self) -> None:
+        """Write down how far it is."""
+        keep(self._file, self.state)
+
+    def units(self, cap: float) -> World:
+        """The world that the vehicle's own driver sees."""
+        return world_of(self.nominal, self.vehicle, 1, cap)
+
+    def base(self, steps: int) -> Learned:
+        """The shipped driver, used to this vehicle as its file states it."""
+        file = self.folder / "base.json"
+        if not file.is_file():
+            self.say("learning to drive the vehicle as its file states it")
+            made = used_to(self.nominal, self.vehicle, steps, CAP, self.state["asked"]["seed"])
+            write_atomically(file, made.text(), continued=True)
+        return read_learned(file.read_bytes(), self.folder)
+
+    def count(self, rows: DrivenRows, cap: Cap, **where: int) -> None:
+        """Let laps and crashes of a drive move the cap."""
+        for own in rows.episodes:
+            cap.clean += len(own.laps)
+            if own.crashed:
+                self.log.write("crash", **where, s=float(own.s[-1]))
+                cap.event()
+
+
+class _Running(Underway):
     """A demo under way; parameters as of `demo`."""
 
     def __init__(
         self, folder: Path, scene: Scene, size: DemoSize, quick: bool, arm: str, seed: int, cycles: int, say: Say
     ) -> None:
-        self.folder, self.scene, self.size, self.seed, self.count, self.say = folder, scene, size, seed, cycles, say
-        self.arm = arm
-        asked = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles, "version": __version__}
-        self.state = begun(folder / "demo.json", "demo", asked, {"cycles": [], "arms": {}, "cap": CAP})
-        self.log = Log(folder / "log.jsonl")
-        self.vehicle = scene.vehicle
-        self.nominal = stated_model(self.vehicle)
+        self.size, self.seed, self.cycles, self.arm = size, seed, cycles, arm
+        asked = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles}
+        super().__init__(folder / "demo.json", "demo", asked, {"cycles": [], "arms": {}, "cap": CAP}, scene, say)
 
     def run(self) -> Demo:
         """All that is not done yet."""
-        write_atomically(self.folder / "vehicle.toml", self.scene.text, continued=True)
-        base = self._base()
-        while len(self.state["cycles"]) < self.count:
+        base = self.base(self.size.base)
+        while len(self.state["cycles"]) < self.cycles:
             self._cycle(base)
         for name, made in self._arms(base).items():
             if name not in self.state["arms"]:
                 self.state["arms"][name] = self._judged(name, made)
-                self._keep()
+                self.keep()
         arms = {name: own for name, own in self.state["arms"].items() if own is not None}
         found = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
         write_atomically(self.folder / "index.html", page(found), continued=True)
         return found
-
-    def _keep(self) -> None:
-        keep(self.folder / "demo.json", self.state)
-
-    def _units(self, cap: float) -> World:
-        """The world that the vehicle's own driver sees."""
-        return world_of(self.nominal, self.vehicle, 1, cap)
-
-    def _learned(self, file: Path, made: Callable[[], Learned]) -> Learned:
-        """What a file holds, else what is made and written to it."""
-        if not file.is_file():
-            write_atomically(file, made().text(), continued=True)
-        return read_learned(file.read_bytes(), self.folder)
-
-    def _base(self) -> Learned:
-        """The shipped driver, used to this vehicle as its file states it."""
-
-        def made() -> Learned:
-            self.say("learning to drive the vehicle as its file states it")
-            return used_to(self.nominal, self.vehicle, self.size.base, CAP, self.seed)
-
-        return self._learned(self.folder / "base.json", made)
 
     def _cycle(self, base: Learned) -> None:
         """DrivenRows rows, name, learn, probe and swap."""
@@ -216,17 +237,13 @@ class _Running:
         folder.mkdir(exist_ok=True)
         present = base if k == 1 else read_learned((self.folder / "policy.json").read_bytes(), self.folder)
         driven_at = cap.share
-        units = self._units(driven_at)
+        units = self.units(driven_at)
         before = self.state["foretold"] if k > 1 else self._foretold(self.nominal, present, driven_at, by_hand())
         self.say(f"cycle {k}: driving {self.size.rows} rows at {driven_at:.0%} of the grip")
         seat = Seat(present.text().encode(), self.folder)
-        hands = Watched(units, seat, base.policy, cap, self._units, before["worst"], self.log)
+        hands = Watched(units, seat, base.policy, cap, self.units, before["worst"], self.log)
         drive = driven(self.scene, hands, self.size.rows, self._seed(k))
-        for own in drive.episodes:
-            cap.clean += len(own.laps)
-            if own.crashed:
-                self.log.write("crash", cycle=k, s=float(own.s[-1]))
-                cap.event()
+        self.count(drive, cap, cycle=k)
         recordings = last_rows(drive.recordings, self.size.diagnosed)
         if not recordings:
             raise BadInput(
@@ -273,7 +290,7 @@ class _Running:
                 "trace": trace(drive),
             }
         )
-        self._keep()
+        self.keep()
         seat.close()
 
     def _swapped(self, seat: Seat, body: bytes, found: Twin, units: World, cap: float) -> str:
@@ -286,7 +303,7 @@ class _Running:
 
     def _foretold(self, model: MotionModel, learned: Learned, cap: float, draws: Draws | None = None) -> dict[str, Any]:
         """How the twin is driven, as plain data; before a vehicle is known, `draws` are what it may be."""
-        found = foretold(model, self.vehicle, learned.policy.act, self._units(cap), cap, draws)
+        found = foretold(model, self.vehicle, learned.policy.act, self.units(cap), cap, draws)
         return {"path_error_rms": found.path_error, "worst": found.worst, "lap_time": found.lap_time,
                 "crashes": found.crashes}  # fmt: skip
 
@@ -295,12 +312,12 @@ class _Running:
 
     def _arms(self, base: Learned) -> Mapping[str, Callable[[], Learned]]:
         """Who is compared; all but the base learn as many steps as the loop took."""
-        steps, cap = self.count * self.size.steps, self.state["cap"]
+        steps, cap = self.cycles * self.size.steps, self.state["cap"]
 
         def on(found: Twin | None) -> Learned:
             if found is None:
                 raise BadInput("no model has it")
-            return learned_on(found, self.vehicle, base, self._units(cap), steps=steps, cap=cap, seed=self.seed + 1)
+            return learned_on(found, self.vehicle, base, self.units(cap), steps=steps, cap=cap, seed=self.seed + 1)
 
         return {
             "base": lambda: base,
@@ -318,7 +335,7 @@ class _Running:
             return None
         found = {}
         for when, cap in (("first", CAP), ("last", self.state["cap"])):
-            drive = driven(self.scene, Hands(self._units(cap), policy.act), self.size.judged, self._seed(90))
+            drive = driven(self.scene, Hands(self.units(cap), policy.act), self.size.judged, self._seed(90))
             found[when] = {"cap": cap, "path_error_rms": drive.path_error, "lap_time": drive.lap_time,
                            "crashes": drive.crashes, "laps": sum(len(own.laps) for own in drive.episodes)}  # fmt: skip
         return found

@@ -12,18 +12,60 @@ import json
 import re
 import signal
 import time
-from collections.abc import Awaitable, Callable, Mapping
-from contextlib import suppress
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from importlib import resources
 from ipaddress import ip_address
 from typing import Any, TypeAlias
 
 from .. import __version__
 from ..errors import BadInput
 from ..json_data import finite
-from .live import PAGE, Feed
 from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, digest_of, is_signed
 from .store import Busy, Full, Missing, ServerStore
 from .workers import Workers
+
+KEPT = 500
+"""Events that who comes later is told."""
+WAITING = 2000
+"""Events that wait for a slow listener; older ones are dropped."""
+LONGEST = 4000
+"""Characters of an event; longer ones are not shown."""
+
+PAGE = resources.files(__package__).joinpath("live.html").read_text("utf-8")
+
+
+class Feed:
+    """Events, and who follows them."""
+
+    def __init__(self) -> None:
+        self._past: deque[str] = deque(maxlen=KEPT)
+        self._following: set[asyncio.Queue[str]] = set()
+
+    def tell(self, event: Mapping[str, Any]) -> None:
+        """Tell an event; its `time` is now, in s since 1970."""
+        text = json.dumps(finite({"time": time.time(), **event}), allow_nan=False)
+        if len(text) > LONGEST:
+            return
+        self._past.append(text)
+        for own in self._following:
+            if own.full():
+                own.get_nowait()
+            own.put_nowait(text)
+
+    @contextmanager
+    def followed(self) -> Iterator[asyncio.Queue[str]]:
+        """A queue of events, those before it first."""
+        own: asyncio.Queue[str] = asyncio.Queue(WAITING)
+        for text in self._past:
+            own.put_nowait(text)
+        self._following.add(own)
+        try:
+            yield own
+        finally:
+            self._following.discard(own)
+
 
 HEAD = 16 << 10
 """Bytes of a request's head at most."""

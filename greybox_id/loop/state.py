@@ -1,15 +1,18 @@
-"""What a folder of work under way holds: what was asked for, and what is done, so that a kill costs little."""
+"""What folders hold: what was asked for and is done, so that a kill costs little, and what was sent, for a moment."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import BadInput
 from ..files import ensure_writable, write_atomically
 from ..json_data import plain, read_json, without_nan
+from ..scratch import scratch_name
+
+Found = TypeVar("Found")
 
 
 def begun(file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,6 +43,24 @@ def begun(file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, A
     state = {"format": format_, "format_version": 1, "asked": plain(dict(asked)), **fresh}
     write_atomically(file, json.dumps(state) + "\n")
     return state
+
+
+def of_bytes(body: bytes, folder: Path, suffix: str, what: str, use: Callable[[Path], Found]) -> Found:
+    """What bytes that were sent hold, read from a file of a folder that is gone afterwards.
+
+    Raises
+    ------
+    BadInput : they cannot be used; the sentence names `what` in place of the file.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    beside = scratch_name(folder, suffix)
+    try:
+        beside.write_bytes(body)
+        return use(beside)
+    except BadInput as error:
+        raise BadInput(str(error).replace(str(beside), what).replace(beside.stem, what)) from error
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 def keep(file: Path, state: Mapping[str, Any]) -> None:

@@ -17,10 +17,10 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -31,13 +31,13 @@ from ..errors import BadInput
 from ..files import ensure_writable, replacing, write_atomically
 from ..json_data import finite, read_json
 from ..models.effects import EFFECTS
-from ..models.registry import model_of, vehicle_parameters
+from ..models.registry import motion_model_of, vehicle_parameters
 from ..motion_model import MotionModel
-from ..racing.policy import Policy, load_policy
 from ..recording import Recording
-from ..scratch import scratch_name
 from ..vehicle import Vehicle
 from .protocol import ARMS, digest_of
+from .state import of_bytes
+from .swap import drivers_policy
 
 FORMAT = "greybox-loop-store"
 SESSION = re.compile(r"[A-Za-z0-9][A-Za-z0-9-]{0,63}")
@@ -46,7 +46,6 @@ JOB = re.compile(r"[0-9a-f]{16}")
 KEPT = 1 << 30
 """Bytes of rows that a session keeps at most: about 20 hours at 50 rows a second."""
 QUEUED, TRAINING, DONE, FAILED = "queued", "training", "done", "failed"
-Found = TypeVar("Found")
 
 
 class Missing(BadInput):
@@ -131,7 +130,7 @@ class ServerStore:
         sha = digest_of(body)
         file = self.folder / "policies" / f"{sha}.json"
         if not file.is_file():
-            self._tried(body, ".json", "policy", lambda scratch: driver(load_policy(scratch)))
+            of_bytes(body, self.folder, ".json", "policy", drivers_policy)
             self._put(file, body)
         return sha
 
@@ -179,8 +178,8 @@ class ServerStore:
             held = self._rows(session)
             if sum(own.stat().st_size for own in held) + len(body) > KEPT:
                 raise Full(f"Session {session} has {KEPT >> 20} MB of rows; begin another one.")
-            model = driven_model(vehicle)
-            rows = len(self._tried(body, suffix, "rows", lambda scratch: usable(model, scratch)))
+            model = motion_model_of(vehicle)
+            rows = len(of_bytes(body, self.folder, suffix, "rows", lambda scratch: usable(model, scratch)))
             self._put(file, body)
             return {"sha256": sha, "new": True, "rows": rows, "files": len(held) + 1}
         return {"sha256": sha, "new": False, "rows": None, "files": len(self._rows(session))}
@@ -248,12 +247,6 @@ class ServerStore:
         self.keep(job)
         return job
 
-    def sessions(self) -> list[str]:
-        """Names of all sessions."""
-        folder = self.folder / "sessions"
-        names = folder.iterdir() if folder.is_dir() else ()
-        return sorted(own.name for own in names if (own / "session.json").is_file())
-
     def vehicle(self, session: str) -> Vehicle:
         """The vehicle of a session. Raises `Missing`."""
         file = self.folder / "sessions" / session / "vehicle.toml"
@@ -271,17 +264,6 @@ class ServerStore:
         folder = self.folder / "sessions" / session / "rows"
         found = [own for own in folder.iterdir() if SHA.fullmatch(own.stem)] if folder.is_dir() else []
         return sorted(found, key=lambda own: (own.stat().st_mtime_ns, own.name))
-
-    def _tried(self, body: bytes, suffix: str, what: str, use: Callable[[Path], Found]) -> Found:
-        """What bytes hold, read from a file that is gone afterwards."""
-        beside = scratch_name(self.folder, suffix)
-        try:
-            beside.write_bytes(body)
-            return use(beside)
-        except BadInput as error:
-            raise BadInput(str(error).replace(str(beside), what).replace(beside.stem, what)) from error
-        finally:
-            beside.unlink(missing_ok=True)
 
     def _put(self, file: Path, body: bytes) -> None:
         with replacing(file, continued=True) as beside:
@@ -321,16 +303,8 @@ def vehicle_of(text: str) -> Vehicle:
     if "tyre_file" in table:
         raise BadInput("tyre_file: a vehicle file that is sent names no other file; write the tyre's parameters in it.")
     found = parse_vehicle(text, Path("vehicle.toml"), vehicle_parameters(), EFFECTS)
-    driven_model(found)
+    motion_model_of(found)
     return found
-
-
-def driven_model(vehicle: Vehicle) -> MotionModel:
-    """The vehicle's nominal model of motion. Raises `BadInput` where it has another one, or numbers are missing."""
-    model = model_of(vehicle)
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
-    return model
 
 
 def usable(model: MotionModel, file: Path) -> Recording:
@@ -342,13 +316,3 @@ def usable(model: MotionModel, file: Path) -> Recording:
     if bare:
         raise BadInput(f"rows: {bare[0]} holds no number.")
     return found
-
-
-def driver(policy: Policy) -> Policy:
-    """A policy that sees what a `World` shows. Raises `BadInput`."""
-    from ..racing.world import AHEAD, OWN
-
-    size = OWN + 2 * len(AHEAD)
-    if policy.size != size:
-        raise BadInput(f"The policy takes observations of {policy.size} numbers; a driver here has {size}.")
-    return policy

@@ -20,8 +20,8 @@ from ..parameter import Array
 from ..racing.learner import Learned, load_learned
 from ..racing.policy import Policy, load_policy
 from ..racing.world import AHEAD, LARGEST, OWN, Observations
-from ..scratch import scratch_name
 from .protocol import digest_of
+from .state import of_bytes
 
 PROBES = 1000
 LATENCY = 0.002
@@ -105,42 +105,30 @@ class Seat:
         self._now = found
         return found
 
-    def back(self, to: InForce) -> None:
-        """Put back a policy that drove well."""
-        self._now = to
-
     def close(self) -> None:
         """Wait for the loader."""
         self._loader.shutdown()
 
 
-def read_policy(body: bytes, folder: Path) -> Policy:
-    """A driver's policy from the bytes of its file. Raises `BadInput`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    beside = scratch_name(folder, ".json")
-    try:
-        beside.write_bytes(body)
-        policy = load_policy(beside)
-    except BadInput as error:
-        raise NotSwapped(str(error).replace(str(beside), "The policy")) from error
-    finally:
-        beside.unlink(missing_ok=True)
+def drivers_policy(file: Path) -> Policy:
+    """A policy that sees what a `World` shows. Raises `BadInput`."""
+    policy = load_policy(file)
     if policy.size != SIZE:
-        raise NotSwapped(f"The policy takes observations of {policy.size} numbers; a driver here has {SIZE}.")
+        raise BadInput(f"The policy takes observations of {policy.size} numbers; a driver here has {SIZE}.")
     return policy
+
+
+def read_policy(body: bytes, folder: Path) -> Policy:
+    """A driver's policy from the bytes of its file. Raises `NotSwapped`."""
+    try:
+        return of_bytes(body, folder, ".json", "The policy", drivers_policy)
+    except BadInput as error:
+        raise NotSwapped(str(error)) from error
 
 
 def read_learned(body: bytes, folder: Path) -> Learned:
     """What learning can go on with, from the bytes of its file. Raises `BadInput`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    beside = scratch_name(folder, ".json")
-    try:
-        beside.write_bytes(body)
-        return load_learned(beside)
-    except BadInput as error:
-        raise BadInput(str(error).replace(str(beside), "The policy")) from error
-    finally:
-        beside.unlink(missing_ok=True)
+    return of_bytes(body, folder, ".json", "The policy", load_learned)
 
 
 def probe(policy: Policy, latency: float = LATENCY) -> None:

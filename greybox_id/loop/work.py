@@ -16,8 +16,8 @@ from ..errors import BadInput
 from ..files import write_atomically
 from ..json_data import finite
 from ..learned.injection import InjectedModel
+from ..models.registry import motion_model_of
 from .adapting import adapted, foretold, last_rows, world_of
-from .arms import stated_model
 from .safety import caps_from
 from .store import Job, ServerStore
 from .swap import read_learned
@@ -58,7 +58,7 @@ def done(store: ServerStore, job: Job, say: Any) -> None:
     began = time.process_time()
     vehicle = store.vehicle(job.session)
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
-    units = world_of(stated_model(vehicle), vehicle, 1, job.cap)
+    units = world_of(motion_model_of(vehicle), vehicle, 1, job.cap)
     found = adapted(
         vehicle, last_rows(store.recordings(job.session, job.rows), ROWS), start, units, job.arm, steps=job.steps,
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
@@ -69,7 +69,7 @@ def done(store: ServerStore, job: Job, say: Any) -> None:
     said = {job.cap: after}
     for cap in caps_from(job.cap):
         if cap not in said:
-            at = world_of(stated_model(vehicle), vehicle, 1, cap)
+            at = world_of(motion_model_of(vehicle), vehicle, 1, cap)
             said[cap] = foretold(found.twin.model, vehicle, found.learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
     write_atomically(folder / "policy.json", found.learned.text(), continued=True)

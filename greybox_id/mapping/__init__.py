@@ -4,8 +4,7 @@ A wrong guess given with confidence is worse than a question: what cannot be dec
 speaks for each alternative.
 """
 
-from .entry import MapEntry
-from .proposal import Proposal, propose
-from .written import as_toml
+from .evidence import MapEntry
+from .proposal import Proposal, as_toml, propose
 
 __all__ = ["MapEntry", "Proposal", "as_toml", "propose"]

@@ -11,10 +11,48 @@ import numpy as np
 from ..checks.agreement import Agreement, agreement
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
 from ..checks.pairs import Pair, pairs
+from ..datasets.column_map import Column
 from ..recording import Recording
 from ..signals import SIGNALS
 from ..units import to_si
-from .entry import MapEntry
+
+
+@dataclass(frozen=True)
+class MapEntry:
+    """What a column is proposed to be.
+
+    Attributes
+    ----------
+    signal : the signal it may hold.
+    column : its full name in the file.
+    unit : the file's unit; empty where nothing tells it.
+    sign : -1 where it counts the other way round.
+    divide_by : file units in one `unit`, for counts.
+    decided : whether it may stand in the map as it is; otherwise the user is asked.
+    reasons : what speaks for it, or why it is left open.
+    units : what the unit may be, where that is open.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    sign: int = 1
+    divide_by: float = 1.0
+    decided: bool = True
+    reasons: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def as_column(self) -> Column:
+        """The entry as a column map holds it; an unknown unit is taken as SI."""
+        target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
+        return Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
+
+    @property
+    def factor(self) -> float:
+        """SI value of one of the file's units, without the sign."""
+        column = self.as_column()
+        return to_si(column.unit, column.si_unit).factor * column.scale
+
 
 USUAL = {"m/s": ("m/s", "km/h"), "rad/s": ("rad/s", "deg/s"), "rad": ("rad", "deg"), "m/s^2": ("m/s^2", "g")}
 """Units in which files hold a signal of this SI unit; any other has only its own."""
@@ -230,3 +268,61 @@ def _improbable(entry: MapEntry, sizes: Mapping[str, float]) -> float:
     size = sizes[entry.signal] * entry.factor
     impossible = size > LIMITS.get(entry.signal, (np.inf,))[0]
     return TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))
+
+
+ANCHORS = ("course over ground (latitude, longitude)", "v_x")
+"""What has its sign from elsewhere: a course from north and east, and a vehicle that drives forward."""
+CLEAR = 3
+"""So many channels on one side against a single one settle which is wrong."""
+
+
+def with_signs(entries: Sequence[MapEntry], agreed: Sequence[Met]) -> list[MapEntry]:
+    """The entries with signs that agree with each other, or left open where two sides are as likely."""
+    found = {entry.signal: entry for entry in entries}
+    for sides in _components(agreed):
+        words = [own.pair.left + (" agrees with " if own.agreed.correlation > 0 else " contradicts ") + own.pair.right
+                 for own in agreed if own.pair.nodes[0] in sides]  # fmt: skip
+        right, wrong, sure = _judged(sides)
+        for name in wrong:
+            if name not in found:  # the course of x and y: one of them is mirrored, or all the rest is
+                name = "y"
+            if name in found:
+                why = "; ".join(word for word in words if name in word) or "; ".join(words)
+                asked = "" if sure else "; either this column counts the other way round or " + " and ".join(right)
+                found[name] = replace(
+                    found[name], sign=-found[name].sign, decided=found[name].decided and sure,
+                    reasons=(*found[name].reasons, f"sign: {why}{asked}"),
+                )  # fmt: skip
+    return list(found.values())
+
+
+def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
+    """Channels that are tied to each other, each with its side, 1 or -1; the strongest ties decide."""
+    groups: list[dict[str, int]] = []
+    for own in sorted(agreed, key=lambda m: -abs(m.agreed.correlation)):
+        a, b = own.pair.nodes
+        same = 1 if own.agreed.correlation > 0 else -1
+        left = next((g for g in groups if a in g), None)
+        right = next((g for g in groups if b in g), None)
+        if left is None:
+            left = {a: 1}
+            groups.append(left)
+        if right is None:
+            left[b] = left[a] * same
+        elif right is not left:
+            turn = left[a] * same * right[b]
+            left.update({name: side * turn for name, side in right.items()})
+            groups.remove(right)
+    return groups
+
+
+def _judged(sides: dict[str, int]) -> tuple[list[str], list[str], bool]:
+    """The channels that are right, those that are wrong, and whether that is certain."""
+    anchor = next((name for name in ANCHORS if name in sides), None)
+    if anchor:
+        right = [name for name, side in sides.items() if side == sides[anchor]]
+        return right, [name for name in sides if name not in right], True
+    first = [name for name, side in sides.items() if side == 1]
+    second = [name for name, side in sides.items() if side == -1]
+    right, wrong = sorted((first, second), key=lambda own: (-len(own), "yaw_rate" not in own))
+    return right, wrong, len(wrong) == 0 or (len(wrong) == 1 and len(right) >= CLEAR)

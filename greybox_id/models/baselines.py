@@ -18,10 +18,9 @@ from ..memory_model import MemoryModel, Past
 from ..model import Namespace, Symbol
 from ..parameter import Parameter, Prior
 from ..recording import Recording
-from .fuzzy import centres, memberships, over
-from .impulse_response import fading, fading_prior
 from .msnn_lat import average_gain
 from .msnn_long import GRAVITY
+from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .settings import within
 
 TYPICAL_RANGE = {"v_x": 1.0, "motor_current": 3.0, "steer": 0.2}

@@ -37,13 +37,13 @@ import numpy as np
 from ..model import Symbol
 from ..motion_model import MotionModel, Quantities
 from ..parameter import Array, Parameter, Prior
-from .at_rest import forward_speed
 from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
 from .roughness import TRACK_SD, steered_wheels
 from .single_track import G
+from .smooth import forward_speed
+from .tyres import AXLES
 
-AXLES = (("f", "front"), ("r", "rear"))
 CURVE_SD = 0.03
 """Standard deviation of a curve's error over the load, friction being near one: what formulas of `TYRES` differ by."""
 KNOTS = 5
@@ -87,14 +87,14 @@ def with_form_error(model: MotionModel) -> MotionModel:
             f"curve_slip_{suffix}", "rad", 0.08, (1e-3, 1.0), fixed=True,
             about=f"slip at which the slope alone would give the peak, {where}",
         )
-        for suffix, where in AXLES
+        for suffix, where in AXLES.items()
     ]  # fmt: skip
     curves = [
         Parameter(
             f"curve_{k}_{suffix}", "1", 0.0, (-0.3, 0.3), prior=Prior(CURVE_SD),
             about=f"error of the curve's form about {tan(pi * k / (2 * KNOTS + 2)):.2g} curve_slip_{suffix}, {where}",
         )
-        for suffix, where in AXLES for k in _NUMBERS
+        for suffix, where in AXLES.items() for k in _NUMBERS
     ]  # fmt: skip
     ackermann = Parameter(
         "ackermann", "1", HALFWAY, (-1.0, 2.0), prior=Prior(TRACK_SD, mean=HALFWAY),

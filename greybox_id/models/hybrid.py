@@ -22,7 +22,7 @@ import casadi as cs
 import numpy as np
 
 from ..errors import BadInput
-from ..hybrid_model import Carried, HybridModel, RecurrentNetwork
+from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ..model import Namespace, Symbol
 from ..parameter import Array, Parameter
 from ..recording import Recording
@@ -173,7 +173,7 @@ def _hybrid(
         commands=("steer",),
         symmetric=s.symmetric,
         outputs=outputs,
-        parameters=(*BODY[:4], *_weights(network)),
+        parameters=(*BODY[:4], *weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
         network=network,
         features=features,
@@ -183,7 +183,7 @@ def _hybrid(
             "v_y": "m/s", "sideslip": "rad", "yaw_rate": "rad/s", "a_y": "m/s^2",
         },
         untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
-        readings={"v_y": _v_y, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
+        readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
         least={"v_x": s.least_speed},
         sample_time=sample_time,
         substeps=max(ceil(sample_time / _LONGEST_STEP - 1e-9), 1),
@@ -199,8 +199,8 @@ def _positive(z: Symbol) -> Symbol:
     return (z + cs.sqrt(z * z + 4.0)) / 2.0
 
 
-def _weights(network: RecurrentNetwork) -> tuple[Parameter, ...]:
-    """All zero: the network adds nothing."""
+def weights(network: RecurrentNetwork | FeedForwardNetwork) -> tuple[Parameter, ...]:
+    """Of a network, all zero: it adds nothing."""
     return tuple(
         Parameter(name, "1", np.zeros(shape), about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}")
         for name, shape in network.shapes.items()
@@ -210,7 +210,10 @@ def _weights(network: RecurrentNetwork) -> tuple[Parameter, ...]:
 _ABOUT = {"W": "weights of layer", "R": "weights of what it remembers, layer", "b": "biases of layer"}
 
 
-def _v_y(recording: Recording) -> Array | None:
+def v_y_of(recording: Recording) -> Array | None:
+    """Lateral velocity, read or from the sideslip angle; None where there is neither."""
+    if "v_y" in recording:
+        return recording["v_y"]
     if "sideslip" not in recording:
         return None
     return np.asarray(recording["v_x"] * np.tan(recording["sideslip"]))

@@ -13,8 +13,8 @@ import casadi as cs
 
 from ..model import Namespace, Symbol
 from ..motion_model import MotionModel, Quantities, State
-from .at_rest import SLIPPING, forward_speed, steer_slip
 from .single_track import BODY, G, combinations
+from .smooth import SLIPPING, forward_speed, steer_slip
 from .tyres import Tyre, axle, pacejka
 
 STATES = (

@@ -26,13 +26,12 @@ import numpy as np
 from ..errors import BadInput, near_or_all
 from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, Integrator
 from ..model import Namespace, Symbol
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 from ..recording import Recording
-from .hybrid import sized
+from .hybrid import sized, v_y_of, weights
 from .settings import within
 from .single_track import BODY, G
-from .tyres import axle
-from .tyres.pacejka import pacejka
+from .tyres import axle, pacejka
 
 OUTPUTS = ("v_y", "yaw_rate")
 AT_HALF_HERTZ = float(np.pi)
@@ -93,7 +92,7 @@ class LateralNetworkSettings:
 def covering_networks(settings: LateralNetworkSettings, recording: Recording) -> LateralNetworkSettings:
     """Scales and sample time left open are set from a training recording."""
     recording.require(("v_x", "steer", "yaw_rate"), "a lateral network")
-    v_y = _v_y(recording)
+    v_y = v_y_of(recording)
     if v_y is None:
         raise BadInput(f"{recording.name} holds neither v_y nor sideslip: a lateral network is trained on the motion.")
     driven = np.isfinite(recording["v_x"]) & (recording["v_x"] >= settings.least_speed)
@@ -175,13 +174,13 @@ def _networked(
         inputs=("v_x", "steer"),
         commands=("steer",),
         outputs=OUTPUTS,
-        parameters=(*physical, *_weights(network)),
+        parameters=(*physical, *weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
         network=network,
         features=features,
         physics=physics,
         estimates={"v_y": "m/s", "yaw_rate": "rad/s", "sideslip": "rad", "yaw_acceleration": "rad/s^2"},
-        readings={"v_y": _v_y},
+        readings={"v_y": v_y_of},
         least={"v_x": s.least_speed},
         sample_time=sample_time,
         integrator=cast(Integrator, s.integrator),
@@ -189,20 +188,3 @@ def _networked(
         warm_up=s.warm_up,
         settings=asdict(s),
     )
-
-
-def _weights(network: FeedForwardNetwork) -> tuple[Parameter, ...]:
-    """All zero: the network adds nothing."""
-    about = {"W": "weights of layer", "b": "biases of layer"}
-    return tuple(
-        Parameter(name, "1", np.zeros(shape), about=f"{about[name.split('_')[0]]} {name.split('_')[1]}")
-        for name, shape in network.shapes.items()
-    )
-
-
-def _v_y(recording: Recording) -> Array | None:
-    if "v_y" in recording:
-        return recording["v_y"]
-    if "sideslip" not in recording:
-        return None
-    return np.asarray(recording["v_x"] * np.tan(recording["sideslip"]))

@@ -16,9 +16,9 @@ import casadi as cs
 from ..model import Combination, Namespace, Symbol
 from ..motion_model import MotionModel, Quantities, State
 from ..parameter import Parameter
-from .at_rest import sign_of_motion
 from .effects.elements import lag
 from .single_track import BODY, DRIVE, G
+from .smooth import sign_of_motion
 
 WHEELS = (
     Parameter("I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all that turns with it"),

@@ -19,8 +19,7 @@ from ..memory_model import MemoryModel, Past
 from ..model import Namespace, Symbol
 from ..parameter import Parameter, Prior
 from ..recording import Recording
-from .fuzzy import centres, memberships, over
-from .impulse_response import fading, fading_prior
+from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .settings import within
 
 TYPICAL_GAIN = 3.0

@@ -33,14 +33,20 @@ from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
-from .msnn_full import FullSettings, covering_full, msnn_full
-from .msnn_full_plus import PlusSettings, alternatives_plus, covering_plus, msnn_full_plus
+from .msnn_full import (
+    FullSettings,
+    PlusSettings,
+    alternatives_plus,
+    covering_full,
+    covering_plus,
+    msnn_full,
+    msnn_full_plus,
+)
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
 from .single_track import DRIVES, single_track
-from .tyres import TYRES
-from .tyres.settings import TyreSettings
+from .tyres import TYRES, TyreSettings
 from .vehicles import stated_effect, with_vehicle
 
 __all__ = [
@@ -51,6 +57,7 @@ __all__ = [
         "install",
         "known",
         "model_of",
+        "motion_model_of",
         "prepared",
         "register",
         "vehicle_parameters",
@@ -191,6 +198,14 @@ def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
     if chosen is None:
         return build(otherwise, vehicle=vehicle)
     return build(chosen.name, chosen.settings, chosen.effects, vehicle)
+
+
+def motion_model_of(vehicle: Vehicle) -> MotionModel:
+    """The model of a vehicle, one of motion. Raises `BadInput` where it has one of another kind."""
+    model = model_of(vehicle)
+    if not isinstance(model, MotionModel):
+        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
+    return model
 
 
 def vehicle_parameters() -> tuple[str, ...]:

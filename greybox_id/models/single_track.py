@@ -14,9 +14,8 @@ import casadi as cs
 from ..model import Combination, Namespace, Symbol
 from ..motion_model import MotionModel, Quantities, State
 from ..parameter import Parameter
-from .at_rest import SLIPPING, forward_speed, sign_of_motion, steer_slip
-from .tyres import Tyre, axle
-from .tyres.pacejka import pacejka
+from .smooth import SLIPPING, forward_speed, sign_of_motion, steer_slip
+from .tyres import Tyre, axle, pacejka
 
 G = 9.81
 """Gravity, m/s^2."""

@@ -32,8 +32,7 @@ import numpy as np
 from ..datasets.formats.contents import needed
 from ..errors import BadInput
 from ..parameter import Array
-from .density import PosteriorDensity
-from .laplace import RIDGE, whitening
+from .density import RIDGE, PosteriorDensity, whitening
 
 FEWEST_WALKERS = 16
 BURN_IN = 20

@@ -22,8 +22,7 @@ from ..recording import Recording
 from ..uncertainty import uncertainty
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet
-from .density import PosteriorDensity
-from .laplace import laplace
+from .density import PosteriorDensity, laplace
 from .mcmc import BURN_IN, Ensemble, Target
 from .posterior import Method, Posterior, identity
 

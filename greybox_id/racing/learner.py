@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from .network import Adam, Floats, Perceptron, drawn
-from .policy import ACTIONS, POLICY, Policy, layers_of, plain_layers, policy_of
+from .policy import ACTIONS, POLICY, Policy, layers_of, plain_layers, policy_of, sizes_of
 from .world import World
 
 HIDDEN = (64, 64)
@@ -104,15 +104,11 @@ class Learned:
     log_sd: Floats
 
     def __post_init__(self) -> None:
-        shapes = [own.shape for own in self.value.weights]
-        if self.log_sd.shape != (ACTIONS,) or shapes[0][0] != self.policy.size or shapes[-1][1] != 1:
+        sizes = sizes_of(self.value.weights, self.value.biases)
+        if self.log_sd.shape != (ACTIONS,) or sizes[0] != self.policy.size or sizes[-1] != 1:
             raise ValueError("policy, value and standard deviations of different sizes")
-        if any(a.shape[1] != b.shape[0] for a, b in zip(self.value.weights[:-1], self.value.weights[1:], strict=True)):
-            raise ValueError("layers of the value that do not follow each other")
-        if any(W.shape[1:] != b.shape for W, b in zip(self.value.weights, self.value.biases, strict=True)):
-            raise ValueError("a layer of the value has as many biases as results")
-        if not (np.all(np.isfinite(self.value.vector)) and np.all(np.isfinite(self.log_sd))):
-            raise ValueError("the value or the standard deviations hold what is no number")
+        if not np.all(np.isfinite(self.log_sd)):
+            raise ValueError("the standard deviations hold what is no number")
 
     def text(self) -> str:
         """The text of its file: that of a policy, which `load_policy` reads too, and what is learned on with."""

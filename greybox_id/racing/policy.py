@@ -43,14 +43,7 @@ class Policy:
     about: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.weights or len(self.weights) != len(self.biases):
-            raise ValueError("a layer has weights and biases")
-        sizes = [len(self.weights[0]), *(len(own) for own in self.biases)]
-        for k, (W, b) in enumerate(zip(self.weights, self.biases, strict=True)):
-            if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
-                raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
-            if not (np.all(np.isfinite(W)) and np.all(np.isfinite(b))):
-                raise ValueError(f"layer {k + 1} holds what is no number")
+        sizes = sizes_of(self.weights, self.biases)
         if sizes[-1] != ACTIONS:
             raise ValueError(f"{sizes[-1]} actions instead of {ACTIONS}")
 
@@ -88,6 +81,24 @@ def load_policy(path: str | Path) -> Policy:
 def policy_of(body: Mapping[str, Any]) -> Policy:
     """A policy of the plain data of its file. Raises `LookupError`, `TypeError` or `ValueError` where it is none."""
     return Policy(*layers_of(body["layers"]), dict(body["about"]))
+
+
+def sizes_of(weights: Sequence[NDArray[Any]], biases: Sequence[NDArray[Any]]) -> tuple[int, ...]:
+    """Numbers that go into layers, and that come out of each.
+
+    Raises
+    ------
+    ValueError : shapes do not follow each other, or hold what is no finite number.
+    """
+    if not weights or len(weights) != len(biases):
+        raise ValueError("a layer has weights and biases")
+    sizes = (len(weights[0]), *(len(own) for own in biases))
+    for k, (W, b) in enumerate(zip(weights, biases, strict=True)):
+        if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
+            raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
+        if not (np.all(np.isfinite(W)) and np.all(np.isfinite(b))):
+            raise ValueError(f"layer {k + 1} holds what is no number")
+    return sizes
 
 
 def plain_layers(weights: Sequence[Layer], biases: Sequence[Layer]) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import casadi as cs
 import numpy as np
 
 from ..engine.kernel import Kernel
-from ..engine.motion.stiffness import STABLE
+from ..engine.motion.schedule import STABLE
 from ..errors import BadInput
 from ..export.equations import Equations
 from ..model import Symbol

@@ -15,8 +15,7 @@ from ..motion_model import MotionModel
 from ..parameter import Array
 from ..provenance import DataRecord
 from ..recording import Recording
-from ..scores.baseline import hold
-from ..scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, prediction_errors
+from ..scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, hold, prediction_errors
 from .recordings import Seen, matched, of_role
 
 SHOWN = ("alpha_f", "alpha_r")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..engine.hybrid.free_run import free_run
+from ..engine.hybrid.cell import free_run
 from ..errors import BadInput
 from ..fit import Fit
 from ..hybrid_model import HybridModel

@@ -24,7 +24,7 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..memory_model import MemoryModel
 from ..model import Model
-from ..models.at_rest import ROLLING
+from ..models.smooth import ROLLING
 from ..parameter import Array
 from ..recording import Recording
 from ..statistics import correlation_time

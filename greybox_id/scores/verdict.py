@@ -20,8 +20,7 @@ from ..motion_model import MotionModel
 from ..provenance import DataRecord
 from ..recording import Recording
 from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
-from .baseline import Scores
-from .metrics import FREE_RUN, Error, ahead
+from .metrics import FREE_RUN, Error, Scores, ahead
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5

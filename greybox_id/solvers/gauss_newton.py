@@ -21,8 +21,7 @@ import scipy.linalg as la
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from ..engine.layout import NormalEquations
-from ..engine.least_squares import LeastSquares, Matched
+from ..engine.least_squares import LeastSquares, Matched, NormalEquations
 from ..parameter import Array
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8

@@ -19,8 +19,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.shooting import Problem
 from ..parameter import Array
 from .gauss_newton import Solution, Status
-from .motion_program import MotionProgram
-from .programs import UNLIMITED, Condensed, Lifted, bounds_of
+from .programs import UNLIMITED, Condensed, Lifted, MotionProgram, bounds_of
 
 SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""

@@ -1,4 +1,4 @@
-"""The fitting problem as nonlinear programs for Ipopt: lifted over time, or with the nodes eliminated.
+"""The fitting problems as nonlinear programs for Ipopt: lifted over time, or with the nodes eliminated.
 
 Constraints and objective are CasADi expressions of the traced model. Derivatives are handed over in blocks
 (`Run.linearise`): differentiating the windows of a run symbolically would evaluate every sample as often as there are
@@ -7,12 +7,18 @@ windows over it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
 import casadi as cs
 import numpy as np
 import scipy.sparse as sp
 
 from ..engine.free_run import free_run_expression
 from ..engine.least_squares import LeastSquares
+from ..engine.motion.lanes import Lanes
+from ..engine.motion.runs import Index
+from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..engine.series import Run
 from ..engine.shooting import Problem
 from ..parameter import Array
@@ -46,7 +52,7 @@ class Condensed:
             residuals.append(cs.vec(_observed_error(problem, k, y, p)))
         self.nlp = {"x": Z, "f": 0.5 * cs.sumsqr(cs.vertcat(*residuals))}
         empty, gamma = cs.MX.sym("none", 0), cs.MX.sym("gamma")
-        self._equations = _NormalEquations("normal_equations", problem, self.scale)
+        self._equations = _normal_equations(problem, self.scale)
         g, H = self._equations(X)
         self.derivatives = {
             "grad_f": cs.Function("grad_f", [Z, empty], [self.nlp["f"], g]),
@@ -59,12 +65,22 @@ class Condensed:
         return x / self.scale
 
 
-class _NormalEquations(cs.Callback):  # type: ignore[misc]
-    """Gradient and Gauss-Newton Hessian of the objective, by unknowns in units of `scale`."""
+class _Computed(cs.Callback):  # type: ignore[misc]
+    """Numpy's values of one vector as results of a CasADi function, computed once at each point.
 
-    def __init__(self, name: str, problem: Problem, scale: Array) -> None:
+    Parameters
+    ----------
+    name : of the function.
+    size : of the vector.
+    patterns : sparsities of the results.
+    values : vector -> results.
+    """
+
+    def __init__(
+        self, name: str, size: int, patterns: Sequence[cs.Sparsity], values: Callable[[Array], list[cs.DM]]
+    ) -> None:
         cs.Callback.__init__(self)
-        self._problem, self._scale = problem, scale
+        self._size, self._patterns, self._values = size, list(patterns), values
         self._last: tuple[Array, list[cs.DM]] | None = None
         self.construct(name, {})
 
@@ -72,21 +88,30 @@ class _NormalEquations(cs.Callback):  # type: ignore[misc]
         return 1
 
     def get_n_out(self) -> int:
-        return 2
+        return len(self._patterns)
 
     def get_sparsity_in(self, _: int) -> cs.Sparsity:
-        return cs.Sparsity.dense(self._problem.layout.size, 1)
+        return cs.Sparsity.dense(self._size, 1)
 
     def get_sparsity_out(self, k: int) -> cs.Sparsity:
-        return cs.Sparsity.dense(self._problem.layout.size, self._problem.layout.size if k else 1)
+        return self._patterns[k]
 
     def eval(self, arguments: list[cs.DM]) -> list[cs.DM]:
         x = np.asarray(arguments[0].full()).ravel()
         if self._last is None or not np.array_equal(self._last[0], x):
-            equations = self._problem.normal_equations(x, self._problem.simulated_nodes(x))
-            by = self._scale
-            self._last = (x, [cs.DM(by * equations.g), cs.DM(np.outer(by, by) * equations.H)])
+            self._last = (x, self._values(x))
         return self._last[1]
+
+
+def _normal_equations(problem: Problem, scale: Array) -> _Computed:
+    """Gradient and Gauss-Newton Hessian of the objective, by unknowns in units of `scale`."""
+
+    def values(x: Array) -> list[cs.DM]:
+        equations = problem.normal_equations(x, problem.simulated_nodes(x))
+        return [cs.DM(scale * equations.g), cs.DM(np.outer(scale, scale) * equations.H)]
+
+    size = problem.layout.size
+    return _Computed("normal_equations", size, [cs.Sparsity.dense(size, columns) for columns in (1, size)], values)
 
 
 class Lifted:
@@ -113,7 +138,7 @@ class Lifted:
         H = cs.triu(gamma * cs.mtimes(J.T, J))
         empty = cs.MX.sym("none", 0)
         g = cs.Function("g", [X], [self.nlp["g"]])
-        self._constraint_callback = _ConstraintJacobian("jac_values", problem, self._places, self.size)
+        self._constraint_callback = _ConstraintJacobian(problem, self._places, self.size).function()
         self.derivatives = {
             "jac_g": cs.Function("jac_g", [X, empty], [g(X), self._constraint_callback(X)]),
             "hess_lag": cs.Function("hess_lag", [X, empty, gamma, lam], [H]),
@@ -127,32 +152,17 @@ class Lifted:
         )
 
 
-class _ConstraintJacobian(cs.Callback):  # type: ignore[misc]
+class _ConstraintJacobian:
     """d(model - node)/d(parameters, nodes), evaluated in blocks by `Run.linearise`."""
 
-    def __init__(self, name: str, problem: Problem, places: list[slice], size: int) -> None:
-        cs.Callback.__init__(self)
+    def __init__(self, problem: Problem, places: list[slice], size: int) -> None:
         self._problem, self._places, self._size = problem, places, size
+
+    def function(self) -> _Computed:
+        """As a CasADi function of all variables."""
         pattern = self._assemble(None)
-        self._sparsity = cs.Sparsity(
-            pattern.shape[0], pattern.shape[1], pattern.indptr.tolist(), pattern.indices.tolist()
-        )
-        self.construct(name, {})
-
-    def get_n_in(self) -> int:
-        return 1
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, _: int) -> cs.Sparsity:
-        return cs.Sparsity.dense(self._size, 1)
-
-    def get_sparsity_out(self, _: int) -> cs.Sparsity:
-        return self._sparsity
-
-    def eval(self, arguments: list[cs.DM]) -> list[cs.DM]:
-        return [cs.DM(self._sparsity, self._assemble(np.asarray(arguments[0].full()).ravel()).data)]
+        sparsity = cs.Sparsity(*pattern.shape, pattern.indptr.tolist(), pattern.indices.tolist())
+        return _Computed("jac_values", self._size, [sparsity], lambda X: [cs.DM(sparsity, self._assemble(X).data)])
 
     def _assemble(self, X: Array | None) -> sp.csc_matrix:
         """The Jacobian at X, or its pattern for None, in compressed columns with a pattern that never changes."""
@@ -249,3 +259,135 @@ def _sparse(matrix: sp.csr_matrix) -> cs.DM:
     columns.sort_indices()
     pattern = cs.Sparsity(*columns.shape, columns.indptr.tolist(), columns.indices.tolist())
     return cs.DM(pattern, columns.data)
+
+
+class MotionProgram:
+    """Variables [x, nodes], objective, matching constraints and their derivatives, for CasADi's nlpsol."""
+
+    def __init__(self, problem: MotionProblem, x: Array) -> None:
+        self.problem = problem
+        nodes = problem.simulated_nodes(x)
+        self._inner = np.flatnonzero(~nodes.cut.first)
+        self.unknowns, self.states = problem.layout.size, problem.trace.size
+        self.size = self.unknowns + len(self._inner) * self.states
+        self.constraints = len(self._inner) * self.states
+        # Variables in units of what one residual's worth of error is: SI units span orders of magnitude.
+        curvature = np.diag(problem.normal_equations(x, nodes).H)
+        of_x = 1.0 / np.sqrt(np.where(curvature > 0, curvature, 1.0))
+        self.scale = np.concatenate([of_x, np.tile(np.max(np.abs(nodes.starts), axis=0) + 1e-3, len(self._inner))])
+        X, none = cs.MX.sym("X", self.size), cs.MX.sym("none", 0)
+        gamma, lam = cs.MX.sym("gamma"), cs.MX.sym("lam", self.constraints)
+        self._callback = _linearised(self, nodes.cut)
+        f, g, df, dg, H = self._callback(X)
+        self.nlp = {"x": X, "f": f, "g": g}
+        self.derivatives = {
+            "grad_f": cs.Function("grad_f", [X, none], [f, df]),
+            "jac_g": cs.Function("jac_g", [X, none], [g, dg]),
+            "hess_lag": cs.Function("hess_lag", [X, none, gamma, lam], [gamma * cs.triu(H)]),
+            "no_nlp_grad": True,  # what is linearised by a callback has no further derivative
+        }
+
+    def start(self, x: Array, warm: bool) -> Array:
+        """Starting point: nodes at a simulation."""
+        del warm
+        nodes = self.problem.simulated_nodes(x).starts[self._inner]
+        return np.asarray(np.concatenate([x, nodes.ravel()]) / self.scale)
+
+    def evaluate(self, X: Array) -> LiftedMotion:
+        """Everything in the program's own units."""
+        values, scale = X * self.scale, self.scale
+        x, nodes = values[: self.unknowns], values[self.unknowns :].reshape(len(self._inner), self.states)
+        f, gaps, g, gaps_by, H = at_nodes(self.problem, x, nodes)
+        return LiftedMotion(f, gaps, g * scale, gaps_by * scale, H * np.outer(scale, scale))
+
+
+class LiftedMotion(NamedTuple):
+    """The lifted problem at a point: by all variables, [x, nodes].
+
+    Attributes
+    ----------
+    objective : half the sum of squares.
+    gaps : (cuts * nz,) where lanes end minus where the next ones begin.
+    gradient : (variables,) of the objective.
+    gaps_by : (cuts * nz, variables) derivative of the gaps.
+    H : (variables, variables) Gauss-Newton Hessian.
+    """
+
+    objective: float
+    gaps: Array
+    gradient: Array
+    gaps_by: Array
+    H: Array
+
+
+def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
+    """The lifted problem at nodes that need not match.
+
+    Parameters
+    ----------
+    problem : the problem.
+    x : (unknowns,).
+    inner : (cuts, nz) states at the cuts.
+    """
+    lanes, cut = problem.lanes(x)
+    p, size, moving = problem.of_intervals(x), problem.trace.size, problem.moving
+    starts, starts_by_p = problem.starts(x)
+    begin = np.empty((len(cut.interval), size))
+    begin[cut.first], begin[~cut.first] = starts, inner
+    z_end, Z_end, y, Y = problem.simulator.kernel.linearise(begin, cut.segments, p[cut.interval], cut.reads, moving)
+    nodes = SimulatedRuns(lanes, cut, begin, cut.gathered(y))
+    e, weight = (cut.scattered(own) for own in problem.targets.weighted(nodes.y, nodes.taken))
+    total = len(x) + inner.size
+    H, g, gaps_by = np.zeros((total, total)), np.zeros(total), np.zeros((inner.size, total))
+    H[: len(x), : len(x)], g[: len(x)] = problem.believed, problem.pull_of_priors(x)
+    for lane, variables in enumerate(_variables(problem, cut)):
+        of_p, others = slice(0, len(moving)), slice(len(moving), None)
+        by = np.zeros((size, len(variables)))  # the lane's beginning by its variables
+        if cut.first[lane]:
+            by[:, of_p] = starts_by_p[cut.interval[lane]][:, moving]
+            by[problem.loose, len(moving) + np.arange(len(problem.loose))] = 1.0
+        else:
+            by[:, others] = np.eye(size)
+            gaps_by[variables[others] - len(x), variables[others]] -= 1.0
+        J = (Y[lane, :, :, :size] @ by).reshape(-1, len(variables))
+        J[:, of_p] += Y[lane, :, :, size:].reshape(len(J), -1)
+        J *= weight[lane].reshape(-1, 1)
+        H[np.ix_(variables, variables)] += J.T @ J
+        g[variables] += J.T @ e[lane].ravel()
+        if not cut.first[(lane + 1) % len(cut.first)]:
+            end = Z_end[lane, :, :size] @ by
+            end[:, of_p] += Z_end[lane, :, size:]
+            gaps_by[np.ix_(np.sum(~cut.first[: lane + 1]) * size + np.arange(size), variables)] += end
+    before = np.flatnonzero(~cut.first) - 1
+    return LiftedMotion(problem.objective(x, nodes), (z_end[before] - inner).ravel(), g, gaps_by, H)
+
+
+def _variables(problem: MotionProblem, cut: Lanes) -> Iterator[Index]:
+    """Per lane, its variables: the parameters that move, and the free starts of its interval or its own node."""
+    size, of_model, node = problem.trace.size, problem.model.size, 0
+    for first, interval in zip(cut.first, cut.interval, strict=True):
+        index = problem.layout.index[interval]
+        if first:
+            own = index[of_model:]
+        else:
+            own, node = problem.layout.size + node * size + np.arange(size), node + 1
+        yield np.concatenate((index[problem.moving], own))
+
+
+def _linearised(program: MotionProgram, cut: Lanes) -> _Computed:
+    """Everything Ipopt asks for at one point."""
+    problem, n, m = program.problem, program.size, program.constraints
+    pattern = np.zeros((n, n), dtype=bool)
+    pattern[: len(problem.believed), : len(problem.believed)] = problem.believed != 0.0
+    pattern[np.arange(n), np.arange(n)] = True
+    for variables in _variables(problem, cut):
+        pattern[np.ix_(variables, variables)] = True
+    columns, rows = np.nonzero(pattern.T)  # column by column, as CasADi stores them
+    dense = [cs.Sparsity.dense(*shape) for shape in ((1, 1), (m, 1), (n, 1), (m, n))]
+    of_H = cs.Sparsity.triplet(n, n, rows.tolist(), columns.tolist())
+
+    def values(X: Array) -> list[cs.DM]:
+        *others, H = program.evaluate(X)
+        return [*(cs.DM(value) for value in others), cs.DM(of_H, H[rows, columns])]
+
+    return _Computed("linearised", n, [*dense, of_H], values)

@@ -10,7 +10,7 @@ from toys import drive, without
 
 import greybox_id as gb
 from greybox_id.adaptation.choosing import STRENGTHS, AdaptedCandidate, chosen, foretold
-from greybox_id.adaptation.parting import parted
+from greybox_id.adaptation.outcome import parted
 from greybox_id.adaptation.verb import adapt
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit

@@ -8,11 +8,12 @@ from calling import greybox, refused
 from json_pages import PAGE, agree
 
 import greybox_id.bench.loop as bench
-from greybox_id.bench.loop_held_out import held_out
+from greybox_id.bench.loop import held_out
 from greybox_id.bench.loop_report import bars, removed, reported
 from greybox_id.learned.open_loop import errors_ahead
-from greybox_id.loop.arms import oracle, stated_model
+from greybox_id.loop.arms import oracle
 from greybox_id.loop.scene import Scene
+from greybox_id.models.registry import motion_model_of
 
 TINY = bench.LoopBenchSize((1,), ("base", "hand", "actuator_net", "oracle"), 1, 4096, 700, 4096, 300, False)
 
@@ -83,7 +84,7 @@ def test_the_truth_foretells_drives_that_nobody_learned_from():
     own = held_out(scene, 0.9, 12.0)
     true, stated = (
         errors_ahead(model, [own], [0.5])[0.5]["yaw_rate"]
-        for model in (oracle(scene.vehicle, scene.effects).model, stated_model(scene.vehicle))
+        for model in (oracle(scene.vehicle, scene.effects).model, motion_model_of(scene.vehicle))
     )
     assert true < 1e-3
     assert stated > 0.05

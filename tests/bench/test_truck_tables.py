@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from greybox_id.bench import truck as bench
 from greybox_id.bench.kept import KeptBench
-from greybox_id.bench.truck import Chunks, TruckOptions, _redrawn, _spread, chunks, splits, truck_tables
-from greybox_id.bench.truck_inputs import raw
+from greybox_id.bench.truck import TruckOptions, _redrawn, _spread, truck_tables
+from greybox_id.bench.truck_inputs import Chunks, chunks, raw, splits
 from greybox_id.errors import BadInput
 from greybox_id.fitting import networks, pretraining
 from greybox_id.json_data import finite

@@ -2,7 +2,7 @@
 
 import pytest
 
-from greybox_id.choices.quantity import Belief, belief, number
+from greybox_id.choices.parameters import Belief, belief, number
 from greybox_id.errors import BadInput
 
 

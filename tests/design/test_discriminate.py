@@ -8,7 +8,7 @@ from made_gaps import clear, none
 import greybox_id as gb
 from greybox_id.api.designing import nominal_of
 from greybox_id.design.discriminate import ENOUGH, ambiguous, parted
-from greybox_id.exam.vocabulary import ALWAYS_ALIKE
+from greybox_id.exam.aliases import ALWAYS_ALIKE
 from greybox_id.gap.gap import Ranked
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.gap.content import Made, stated_numbers

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from independent import rate_limited
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny
 
-from greybox_id.engine.sensing import Sensing
+from greybox_id.engine.elements import Sensing
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadModel

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.engine.prior_rows import prior_rows
+from greybox_id.engine.least_squares import prior_rows
 from greybox_id.parameter import Parameter, Prior
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.engine.windows import weighted_windows, windows
+from greybox_id.engine.series import weighted_windows, windows
 
 sizes = st.tuples(st.integers(1, 130), st.integers(1, 5), st.integers(1, 25), st.integers(0, 999)).filter(
     lambda s: s[0] >= s[2]

@@ -14,16 +14,25 @@ from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import EFFECTS, random_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.exam.answers import read_answer
-from greybox_id.exam.foreign.case import FORM_MOST
+from greybox_id.exam.folder import unbroken
+from greybox_id.exam.foreign.case import FORM_MOST, accelerations, identified
 from greybox_id.exam.foreign.double_track import DoubleTrack, curve
-from greybox_id.exam.foreign.effects import OF_SENSORS, OUTSIDE, magnitude, withheld
-from greybox_id.exam.foreign.families import DEVELOPMENT, EXAMINATION, FAMILIES, able, dealt_out, families
-from greybox_id.exam.foreign.identify import accelerations, identified
+from greybox_id.exam.foreign.families import (
+    DEVELOPMENT,
+    EXAMINATION,
+    FAMILIES,
+    OF_SENSORS,
+    OUTSIDE,
+    able,
+    dealt_out,
+    families,
+    magnitude,
+    withheld,
+)
 from greybox_id.exam.foreign.ride import driven, readings, replayed
 from greybox_id.exam.foreign.vehicles import single_track
 from greybox_id.exam.make import make_foreign
 from greybox_id.exam.plan import Counts
-from greybox_id.exam.seal import unbroken
 
 needs_slipx = pytest.mark.skipif(find_spec("slipx") is None, reason="slipx is not installed")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.errors import BadInput
-from greybox_id.exam.injected import INJECTIONS, SOURCES, altered, make_injected
+from greybox_id.exam.real import INJECTIONS, SOURCES, altered, make_injected
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 

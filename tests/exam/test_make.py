@@ -10,12 +10,11 @@ from greybox_id.datasets.read import read
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import EFFECTS, OUTSIDE
 from greybox_id.errors import BadInput
-from greybox_id.exam.aliases import Cause, View, indistinguishable
+from greybox_id.exam.aliases import GROUPS, Cause, View, always_alike, group_of, indistinguishable, partners
 from greybox_id.exam.answers import Answer, read_answer, write_answer
+from greybox_id.exam.folder import unbroken
 from greybox_id.exam.make import make
 from greybox_id.exam.plan import plan
-from greybox_id.exam.seal import unbroken
-from greybox_id.exam.vocabulary import GROUPS, always_alike, group_of, partners
 
 
 def said(*_, **__):

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from greybox_id.errors import BadInput
-from greybox_id.exam.seal import seal, unbroken
+from greybox_id.exam.folder import seal, unbroken
 
 
 def test_what_a_candidate_leaves_breaks_no_seal(exam):

@@ -5,7 +5,7 @@ from math import isnan
 import numpy as np
 import pytest
 
-from greybox_id.exam.statistics import calibration_error, median, wilson
+from greybox_id.exam.measures import calibration_error, median, wilson
 
 
 @pytest.mark.parametrize(

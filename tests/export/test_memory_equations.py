@@ -5,7 +5,7 @@ import pytest
 from exported import MEMORY, memory, subject
 from toys import drive, linear_toy
 
-from greybox_id.engine.actuation import Actuation
+from greybox_id.engine.elements import Actuation
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadInput
 from greybox_id.export.equations import Equations

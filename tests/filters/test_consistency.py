@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filter_cases import LinearCase, filtered, needs_compiler
 
-from greybox_id.filters.consistency import bounds, consistency, widening, windowed
+from greybox_id.filters.findings import bounds, consistency, widening, windowed
 
 
 def judged(off, spread=None, size=50, gate=5.0):

@@ -14,7 +14,7 @@ from greybox_id.filters.findings import (
     told_rows,
     too_quiet,
     untold,
-)  # fmt: skip
+)
 from greybox_id.filters.kernel import blank_history
 from greybox_id.filters.laid import LaidRun
 from greybox_id.filters.state_space import Tracked

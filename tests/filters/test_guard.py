@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.filters.guard import guarded
+from greybox_id.filters.laid import guarded
 from greybox_id.recording import Recording, join
 
 DT = 0.01

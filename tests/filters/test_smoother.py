@@ -5,7 +5,7 @@ import pytest
 from filter_cases import LinearCase, driven_space, driving, filtered, needs_compiler
 from filterpy.kalman import KalmanFilter
 
-from greybox_id.filters.smoother import smoothed
+from greybox_id.filters.filtering import smoothed
 
 both_kinds = pytest.mark.parametrize("kind", ["ekf", "ukf"])
 pytestmark = needs_compiler

@@ -12,6 +12,7 @@ from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import steered, vehicle_file_text
 from greybox_id.fitting import How, fit
+from greybox_id.fitting import attempt as attempts
 from greybox_id.fitting import motion as motion_fits
 from greybox_id.models.registry import build
 from greybox_id.solvers.gauss_newton import Status
@@ -36,7 +37,7 @@ def quick():
 
 def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
     monkeypatch.setenv("GREYBOX_COMPILE", "0")
-    true, calls = motion_fits.gauss_newton, []
+    true, calls = attempts.gauss_newton, []
 
     def stuck(problem, x, **options):
         calls.append(x)
@@ -45,7 +46,7 @@ def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
             return solution
         return replace(true(problem, x, **{**options, "max_steps": 0}), status=Status.STALLED, x=x)
 
-    monkeypatch.setattr(motion_fits, "gauss_newton", stuck)
+    monkeypatch.setattr(attempts, "gauss_newton", stuck)
     how = How(horizon=1.0, start_from="measured", solver="gauss-newton")
     said = []
     found = fit(quick(), [driven("lateral", runs=1)], how=how, say=lambda line, passing=False: said.append(line))
@@ -73,7 +74,7 @@ def test_a_race_that_begins_at_rest_is_confirmed_without_fallbacks():
 @pytest.fixture(scope="module")
 def poorly_excited():
     """A recording whose noisy readings, predicted a few rows ahead, look like an inertia of next to none."""
-    from fleet import RATE, class_of, made_vehicle, manoeuvre
+    from fleet_estimates import RATE, class_of, made_vehicle, manoeuvre
 
     rng, base = np.random.default_rng(13), class_of(13)
     for v in range(3):  # the second recording of the third vehicle of the benchmark of fleets

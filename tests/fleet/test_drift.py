@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from greybox_id.fleet.drift import _tail, drifted
+from greybox_id.fleet.changes import _tail
+from greybox_id.fleet.drift import drifted
 from greybox_id.fleet.hierarchy import Informed
 
 

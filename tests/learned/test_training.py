@@ -11,8 +11,7 @@ from greybox_id.choices.wanted import Wanted
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
 from greybox_id.learned.injection import injected
-from greybox_id.learned.layers import Layers, SquaredError, drawn, elu, unpacked
-from greybox_id.learned.net import VARIANTS, load_actuator_net
+from greybox_id.learned.net import VARIANTS, Layers, SquaredError, drawn, elu, load_actuator_net, unpacked
 from greybox_id.learned.open_loop import OpenLoop, errors_ahead
 from greybox_id.learned.training import train_actuator_net
 from greybox_id.learned.windows import resampled, windows

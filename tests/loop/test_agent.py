@@ -11,6 +11,7 @@ from calling import greybox, refused
 from serving import START, serving
 
 from greybox_id.loop import agent as room
+from greybox_id.loop import demo
 from greybox_id.loop.agent import AgentOptions, agent
 from greybox_id.loop.client import Unanswered
 from greybox_id.loop.protocol import digest_of
@@ -59,7 +60,7 @@ class Canned:
 def _small(monkeypatch):
     for name, value in (("ROWS", 300), ("BASE", 1), ("POLL", 0.01)):
         monkeypatch.setattr(room, name, value)
-    monkeypatch.setattr(room, "used_to", lambda *_: shipped_learned())
+    monkeypatch.setattr(demo, "used_to", lambda *_: shipped_learned())
     monkeypatch.setattr(room.RowCounts, "due", lambda self, rows: "it is time" if rows - self.last >= 600 else "")
     monkeypatch.setattr(room.RowCounts, "allowed", lambda self, rows: False)
 

@@ -13,12 +13,12 @@ from hand import by_hand
 from serving import START
 
 from greybox_id.loop.adapting import world_of
-from greybox_id.loop.arms import Twin, randomised, stated_model
+from greybox_id.loop.arms import Twin, randomised
 from greybox_id.loop.demo import Watched
 from greybox_id.loop.safety import Cap, Log
 from greybox_id.loop.scene import CASES, Hands, Scene, driven
 from greybox_id.loop.swap import Seat
-from greybox_id.models.registry import with_effects
+from greybox_id.models.registry import motion_model_of, with_effects
 from greybox_id.racing.learner import shipped_learned
 
 SCENE = Scene(1)
@@ -26,7 +26,7 @@ SCENE = Scene(1)
 
 @pytest.fixture(scope="module")
 def units():
-    return world_of(stated_model(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
+    return world_of(motion_model_of(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
 
 
 def test_what_drives_the_car_sees_and_is_recorded(units):
@@ -51,7 +51,7 @@ def test_who_leaves_the_envelope_is_driven_by_the_last_good_policy_and_slower(un
     good = shipped_learned().policy
 
     def at(share):
-        return world_of(stated_model(SCENE.vehicle), SCENE.vehicle, 1, share)
+        return world_of(motion_model_of(SCENE.vehicle), SCENE.vehicle, 1, share)
 
     hands = Watched(units, seat, good, cap, at, 1e-4, Log(tmp_path / "log.jsonl"))
     driven(SCENE, hands, 400, 0)
@@ -88,7 +88,7 @@ def test_a_command_that_comes_too_late_is_braking(units, tmp_path):
 
 
 def test_what_was_applied_is_drawn_within_its_interval():
-    model = stated_model(SCENE.vehicle)
+    model = motion_model_of(SCENE.vehicle)
     closed = with_effects(model, {"steering_lag": 0.05})
     named = ({"effect": "steering_lag", "interval": [0.04, 0.06], "magnitude": 0.05},)
     found = randomised(Twin(SCENE.vehicle, closed, named=named, applied={"steering_lag": 0.05}))

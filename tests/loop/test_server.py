@@ -17,11 +17,11 @@ from serving import TOKEN, serving
 from greybox_id.errors import BadInput
 from greybox_id.exam.make import write_recording
 from greybox_id.loop.adapting import world_of
-from greybox_id.loop.arms import stated_model
 from greybox_id.loop.client import Client, Declined
 from greybox_id.loop.protocol import DIGEST, LARGEST, SIGNATURE, digest_of, read_token, signature
 from greybox_id.loop.scene import Hands, Scene, driven
 from greybox_id.loop.store import QUEUED, TRAINING
+from greybox_id.models.registry import motion_model_of
 from greybox_id.racing.learner import shipped_learned
 from greybox_id.racing.policy import Policy
 
@@ -32,7 +32,7 @@ SCENE = Scene(1)
 def rows(tmp_path_factory):
     """Bytes of a drive."""
     file = tmp_path_factory.mktemp("rows") / "rows.csv"
-    world = world_of(stated_model(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
+    world = world_of(motion_model_of(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
     write_recording(driven(SCENE, Hands(world, by_hand().act), 400, 0).recordings[0], file)
     return file.read_bytes()
 

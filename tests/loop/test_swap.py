@@ -10,11 +10,12 @@ from hostile_mutations import mutated
 
 from greybox_id.errors import BadInput
 from greybox_id.loop.adapting import foretold, world_of
-from greybox_id.loop.arms import Twin, stated_model
+from greybox_id.loop.arms import Twin
 from greybox_id.loop.demo import twin_of
 from greybox_id.loop.protocol import digest_of
 from greybox_id.loop.scene import Scene
 from greybox_id.loop.swap import SIZE, NotSwapped, Seat, probe
+from greybox_id.models.registry import motion_model_of
 from greybox_id.racing.learner import shipped_learned
 from greybox_id.racing.policy import Policy
 
@@ -117,7 +118,7 @@ def test_a_slow_policy_is_refused():
 
 def test_the_twin_refuses_who_drives_worse():
     vehicle = Scene(1).vehicle
-    model = stated_model(vehicle)
+    model = motion_model_of(vehicle)
     units = world_of(model, vehicle, 1, 0.6)
     base = shipped_learned()
     tried = twin_of(Twin(vehicle, model), vehicle, units, 0.6)

@@ -5,9 +5,10 @@ import pytest
 
 from greybox_id.errors import BadInput
 from greybox_id.loop.adapting import world_of
-from greybox_id.loop.arms import oracle, stated_model
+from greybox_id.loop.arms import oracle
 from greybox_id.loop.scene import Hands, Scene, driven
 from greybox_id.loop.triggers import InnovationBand, _freedom
+from greybox_id.models.registry import motion_model_of
 from greybox_id.racing.learner import shipped_learned
 
 SCENE = Scene(1)
@@ -30,7 +31,7 @@ class Changed(Scene):
 
 
 def rows(scene, seed, cap=0.6, number=ROWS):
-    units = world_of(stated_model(scene.vehicle), scene.vehicle, 1, cap)
+    units = world_of(motion_model_of(scene.vehicle), scene.vehicle, 1, cap)
     return driven(scene, Hands(units, shipped_learned().policy.act), number, seed).recordings
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from greybox_id.errors import BadInput
-from greybox_id.models.fuzzy import centres, evenly, memberships, over
+from greybox_id.models.msnn_parts import centres, evenly, memberships, over
 
 rising = st.lists(st.floats(-50, 50), min_size=1, max_size=6, unique=True).map(sorted).filter(
     lambda c: all(b - a > 1e-3 for a, b in pairwise(c))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_bicycle import SIMROD, VEHICLE, recorded, sine, steps
 
-from greybox_id.engine.hybrid.free_run import free_run
+from greybox_id.engine.hybrid.cell import free_run
 from greybox_id.errors import BadInput, BadModel
 from greybox_id.models.hybrid import SLOPE, HybridSettings, hybrid_force, hybrid_stiffness
 from greybox_id.models.registry import build, prepared

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.engine.prior_rows import prior_rows
-from greybox_id.models.impulse_response import fading, fading_prior
+from greybox_id.engine.least_squares import prior_rows
+from greybox_id.models.msnn_parts import fading, fading_prior
 from greybox_id.parameter import Parameter
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from driven import driven
 
-from greybox_id.engine.hybrid.cell import Cell, said
-from greybox_id.engine.hybrid.free_run import free_run
+from greybox_id.engine.hybrid.cell import Cell, free_run, said
 from greybox_id.engine.hybrid.motion import as_motion
 from greybox_id.engine.hybrid.problem import drawn
 from greybox_id.errors import BadInput

@@ -6,8 +6,14 @@ from independent import free_run_of_full, lateral, longitudinal, weights_of
 from toys import drive, scattered, tiny
 
 from greybox_id.errors import BadInput
-from greybox_id.models.msnn_full import FullSettings, covering_full, msnn_full
-from greybox_id.models.msnn_full_plus import PlusSettings, covering_plus, msnn_full_plus
+from greybox_id.models.msnn_full import (
+    FullSettings,
+    PlusSettings,
+    covering_full,
+    covering_plus,
+    msnn_full,
+    msnn_full_plus,
+)
 from greybox_id.models.msnn_lat import LateralSettings
 from greybox_id.models.msnn_long import LongitudinalSettings
 from greybox_id.scores.metrics import predictions

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from greybox_id.posterior.diagnostics import effective_sample_size, r_hat, weighted_quantile
+from greybox_id.posterior.posterior import effective_sample_size, r_hat, weighted_quantile
 
 
 def chains(rho, count=8, length=4000, seed=0):

@@ -8,8 +8,7 @@ import pytest
 from greybox_id.reports.driven import driven, held_errors
 from greybox_id.reports.motion.content import motion_content
 from greybox_id.reports.numbers import interval
-from greybox_id.scores.baseline import score_beside_hold
-from greybox_id.scores.metrics import FREE_RUN, ahead, prediction_errors
+from greybox_id.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
 
 
 @pytest.fixture(scope="module")

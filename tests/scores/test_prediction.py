@@ -10,7 +10,7 @@ from greybox_id.errors import BadInput
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording, join
-from greybox_id.scores.baseline import score_beside_hold
+from greybox_id.scores.metrics import score_beside_hold
 from greybox_id.scores.prediction import as_table, assumed, predict, simulate
 
 CAR = vehicle("full_size_car")

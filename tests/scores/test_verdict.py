@@ -13,8 +13,7 @@ from greybox_id.fit import load
 from greybox_id.fitting import How, fit
 from greybox_id.fitting.carrying import carried
 from greybox_id.models.registry import build
-from greybox_id.scores.baseline import score_beside_hold
-from greybox_id.scores.metrics import Divergence, Error, prediction_errors
+from greybox_id.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.scores.verdict import judged
 from greybox_id.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, weighed
 

@@ -8,7 +8,7 @@ from independent import free_run_of_full, lateral, longitudinal, predict_rows, w
 from scipy.optimize import least_squares
 from toys import drive, joined, linear_toy, looping, obeying_toy, scattered, speed_toy, tiny
 
-from greybox_id.engine.layout import NormalEquations
+from greybox_id.engine.least_squares import NormalEquations
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.models.msnn_full import FullSettings, covering_full, msnn_full

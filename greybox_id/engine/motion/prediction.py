@@ -1,6 +1,6 @@
 """Predictions of a motion model over fixed horizons and in free run, each from readings of a row.
 
-States that are not recorded come from an observer (observer.py): the model run along the recording with every state
+States that are not recorded come from an observer (simulator.py): the model run along the recording with every state
 that is read set back to its reading row by row.
 """
 
@@ -14,11 +14,9 @@ import numpy as np
 from ...parameter import Array
 from ...recording import Recording
 from .lanes import Interval, lay
-from .observer import observed
 from .runs import Index, MotionRun, motion_runs
-from .schedule import Schedule, schedule
-from .simulator import Simulator
-from .stiffness import least_segment, longest_segment
+from .schedule import Schedule, least_segment, longest_segment, schedule
+from .simulator import Simulator, observed
 
 MOST_STARTS = 4000
 """Rows predicted from, at most; beyond it every second, third ... row is."""
@@ -85,15 +83,22 @@ class Predictor:
                 found = self._run_freely(intervals)
         return self._collected(rows, found)
 
-    def ahead(self, horizon: float) -> Predictions:
-        """Every row predicted from the readings so many seconds before."""
+    def ahead(self, horizon: float, overlapping: int | None = None) -> Predictions:
+        """Rows predicted from the readings so many seconds before.
+
+        Parameters
+        ----------
+        horizon : s.
+        overlapping : how many windows a row lies in at most; None: every row is predicted, as far as `MOST_STARTS` go.
+        """
         chosen: list[tuple[int, Index]] = []
         found = []
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
             steps = max(1, round(horizon / run.sample_time))
             complete = np.all(np.isfinite(run.measured[:, self._channels(self._read[k])]), axis=1)
-            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::stride]
+            apart = stride if overlapping is None else max(stride, steps // overlapping)
+            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::apart]
             if len(begin):
                 chosen.append((k, begin + steps))
                 found.append(self._led(self._plans[k], states[begin], begin, begin + steps))

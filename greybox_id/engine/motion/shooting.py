@@ -5,7 +5,7 @@ the start is free, it may deviate from them. Over the whole run (no horizon) tha
 only so that its pieces can be linearised side by side. With a horizon it is multi-step prediction: every interval
 starts afresh from readings; actuators, and what nothing reads, carry on (starts.py).
 
-The states at cuts follow by simulation; their derivatives follow from piece to piece by the chain rule (chain.py). What
+The states at cuts follow by simulation; their derivatives follow from piece to piece by the chain rule (lanes.py). What
 is left is a dense problem in the parameters and the free starts.
 """
 
@@ -17,20 +17,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy.sparse as sp
 
 from ...errors import BadInput
 from ...parameter import Array
 from ...recording import Recording
-from ..layout import NormalEquations
-from .chain import Chain, chained
-from .lanes import Interval, Lanes, lay
+from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
+from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import Index, Mask, MotionRun, motion_runs
-from .schedule import Schedule, schedule
+from .schedule import Schedule, longest_segment, schedule
 from .simulator import Simulator
 from .starts import IntervalStarts
-from .stiffness import longest_segment
 from .targets import Targets, targets, where_valid
-from .unknowns import unknowns
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
@@ -108,9 +106,7 @@ class MotionProblem:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
         self.copies = len(self.intervals)
-        found = unknowns(self.model, self.runs, self.intervals, strengths, free_starts=starts == "free")
-        self.parameters, self.layout, self.loose = found.parameters, found.layout, found.loose
-        self.bounds, self.free, self.R, self.r = found.bounds, found.free, found.R, found.r
+        self._lay_out(starts == "free", strengths)
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         self._valid = where_valid(self.model, self.runs)
@@ -308,6 +304,41 @@ class MotionProblem:
         if len(self.loose):
             z[:, self.loose] += x[self.parameters.size :].reshape(len(self.intervals), -1)
         return z, by_p
+
+    def _lay_out(self, free_starts: bool, strengths: Mapping[str, float] | None) -> None:
+        """Unknowns: parameters first, then each interval's free starts.
+
+        Free starts are deviations of states that are read, with noise, from their readings, and of those whose start is
+        a guess from what the model says.
+        """
+        model, runs = self.model, self.runs
+        self.parameters = lay_out(model, len(runs), len(runs))
+        read, size = [run.states_read(model) for run in runs], self.parameters.size
+        own = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
+        self.loose: Index = np.array(own if free_starts else [], dtype=np.intp)
+        places = size + np.arange(len(self.intervals) * len(self.loose)).reshape(len(self.intervals), -1)
+        index = tuple(
+            np.concatenate((self.parameters.index[i.run], place)).astype(np.intp)
+            for i, place in zip(self.intervals, places, strict=True)
+        )
+        more = places.size
+        self.layout = Layout(index, size + more)
+        (low, high), free = limits(model, self.parameters)
+        self.bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
+        self.free: Mask = np.append(free, np.ones(more, dtype=bool))
+        R, r = beliefs(model, self.parameters, len(runs), strengths)
+        R = sp.hstack([R, sp.csr_matrix((R.shape[0], more))], format="csr")
+        guessed = [  # deviations that no reading tells
+            (place[j], 1.0 / model.states[state].scale)
+            for place, interval in zip(places, self.intervals, strict=True)
+            for j, state in enumerate(self.loose)
+            if model.states[state].name not in read[interval.run]
+        ]
+        if guessed:
+            at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
+            rows = sp.csr_matrix((weights, (np.arange(len(guessed)), at)), shape=(len(guessed), self.layout.size))
+            R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
+        self.R, self.r = R, r
 
     def _targets(self, robust: float | None, keep: Sequence[Array] | None) -> Targets:
         """Readings that are kept, of rows in which the model's equations hold."""

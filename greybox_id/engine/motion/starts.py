@@ -9,10 +9,9 @@ import numpy as np
 
 from ...parameter import Array
 from .lanes import Interval, lay
-from .observer import observed
 from .runs import Index, Mask, MotionRun
 from .schedule import Schedule
-from .simulator import Simulator
+from .simulator import Simulator, observed
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ with each shift (delay or latency), and the shifts' values for which the segment
 
 The state of the whole is z = [states, actuators, relaxed quantities]. Actuators are advanced exactly, states by one
 step of the classical Runge-Kutta method, relaxed quantities by an exponential formula on the same stages
-(relaxation.py), so that lags much shorter than a segment, and none at all, cost nothing.
+(quantities.py), so that lags much shorter than a segment, and none at all, cost nothing.
 """
 
 from __future__ import annotations
@@ -21,8 +21,17 @@ from ...model import Namespace, Symbol
 from ...motion_model import MotionModel
 from ..equations import called, must_be_numbers
 from ..sampled import SampledFunction
-from .quantities import NamedQuantities, Relax
-from .relaxation import JUST_AFTER, Following, TimeConstants, just_after, moves_just_after, without_lag
+from .quantities import (
+    JUST_AFTER,
+    NamedQuantities,
+    Path,
+    Relax,
+    TimeConstants,
+    following,
+    just_after,
+    moves_just_after,
+    without_lag,
+)
 
 
 class MotionTrace:
@@ -182,13 +191,14 @@ class MotionTrace:
         def command(share: float) -> dict[str, Symbol]:
             return {name: begin + share * (end - begin) for name, (begin, end) in lines.items()}
 
-        relax = Following(*self._relaxing(relaxed), h)
-        k1, q = self._evaluate(x, command(0.0), p, relax.first)
-        k2, q = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, relax.second, q)
-        k3, q = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, relax.third, q)
-        k4, q = self._evaluate(_moved(x, h, k3), command(1.0), p, relax.fourth, q)
+        standing, time_constants = self._relaxing(relaxed)
+        paths = {name: Path(value, time_constants[name], h) for name, value in standing.items()}
+        k1, q = self._evaluate(x, command(0.0), p, following(paths, Path.first))
+        k2, q = self._evaluate(_moved(x, h / 2, k1), command(0.5), p, following(paths, Path.second), q)
+        k3, q = self._evaluate(_moved(x, h / 2, k2), command(0.5), p, following(paths, Path.third), q)
+        k4, q = self._evaluate(_moved(x, h, k3), command(1.0), p, following(paths, Path.fourth), q)
         end = [v + h / 6 * (a + 2 * b + 2 * c + d) for v, a, b, c, d in zip(x, k1, k2, k3, k4, strict=True)]
-        _, q = self._evaluate(end, command(1.0), p, relax.end, q)
+        _, q = self._evaluate(end, command(1.0), p, following(paths, Path.end), q)
         followed = [getattr(q, relaxation.quantity) for relaxation in self.model.relaxations]
         return cs.vertcat(*end, *moved, *followed)
 

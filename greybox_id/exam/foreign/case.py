@@ -1,16 +1,18 @@
-"""One case of a foreign vehicle made: drawn, identified, something withheld, driven twice."""
+"""One case of a foreign vehicle made: drawn, identified as a single track, something withheld, driven twice."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib import resources
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
 from ...datasets.virtual_vehicle import VirtualCar, toleranced, tolerances, vehicle_file_text
+from ...datasets.virtual_vehicle.compiled import Row
 from ...errors import BadInput
 from ...parameter import Array
 from ...recording import Recording
@@ -18,12 +20,78 @@ from ..aliases import Cause, indistinguishable
 from ..answers import Answer, exceeds
 from ..plan import Planned
 from ..replays import Replays
+from ..world import MadeCase
 from .double_track import DoubleTrack
-from .effects import ENTRIES, OUTSIDE, magnitude, together, withheld
-from .families import FAMILIES, gusts
-from .identify import identified
+from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, together, withheld
 from .ride import Ride, driven, readings, recorded, replayed
 from .vehicles import Reality, chassis, single_track
+
+_TYRES = tuple(f"{name}_{axle}" for axle in "fr" for name in "BCDE")
+_LEAST = np.array([0.5, 0.6, 0.2, -4.0] * 2 + [0.5] + [0.0, 0.0, 0.0, 0.3])
+_MOST = np.array([80.0, 2.6, 3.0, 0.98] * 2 + [2.0] + [10.0, 10.0, 10.0, 3.0])
+
+_AFTER = 0.6
+"""Of a row, after which a servo has done what it can of a command that is held."""
+
+
+def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
+    """The vehicle with tyres, yaw inertia, resistance and drive as they fit best: what an engineer would identify.
+
+    Mass, geometry and the shares of the axles are weighed and measured; the rest is fitted by least squares to the
+    accelerations of the nominal vehicle on manoeuvres without noise, with weights by its sensors.
+
+    Parameters
+    ----------
+    car : as roughly known.
+    rides : of the nominal vehicle, nothing withheld.
+    """
+    truth = [ride.truth(_AFTER * ride.period) for ride in rides]  # the servo has done what it can by then
+    joined = {name: np.concatenate([own[name] for own in truth]) for name in truth[0]}
+    steer, drive = (np.concatenate([ride.arriving(k, _AFTER) for ride in rides]) for k in (0, 1))
+    moving = (joined["v_x"] > 0.15 * car.top_speed) & (np.arange(len(steer)) % 3 == 0)
+    joined = {name: own[moving] for name, own in joined.items()}
+    steer, drive = steer[moving], drive[moving]
+    weights = {name: 1.0 / max(float(np.std(joined[name])), 1e-9) for name in ("a_x", "a_y", "yaw_acceleration")}
+    p = dict(car.parameters)
+
+    def stated(x: Row) -> dict[str, float]:
+        own = dict(zip(_TYRES, map(float, x[:8]), strict=True))
+        own["I_z"] = p["I_z"] * float(x[8])
+        scales = (p["m"] * 0.1, p["m"] * 0.1 / car.top_speed, p["m"] / car.top_speed**2, p["force_per_unit"])
+        return p | own | dict(zip(("c_0", "c_1", "c_2", "force_per_unit"), scales * x[9:], strict=True))
+
+    def residuals(x: Row) -> Row:
+        a = accelerations(stated(x), joined, steer, drive)
+        gone = [weights[name] * (a[name] - joined[name]) for name in weights]
+        held = 0.01 * (x[8] - 1.0) * np.sqrt(len(steer)), 1e-3 * np.sqrt(len(steer)) * x[10]
+        return np.concatenate([*gone, held])
+
+    begin = np.array([*(p[name] for name in _TYRES), 1.0, p["c_0"] / (p["m"] * 0.1), 0.0,
+                      p["c_2"] * car.top_speed**2 / p["m"], 1.0])  # fmt: skip
+    found = least_squares(residuals, np.clip(begin, _LEAST + 1e-6, _MOST - 1e-6), bounds=(_LEAST, _MOST), max_nfev=40)
+    return replace(car, parameters={name: float(f"{own:.6g}") for name, own in stated(found.x).items()})
+
+
+def accelerations(p: dict[str, float], at: dict[str, Row], steer: Row, drive: Row) -> dict[str, Row]:
+    """a_x, a_y and yaw acceleration of the single track in a motion, (n,) each."""
+    v_x, v_y, r, L = at["v_x"], at["v_y"], at["yaw_rate"], p["l_f"] + p["l_r"]
+    alpha = {"f": steer - np.arctan2(v_y + p["l_f"] * r, v_x), "r": -np.arctan2(v_y - p["l_r"] * r, v_x)}
+    F_y = {}
+    for axle, arm in (("f", p["l_r"]), ("r", p["l_f"])):
+        B, C, D, E = (p[f"{name}_{axle}"] for name in "BCDE")
+        x = B * alpha[axle]
+        F_y[axle] = p["m"] * 9.81 * arm / L * D * np.sin(C * np.arctan(x - E * (x - np.arctan(x))))
+    F = p["force_per_unit"] * drive
+    share = np.where(F >= 0.0, p["drive_split_front"], p["brake_split_front"])
+    along, c, s = share * F, np.cos(steer), np.sin(steer)
+    across = F_y["f"] * c + along * s
+    resistance = p["c_0"] * np.tanh(v_x / 0.1) + p["c_1"] * v_x + p["c_2"] * v_x * np.abs(v_x)
+    return {
+        "a_x": ((1.0 - share) * F + along * c - F_y["f"] * s - resistance) / p["m"],
+        "a_y": (F_y["r"] + across) / p["m"],
+        "yaw_acceleration": (p["l_f"] * across - p["l_r"] * F_y["r"]) / p["I_z"],
+    }
+
 
 PERIODS = (0.010, 0.020)
 """Between rows, s."""
@@ -38,23 +106,6 @@ VISIBLE = 1.5
 be asked for."""
 DRAWS = 12
 """Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
-
-
-@dataclass(frozen=True)
-class MadeCase:
-    """A case as it is handed out, and what is kept back.
-
-    Attributes
-    ----------
-    recording, vehicle_file, columns : handed out; the column map says how commands run between rows.
-    held_out, answer : kept back.
-    """
-
-    recording: Recording
-    vehicle_file: str
-    columns: str
-    held_out: Recording
-    answer: Answer
 
 
 def made(planned: Planned) -> MadeCase:
@@ -203,19 +254,15 @@ class _Case:
         """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
         if not self.drawn or self.again.form is None:
             return True
+        rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
         try:
+            if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
+                return False  # before every tolerance is driven, which takes far longer
             hidden = self.again.beside_tolerances(self.again.form)
+            lefts = [self.again.left(self.effects, rest) for rest in rests]
         except BadInput as error:
             raise _Unfit from error
-        for name in self.drawn:
-            rest = {other: own for other, own in self.effects.items() if other != name}
-            try:
-                size, left = self.again.size(self.effects, rest), self.again.left(self.effects, rest)
-            except BadInput as error:
-                raise _Unfit from error
-            if not exceeds(size) or not exceeds(left) or all(left[c] < VISIBLE * hidden[c] for c in left):
-                return False
-        return True
+        return all(exceeds(left) and any(left[c] >= VISIBLE * hidden[c] for c in left) for left in lefts)
 
     @cached_property
     def aliases(self) -> dict[str, tuple[str, ...]]:
@@ -254,7 +301,7 @@ class _Case:
                    "held_out_rows": len(held_out), "drawn": self.effects, "form_error": self.form},
         )  # fmt: skip
         text = vehicle_file_text(self.stated, self.tolerances)
-        return MadeCase(self.recording, text, columns(self.ride.linear_hold), held_out, answer)
+        return MadeCase(self.recording, text, held_out, answer, columns(self.ride.linear_hold))
 
 
 def columns(linear_hold: bool) -> str:

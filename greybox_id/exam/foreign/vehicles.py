@@ -117,10 +117,6 @@ class ForeignVehicle:
     numbers: Mapping[str, float]
     about: VirtualCar
 
-    def with_numbers(self, **numbers: float) -> ForeignVehicle:
-        """The same with other numbers."""
-        return replace(self, numbers={**self.numbers, **numbers})
-
 
 Draw = Callable[[np.random.Generator, int], ForeignVehicle]
 

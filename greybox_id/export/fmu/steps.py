@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.motion.stiffness import STABLE
-from ...models.at_rest import SLOWEST
+from ...engine.motion.schedule import STABLE
+from ...models.smooth import SLOWEST
 from ...motion_model import MotionModel
 from ..equations import Equations
 

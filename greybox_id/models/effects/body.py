@@ -9,7 +9,7 @@ from ...model import Namespace, Symbol
 from ...motion_model import MotionModel, Quantities, State
 from ...parameter import Parameter
 from ..single_track import G
-from .smooth import remaining
+from ..smooth import remaining
 from .stating import alteration, effect, speed
 
 GROUP = "body"

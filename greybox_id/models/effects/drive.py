@@ -12,9 +12,9 @@ import casadi as cs
 from ...model import Symbol
 from ...motion_model import MotionModel, Quantities
 from ...parameter import Parameter
+from ..smooth import within_limit
 from .elements import lag
 from .memory import scale_motor
-from .smooth import within_limit
 from .stating import alteration, effect, speed
 
 GROUP = "drive"

@@ -7,9 +7,8 @@ import casadi as cs
 from ...model import Symbol
 from ...motion_model import MotionModel, Quantities, State
 from ...parameter import Parameter
-from ..at_rest import forward_speed
 from ..single_track import G
-from .smooth import remaining
+from ..smooth import forward_speed, remaining
 from .stating import alteration, effect, speed
 
 GROUP = "tyres"

@@ -12,7 +12,7 @@ import numpy as np
 from ...fit import Fit
 from ...provenance import Stage
 from ...signals import unit_of
-from ...uncertainty.left_open import absent, told_together
+from ...uncertainty.identifiability import absent, told_together
 from ..content import ROLE_WORDS, Content, made_with, noise_words, recorded
 from ..convergence import stages
 from ..document import Table

@@ -11,7 +11,7 @@ from ...fit import SURPRISING, Fit
 from ...parameter import Parameter
 from ...scores.metrics import FREE_RUN, ahead
 from ...signals import unit_of
-from ...uncertainty.left_open import left_open
+from ...uncertainty.identifiability import left_open
 from ..content import circumstances
 from ..convergence import ended, ipopt_words
 from ..driven import Driven, Errors

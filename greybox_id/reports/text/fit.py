@@ -18,7 +18,7 @@ from ...parameter import Parameter, Prior
 from ...provenance import DataRecord, Stage
 from ...scores.metrics import FREE_RUN
 from ...signals import unit_of
-from ...uncertainty.left_open import absent, told_together
+from ...uncertainty.identifiability import absent, told_together
 from ...verdict import Verdict
 from ..numbers import counted, interval, number, pretty_unit, with_sd
 from .screen import led, plain, plain_table

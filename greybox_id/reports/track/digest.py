@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ...filters.consistency import Consistency
+from ...filters.findings import Consistency
 from ...parameter import Array
 from ...provenance import DataRecord
 

@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 
 from ...filters import Track
-from ...filters.consistency import WINDOW, bounds, windowed
+from ...filters.findings import WINDOW, bounds, windowed
 from ...parameter import Array
 from ...provenance import data_record
 from ...recording import Recording

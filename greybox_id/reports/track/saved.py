@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...filters.consistency import Consistency
+from ...filters.findings import Consistency
 from ...parameter import Array
 from ...provenance import DataRecord
 from ...saved import Kind

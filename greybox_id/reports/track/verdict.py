@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from ...filters.consistency import WINDOW
+from ...filters.findings import WINDOW
 from ..numbers import counted, listed, number, percent, quantity, signal_words
 from .digest import Digest, Measured
 

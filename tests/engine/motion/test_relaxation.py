@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from greybox_id.engine.motion.relaxation import JUST_AFTER
+from greybox_id.engine.motion.quantities import JUST_AFTER
 from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.motion_model import MotionModel, State
 from greybox_id.parameter import Parameter

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from greybox_id.engine.motion.runs import motion_runs
+from greybox_id.engine.motion.schedule import MOST_STEPS, STABLE, least_segment, longest_segment
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.engine.motion.stiffness import MOST_STEPS, STABLE, least_segment, longest_segment
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
 from greybox_id.scores.prediction import simulate

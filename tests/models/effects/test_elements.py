@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from greybox_id.models.effects.elements import PLAY_WIDTH, lag, play, rate_limit
-from greybox_id.models.effects.smooth import CORNER
+from greybox_id.models.smooth import CORNER
 
 H = 0.01
 FINE = 2_000

@@ -8,8 +8,7 @@ import pytest
 import reference_vehicle
 
 from greybox_id.errors import BadInput
-from greybox_id.models.tyres import TYRES, axle
-from greybox_id.models.tyres.settings import TyreSettings
+from greybox_id.models.tyres import TYRES, TyreSettings, axle
 
 CAR, RACER = 3600.0, 17.0  # axle loads, N
 LIMITED = [name for name in TYRES if name != "linear"]

@@ -1,13 +1,180 @@
-"""The C of an unscented Kalman filter, its sigma points side by side; covariances by the unscented transform.
+"""The C of filters: extended Kalman filters side by side, and an unscented one whose sigma points are.
 
-A reading further off than `gate` standard deviations counts as noisier by just so much that it lies at the gate.
+Extended ones run one to a lane, on the same readings: noise is tuned by comparing them. A reading at a time (noise of
+readings is independent), covariances in Joseph's form; those of the unscented one by the unscented transform. A reading
+further off than `gate` standard deviations counts as noisier by just so much that it lies at the gate: a glitch then
+moves nothing, and a filter that has gone astray still finds its way back.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as cs
 
-from .written import written
+from ..engine.emit import Result, straight_line
+from ..engine.vectors import PRELUDE, product
+
+NARROW = "#define NARROW"
+"""Asks for vectors of four lanes where there are wider ones."""
+LOOPS = r"""
+/* loops over the entries of covariances are worth unrolling, which -O1 does not do: a sixth of the time */
+#pragma GCC optimize("O3")
+
+typedef struct { double *predicted, *predicted_P, *filtered, *filtered_P, *forward, *off, *spread; } Record;
+"""
+
+
+def written(
+    step: cs.Function, output: cs.Function, tables: Sequence[str], loops: str, *, narrow: bool = False, **sizes: int
+) -> str:
+    """The C of a filter.
+
+    Parameters
+    ----------
+    step, output : (x, s, p) -> value, variance of its noise and, if the filter uses it, the derivative by x.
+    tables : declarations that the loops need.
+    loops : over segments, with `filter` as the function that is called.
+    narrow : whether vectors of four lanes will do.
+    sizes : further constants.
+    """
+    x, s, p = (step.numel_in(k) for k in range(3))
+    constants = {"NX": x, "NS": s, "NP": p, "NY": output.numel_out(0), **sizes}
+    names = [["next", "noise", "F"], ["y", "noise", "H"]]
+    return "\n".join(
+        [
+            *([NARROW] if narrow else []),
+            PRELUDE,
+            *[f"#define {name} {size}" for name, size in constants.items()],
+            *[
+                straight_line(function.name(), function, [Result(name) for name in own[: function.n_out()]])
+                for function, own in zip((step, output), names, strict=True)
+            ],
+            *tables,
+            LOOPS,
+            loops,
+        ]
+    )
+
+
+_EKF = r"""
+static void keep(const v *from, ptrdiff_t n, double *to) { for (ptrdiff_t k = 0; k < n; k++) to[k] = from[k][0]; }
+
+static void read_all(const v *s, const v *p, const v *w, const double *y, v gate2, v *x, v *P, v *cost,
+    double *off, double *spread)
+{
+    v y0[NY + 1], r[NY + 1], H[NH + 1], x0[NX];
+    output(x, s, p, (v *)w, y0, r, H);
+    memcpy(x0, x, sizeof x0);
+    for (ptrdiff_t i = 0; i < NY; i++) {
+        off[i] = spread[i] = NAN;
+        if (!(y[i] == y[i])) continue;
+        v PH[NX], K[NX], T[NX * NX];
+        v e = splat(y[i]) - y0[i], hPh = splat(0);
+        for (ptrdiff_t a = 0; a < NX; a++) PH[a] = splat(0);
+        for (ptrdiff_t k = H_BEGIN[i]; k < H_BEGIN[i + 1]; k++) {
+            const ptrdiff_t c = H_COLUMN[k];
+            e -= H[H_PLACE[k]] * (x[c] - x0[c]);
+            for (ptrdiff_t a = 0; a < NX; a++) PH[a] += P[a * NX + c] * H[H_PLACE[k]];
+        }
+        for (ptrdiff_t k = H_BEGIN[i]; k < H_BEGIN[i + 1]; k++) hPh += H[H_PLACE[k]] * PH[H_COLUMN[k]];
+        const v S = hPh + r[i], taken = v_fmax(S, e * e / gate2), noise = taken - hPh;
+        off[i] = e[0], spread[i] = S[0];
+        *cost += splat(0.5) * (e * e / taken + v_log(taken));
+        for (ptrdiff_t a = 0; a < NX; a++) {
+            K[a] = PH[a] / taken;
+            x[a] += K[a] * e;
+        }
+        for (ptrdiff_t a = 0; a < NX; a++)
+            for (ptrdiff_t b = 0; b < NX; b++) T[a * NX + b] = P[a * NX + b] - K[a] * PH[b];
+        for (ptrdiff_t a = 0; a < NX; a++) {
+            v Th = splat(0);
+            for (ptrdiff_t k = H_BEGIN[i]; k < H_BEGIN[i + 1]; k++) Th += T[a * NX + H_COLUMN[k]] * H[H_PLACE[k]];
+            const v pull = noise * K[a] - Th;
+            for (ptrdiff_t b = 0; b < NX; b++) P[a * NX + b] = T[a * NX + b] + pull * K[b];
+        }
+        /* what rounding leaves of asymmetry grows from reading to reading where noise is tiny */
+        for (ptrdiff_t a = 0; a < NX; a++)
+            for (ptrdiff_t b = 0; b < a; b++)
+                P[a * NX + b] = P[b * NX + a] = splat(0.5) * (P[a * NX + b] + P[b * NX + a]);
+    }
+}
+
+void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weights, const double *s, const double *y,
+    const double *p, double *x_all, double *P_all, double *cost_all, Record out)
+{
+    (void)weights;
+    for (ptrdiff_t first = 0; first < lanes; first += W) {
+        ptrdiff_t row[W];
+        const int real = rows(row, first, lanes);
+        v x[NX], P[NX * NX], q[NP + 1], now[NS + 1], ws[STEP_KEPT + 1], wo[OUTPUT_KEPT + 1], cost = splat(0);
+        double off[NY + 1], spread[NY + 1];
+        gather(x, NX, x_all, NX, row);
+        gather(P, NX * NX, P_all, NX * NX, row);
+        gather(q, NP, p, NP, row);
+        step_fixed(q, ws);
+        output_fixed(q, wo);
+        const int tell = out.filtered && first == 0;
+        for (ptrdiff_t k = 0; k < segments; k++) {
+            for (ptrdiff_t j = 0; j < NS; j++) now[j] = splat(s[k * NS + j]);
+            if (tell && out.predicted) { /* for the smoother alone */
+                keep(x, NX, out.predicted + k * NX);
+                keep(P, NX * NX, out.predicted_P + k * NX * NX);
+            }
+            read_all(now, q, wo, y + k * NY, splat(gate * gate), x, P, &cost, off, spread);
+            if (tell) {
+                keep(x, NX, out.filtered + k * NX);
+                keep(P, NX * NX, out.filtered_P + k * NX * NX);
+                memcpy(out.off + k * NY, off, NY * sizeof(double));
+                memcpy(out.spread + k * NY, spread, NY * sizeof(double));
+            }
+            if (k + 1 == segments) break;
+            v next[NX], noise[NX], F[NF + 1], T[NX * NX], U[NX * NX];
+            step(x, now, q, ws, next, noise, F);
+            memcpy(x, next, sizeof next);
+            F_times(F, P, T, NX);
+            for (ptrdiff_t a = 0; a < NX; a++)
+                for (ptrdiff_t b = 0; b < NX; b++) U[b * NX + a] = T[a * NX + b];
+            if (tell && out.forward) keep(U, NX * NX, out.forward + k * NX * NX);
+            F_times(F, U, T, NX);
+            for (ptrdiff_t a = 0; a < NX; a++) {
+                P[a * NX + a] = T[a * NX + a] + noise[a];
+                for (ptrdiff_t b = 0; b < a; b++)
+                    P[a * NX + b] = P[b * NX + a] = splat(0.5) * (T[a * NX + b] + T[b * NX + a]);
+            }
+        }
+        scatter(x, NX, x_all, NX, row, real);
+        scatter(P, NX * NX, P_all, NX * NX, row, real);
+        for (int l = 0; l < real; l++) cost_all[first + l] = cost[l];
+    }
+}
+"""
+
+
+def ekf_source(step: cs.Function, output: cs.Function, many: bool) -> str:
+    """The C of extended Kalman filters.
+
+    Parameters
+    ----------
+    many : whether many filters are to run side by side; a single one is a quarter faster in vectors of four lanes.
+    step : (x, s, p) -> x_next, variance of its noise, F = d x_next / d x (sparse).
+    output : (x, s, p) -> y, variance of its noise, H = d y / d x (sparse).
+    """
+    F, H = step.sparsity_out(2), output.sparsity_out(2)
+    row, column = H.get_triplet()
+    by_row = sorted(range(H.nnz()), key=row.__getitem__)
+    tables = [
+        _table("H_BEGIN", [sum(r < i for r in row) for i in range(H.size1() + 1)]),
+        _table("H_PLACE", by_row),
+        _table("H_COLUMN", [column[k] for k in by_row]),
+        product("F_times", F),
+    ]
+    return written(step, output, tables, _EKF, narrow=not many, NF=F.nnz(), NH=H.nnz())
+
+
+def _table(name: str, entries: Sequence[int]) -> str:
+    return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
+
 
 _UKF = r"""
 #define POINTS (2 * NX + 1)

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.virtual_vehicle.compiled import Grid, Row, compiled
-from ...datasets.virtual_vehicle.loop import STEP
-from ...datasets.virtual_vehicle.scale import G
-from ...errors import BadInput
-from .double_track import arriving
-from .vehicles import Stepwise
+from greybox_id.datasets.virtual_vehicle.compiled import Grid, Row, compiled
+from greybox_id.datasets.virtual_vehicle.loop import STEP
+from greybox_id.datasets.virtual_vehicle.scale import G
+from greybox_id.errors import BadInput
+from greybox_id.exam.foreign.double_track import arriving
+from greybox_id.exam.foreign.vehicles import Stepwise
 
 FASTEST_SERVO = 2e-3
 """Time constant, s, below which its steps are too coarse."""

@@ -1,0 +1,250 @@
+"""From one start to where it leads: short predictions from the readings first, then the horizon that is wanted.
+
+The last one is solved until the noise has settled that its residuals show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine.motion.shooting import MotionProblem
+from ..engine.motion.simulator import Simulator
+from ..motion_model import MotionModel
+from ..parameter import Array
+from ..recording import Recording
+from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..solvers.ipopt import ipopt
+from ..statistics import MIDDLE_HALF, correlation_time
+from .how import How, Say, quiet
+
+SHORT_HORIZONS = (4, 100)
+"""Rows predicted from one start before the horizon that is wanted."""
+GUESSED_NOISE = 0.1
+"""Noise assumed first, as a share of a signal's spread."""
+TOLERANCE, ROUGH = 1e-12, 1e-4
+"""Convergence of the last solve, and of those that only settle the noise."""
+MOST_STEPS, SHORT_STEPS = 100, 5
+SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
+"""The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
+parameters move by less than the second; rounds at most."""
+LEAST_NOISE = 1e-9
+SPREAD = 0.7
+"""Standard deviation of the logarithm of positive parameters over random starts."""
+
+
+def starting_points(model: MotionModel, how: How) -> list[Array]:
+    """Nominal values, and others drawn about them, (parameters,) each: positive parameters keep their sign."""
+    random = np.random.default_rng(how.seed)
+    low = np.concatenate([np.full(p.size, p.bounds[0]) for p in model.parameters])
+    high = np.concatenate([np.full(p.size, p.bounds[1]) for p in model.parameters])
+    free = np.concatenate([np.full(p.size, not p.fixed) for p in model.parameters])
+    points = [model.values]
+    for _ in range(how.starts - 1):
+        draw = random.standard_normal(model.size)
+        factor = np.exp(SPREAD * draw)
+        with np.errstate(invalid="ignore"):
+            moved = np.where(low >= 0, model.values * factor, model.values + SPREAD * np.abs(model.values) * draw)
+        moved = np.where(np.isfinite(moved), moved, model.values)
+        points.append(np.where(free, np.clip(moved, low, high), model.values))
+    return points
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Where one start led; about : (parameters,) that the problem was stated near."""
+
+    problem: MotionProblem
+    about: Array
+    solution: Solution
+
+    def sent(self) -> SentAttempt:
+        """As it goes between processes."""
+        return SentAttempt(self.problem.noise, self.about, replace(self.solution, nodes=None))
+
+
+@dataclass(frozen=True)
+class SentAttempt:
+    """The same between processes: the solution without its simulation, and what the problem is stated again with."""
+
+    noise: Array
+    about: Array
+    solution: Solution
+
+    def received(self, simulator: Simulator, recordings: Sequence[Recording], how: How) -> Attempt:
+        """The same with its simulation."""
+        problem = _problem(simulator, recordings, self.noise, how, self.about)
+        return Attempt(problem, self.about, replace(self.solution, nodes=problem.simulated_nodes(self.solution.x)))
+
+
+def attempted(
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    p: Array,
+    how: How,
+    say: Say,
+    name: str,
+    short: Sequence[int] = SHORT_HORIZONS,
+) -> Attempt | None:
+    """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
+    reached: list[Attempt] = []
+    try:
+        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short):
+            if attempt.solution.status is Status.NOT_FINITE:
+                return None
+            reached.append(attempt)
+            if attempt.solution.status is Status.INTERRUPTED:
+                break
+        else:
+            return reached[-1]
+    except KeyboardInterrupt:
+        if not reached:
+            raise
+    problem, p, solution = reached[-1].problem, reached[-1].about, reached[-1].solution
+    if problem.horizon != how.horizon:  # of what is wanted, not of what is on the way to it
+        p = problem.shared(solution.x)
+        problem = _problem(simulator, recordings, problem.noise, how, p)
+        x = problem.unknowns(p)
+        nodes = problem.simulated_nodes(x)
+        solution = replace(solution, x=x, nodes=nodes, objective=problem.objective(x, nodes))
+    return Attempt(problem, p, replace(solution, status=Status.INTERRUPTED))
+
+
+def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How) -> Array | None:
+    """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
+    found = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
+    if found is not None and found.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return None if found is None else found.problem.shared(found.solution.x)
+
+
+def _on_the_way(
+    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str, short: Sequence[int]
+) -> Iterator[Attempt]:
+    """Growing horizons, then the one that is wanted until the noise has settled."""
+    outputs = simulator.trace.model.outputs
+    spread = np.array([_spread(recordings, output) for output in outputs])
+    noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
+    usual = _sample_time(recordings)
+    for rows in short if how.solver != "ipopt" else ():
+        if how.horizon is not None and rows * usual >= how.horizon:
+            break
+        ahead = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
+        solution = gauss_newton(
+            ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
+        )
+        yield Attempt(ahead, p, solution)
+        say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
+        p, noise = ahead.shared(solution.x), residual_noise(ahead, solution)
+    problem = _problem(simulator, recordings, noise, how, p)
+    x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
+    settled, taken = known and not problem.carries, 0
+    for rounds_left in reversed(range(ROUNDS)):
+        solution = _solved(problem, x, how, TOLERANCE if settled else ROUGH, say, name)
+        taken += solution.steps  # where rounds before ended at the optimum, the last one has none left to take
+        solution = replace(solution, steps=taken)
+        yield Attempt(problem, p, solution)
+        x, noise = solution.x, _counted_noise(problem, solution)
+        moved = 0.0 if known else float(np.max(np.abs(np.log(noise / problem.noise)), initial=0.0))
+        if problem.carries:
+            moved = max(moved, SAME_NOISE / SAME_PLACE * _relative_change(p, problem.shared(x)))
+        if settled and (moved < SAME_NOISE or rounds_left == 0):
+            break
+        settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
+        problem = _problem(simulator, recordings, noise, how, p)
+    say(f"{name}: {solution.status.value} after {solution.steps} steps")
+
+
+def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: Say, name: str) -> Solution:
+    if how.solver == "ipopt":
+        say(f"{name}: Ipopt, {problem.layout.size} unknowns")
+        return ipopt(problem, x)[0]
+
+    def report(step: int, objective: float, _: Array) -> bool:
+        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
+        return True
+
+    return gauss_newton(
+        problem,
+        x,
+        max_steps=MOST_STEPS,
+        tolerance=tolerance,
+        negligible=0.0,
+        search="levenberg_marquardt",
+        on_step=report,
+    )
+
+
+def _problem(
+    simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, about: Array
+) -> MotionProblem:
+    outputs = simulator.trace.model.outputs
+    noise = np.array([how.noise.get(name, own) for name, own in zip(outputs, noise, strict=True)])
+    return MotionProblem(
+        simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust, about=about
+    )
+
+
+def misfit(
+    attempt: Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array | None, how: How
+) -> float:
+    """The objective where an attempt ended, under another noise where one is given: several compare only under one."""
+    noise = attempt.problem.noise if noise is None else noise
+    p = attempt.problem.shared(attempt.solution.x)
+    problem = _problem(simulator, recordings, noise, how, p)
+    x = attempt.solution.x if len(attempt.solution.x) == problem.layout.size else problem.unknowns(p)
+    return problem.objective(x, problem.simulated_nodes(x))
+
+
+def residual_noise(problem: MotionProblem, solution: Solution) -> Array:
+    """Spread of the residuals, output by output; where there are none, the noise stays what it was.
+
+    Where outliers are to be expected, the middle half of the residuals tells it.
+    """
+    errors = problem.errors(solution.nodes)
+    seen = np.any(np.isfinite(errors), axis=0)
+    errors = np.where(seen, errors, 0.0)
+    if problem.targets.robust is None:
+        spread = np.sqrt(np.nanmean(errors**2, axis=0))
+    else:
+        spread = MIDDLE_HALF * np.nanmedian(np.abs(errors), axis=0)
+    return np.where(seen, np.maximum(spread, LEAST_NOISE), problem.noise)
+
+
+def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
+    """What one residual counts as, output by output: its spread times the root of its correlation time in rows.
+
+    Neighbouring residuals repeat each other. Taken as independent, a long recording sampled fast would outvote every
+    prior, and the output whose error drifts most slowly would outvote the others.
+    """
+    errors = problem.errors(solution.nodes)
+    times = [correlation_time(np.nan_to_num(errors[:, [k]])) for k in range(errors.shape[1])]
+    return residual_noise(problem, solution) * np.sqrt(times)
+
+
+def _spread(recordings: Sequence[Recording], output: str) -> float:
+    values = [recording[output] for recording in recordings if output in recording]
+    if not values or not np.any(np.isfinite(np.concatenate(values))):
+        return 1.0
+    return max(float(np.nanstd(np.concatenate(values))), LEAST_NOISE)
+
+
+def _sample_time(recordings: Sequence[Recording]) -> float:
+    return float(np.median([recording.sample_time for recording in recordings]))
+
+
+def _relative_change(before: Array, after: Array) -> float:
+    """Largest change of a parameter relative to its size."""
+    with np.errstate(invalid="ignore"):
+        change = np.abs(after - before) / np.maximum(np.maximum(np.abs(before), np.abs(after)), 1e-9)
+    return float(np.nanmax(change, initial=0.0))
+
+
+def free_numbers(model: MotionModel, attempt: Attempt) -> dict[str, float]:
+    """Where an attempt ended, of single numbers that are free."""
+    p = attempt.problem.shared(attempt.solution.x)
+    places = np.concatenate([[0], np.cumsum([own.size for own in model.parameters])])
+    free = {own.name: places[k] for k, own in enumerate(model.parameters) if own.shape == () and not own.fixed}
+    return {name: float(p[place]) for name, place in free.items()}
