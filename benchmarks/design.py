@@ -6,12 +6,13 @@
     python benchmarks/design.py report design_precision.jsonl
 
 precision: a vehicle of the virtual garage, true one within its tolerances, other functional forms of tyres and all
-else, coloured noise. A first drive of 20 s (mixed) is fitted: the five parameters, of which nothing is believed, and
-all that the vehicle's file states with a tolerance; a manoeuvre is designed from that fit and driven by
-`SteppedCar` with the plan's driver, and once more in open loop; what its sensors read is fitted alone. Beside it, of
-equal duration: another mixed drive, whose extent is the arena of the design, and every standard manoeuvre of the
-virtual vehicle on an endless plane. Tyres of other forms have other numbers at the same curve: "shape" is of fits in
-which curves are known as little as gap.form believes of any, C to 10 % and E to 0.5.
+else, coloured noise. A first drive of 20 s (mixed) is fitted: the five parameters, of which nothing is believed, all
+that the vehicle's file states with a tolerance, and the error of the equations' form (form=uncertain); a manoeuvre is
+designed from that fit and driven by `SteppedCar` with the plan's driver, and once more in open loop; what its sensors
+read is fitted alone. Beside it, of equal duration: another mixed drive, whose extent is the arena of the design, and
+every standard manoeuvre of the virtual vehicle on an endless plane. What is true of a tyre of another form are the B
+and D of the magic formula that comes nearest to its curve, as `models.form` defines them. "exact" is of fits that take
+equations for exact.
 separation: a vehicle with one effect drives one standard manoeuvre of 10 s; where the diagnosis of that leaves names
 that are not told apart, 15 s are driven beside it: a manoeuvre designed for them, what today's fixed advice comes
 nearest to, or a mixed one; the diagnosis of both recordings says which name comes first.
@@ -31,9 +32,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 import greybox_id as gb
 from greybox_id.datasets.virtual_vehicle import (
+    Forms,
     SteppedCar,
     VirtualCar,
     drive,
@@ -43,16 +46,19 @@ from greybox_id.datasets.virtual_vehicle import (
     tolerances,
     vehicle_file_text,
 )
+from greybox_id.datasets.virtual_vehicle.effects import complete
+from greybox_id.datasets.virtual_vehicle.made import made
 from greybox_id.datasets.virtual_vehicle.manoeuvres import PIECES
-from greybox_id.gap.form import LOOSE
+from greybox_id.datasets.virtual_vehicle.record import record
+from greybox_id.datasets.virtual_vehicle.tyres import curve
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicles import with_tolerances
 
 NAMES = ("I_z", "B_f", "D_f", "B_r", "D_r")
 DURATION, RATE, COLOUR = 20.0, 50.0, 0.3
-GRIP = 0.92
-"""Share of the friction that may be used; mixed and standard drives use all of it."""
+GRIP = 1.0
+"""Share of the friction that may be used: all of it, as mixed and standard drives do."""
 NONE: Mapping[str, float] = MappingProxyType({})
 ALONE, MORE = 10.0, 15.0
 """s of the first recording of a separation, of the second."""
@@ -61,35 +67,35 @@ ADVISED = {"step": "steps", "sweep": "slalom", "full braking": "acceleration", "
 """Words of a diagnosis' fixed advice -> the standard manoeuvre that comes nearest; else mixed."""
 WITHIN = 1.96
 """Standard deviations within which 95 % lie."""
+SLIPS = np.linspace(0.0, 1.0, 4001)
+"""Slip angles, rad, at which a curve is looked at."""
 SPIN = 0.5
 """Sideslip, rad, from which on a car counts as spun."""
 
 
-def stated(car: VirtualCar, shape: bool) -> gb.Vehicle:
-    """The vehicle with its tolerances, nothing but a value of the five; `shape`: nor of its tyre curves' shape."""
+def stated(car: VirtualCar) -> gb.Vehicle:
+    """The vehicle with its tolerances, nothing but a value of the five."""
     known = tolerances(car)
     sd = {name: own for name, own in known.parameters.items() if name not in NAMES}
-    if shape:
-        for axle in "fr":
-            sd |= {f"C_{axle}": LOOSE["C"] * car.parameters[f"C_{axle}"], f"E_{axle}": LOOSE["E"]}
     values = {name: gb.Stated(value, sd=sd.get(name)) for name, value in car.parameters.items()}
     return gb.Vehicle(car.name, values=values, effects={n: gb.Stated(sd=own) for n, own in known.effects.items()})
 
 
-def fitted(car: VirtualCar, recordings: Any, *, shape: bool = False) -> Any:
+def fitted(car: VirtualCar, recordings: Any, *, form: str = "uncertain") -> Any:
     """The five parameters, all else within its tolerance."""
-    vehicle = stated(car, shape)
-    model = build("single_track", {}, {}, vehicle=vehicle)
-    return gb.fit(with_tolerances(model, vehicle, EFFECTS), recordings)
+    vehicle = stated(car)
+    model = build("single_track", {"form": form}, {}, vehicle=vehicle)
+    gauss_newton = gb.FitOptions(solver="gauss-newton")  # Ipopt goes on by 1e-5 at kinks of delays and confirms nothing
+    return gb.fit(with_tolerances(model, vehicle, EFFECTS), recordings, options=gauss_newton)
 
 
 def driven(
-    true: VirtualCar, design: Any, seed: int, *, follow: bool, effects: Mapping[str, float] = NONE
+    true: VirtualCar, forms: Forms, design: Any, seed: int, *, follow: bool, effects: Mapping[str, float] = NONE
 ) -> tuple[Any, dict[str, float]]:
     """A plan driven by another car: the recording, and how close it came to limits."""
     table = design.table()
     plan = {name: table[name].to_numpy() for name in ("steer", design.drive, "v_x", "x", "y", "yaw")}
-    car = SteppedCar(true, float(plan["v_x"][0]), DURATION + 1.0, RATE, forms="other", effects=effects, seed=seed)
+    car = SteppedCar(true, float(plan["v_x"][0]), DURATION + 1.0, RATE, forms=forms, effects=effects, seed=seed)
     c, s = np.cos(design.placement.yaw), np.sin(design.placement.yaw)
     commands, path, slip = [], [], []
     for k in range(len(table)):
@@ -109,7 +115,7 @@ def driven(
     steer, force = np.array(commands).T
     start = {"v_x": float(plan["v_x"][0])}
     asked = gb.Recording("designed", table["time"].to_numpy(), {"steer": steer, design.drive: force})
-    recording, _ = replay(true, asked, start, forms="other", effects=effects, seed=seed, noise=1.0, colour=COLOUR)
+    recording, _ = replay(true, asked, start, forms=forms, effects=effects, seed=seed, noise=1.0, colour=COLOUR)
     wheels = [name for name in truth if name.startswith("alpha")]
     return recording, {
         "outside": float(design.arena.outside(xy[:, 0], xy[:, 1])),
@@ -129,14 +135,36 @@ def _use(true: VirtualCar, truth: Any) -> float:
     return float(max(shares))
 
 
-def told(fit: Any, true: VirtualCar) -> dict[str, dict[str, float]]:
+def truth_of(true: VirtualCar, forms: Forms) -> dict[str, float]:
+    """The five of a car: of its tyres, those of the magic formula that comes nearest to their own curve.
+
+    With the C and E that the car has, where every share of the friction counts alike (`models.form`).
+    """
+    own, found = record(true, complete(true.small, true.size), forms), {"I_z": float(true.parameters["I_z"])}
+    for axle in "fr":
+        B, C, D, E = (true.parameters[f"{letter}_{axle}"] for letter in "BCDE")
+        shares = np.array([curve(own, axle == "f", alpha, 1.0) for alpha in SLIPS])
+        top = int(np.argmax(shares))
+        slips = np.interp((np.arange(200) + 0.5) / 200 * shares[top], shares[: top + 1], SLIPS[: top + 1])
+        aim = np.interp(slips, SLIPS, shares)
+
+        def off(x: Any, C: float = C, E: float = E, slips: Any = slips, aim: Any = aim) -> Any:
+            slip = x[0] * slips
+            return x[1] * np.sin(C * np.arctan(slip - E * (slip - np.arctan(slip)))) - aim
+
+        nearest = least_squares(off, [B, 1.0], x_scale=[B, 1.0]).x
+        found |= {f"B_{axle}": float(nearest[0]), f"D_{axle}": float(nearest[1] * D)}
+    return found
+
+
+def told(fit: Any, truth: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Estimate, standard deviation, interval and truth of the five."""
     found = {}
     for name in NAMES:
         low, high = fit.interval(name)
         found[name] = {
             "value": float(fit.model[name].array), "sd": float(fit.sd[name]), "low": float(low), "high": float(high),
-            "true": float(true.parameters[name]),
+            "true": truth[name],
         }  # fmt: skip
     return found
 
@@ -145,11 +173,13 @@ def precision(seed: int, *, quick: bool) -> dict[str, Any]:
     """One vehicle; quickly: a search of a tenth of the effort, and of the standard manoeuvres only mixed."""
     car = random_vehicle(seed)
     true = toleranced(car, np.random.default_rng((seed, 5)))
-    options = {"duration": DURATION, "rate": RATE, "forms": "other", "colour": COLOUR}
+    forms = made(true, NONE, "other", seed, RATE).forms  # one car: all its drives have them
+    truth = truth_of(true, forms)
+    options = {"duration": DURATION, "rate": RATE, "forms": forms, "colour": COLOUR}
     first, _ = drive(true, "mixed", seed=seed, **options)
     pilot = fitted(car, first)
-    other, truth = drive(true, "mixed", seed=seed + 50_000, **options)
-    x, y = (truth.states[name] for name in "xy")
+    other, driven_path = drive(true, "mixed", seed=seed + 50_000, **options)
+    x, y = (driven_path.states[name] for name in "xy")
     radius = 0.5 * float(np.hypot(np.ptp(x), np.ptp(y)))  # the arena that the other mixed drive takes
     began = time.process_time()
     design = gb.design(
@@ -158,24 +188,24 @@ def precision(seed: int, *, quick: bool) -> dict[str, Any]:
         limits={"steer_max": car.steer_max, "drive_max": car.size.drive, "brake_max": car.size.brake},
     )  # fmt: skip
     seconds = time.process_time() - began
-    recording, limits = driven(true, design, seed, follow=True)
-    _, open_loop = driven(true, design, seed, follow=False)
+    recording, limits = driven(true, forms, design, seed + 100_000, follow=True)
+    _, open_loop = driven(true, forms, design, seed + 100_000, follow=False)
     result: dict[str, Any] = {
         "seed": seed, "car": car.name, "cpu_seconds": seconds, "kept": design.kept, "radius": radius,
         "sentence": design.sentence,
         "predicted": {name: list(own) for name, own in design.predicted_sd.items()},
         "limits": limits, "open_loop": open_loop, "active": list(design.active_limits),
-        "pilot": told(pilot, true), "designed": told(fitted(car, recording), true),
-        "both": told(fitted(car, [first, recording]), true),
+        "forms": vars(forms), "pilot": told(pilot, truth), "designed": told(fitted(car, recording), truth),
+        "both": told(fitted(car, [first, recording]), truth),
+        "designed_exact": told(fitted(car, recording, form="exact"), truth),
+        "mixed_exact": told(fitted(car, other, form="exact"), truth),
+        "mixed_both": told(fitted(car, [first, other]), truth),
+        "standard": {},
     }  # fmt: skip
-    if not quick:
-        result["designed_shape"] = told(fitted(car, recording, shape=True), true)
-        result["mixed_shape"] = told(fitted(car, other, shape=True), true)
-    result["standard"] = {}
     for name in ("mixed",) if quick else ("mixed", *PIECES):
         try:
             own, _ = drive(true, name, seed=seed + 50_000, **options)
-            result["standard"][name] = told(fitted(car, own), true)
+            result["standard"][name] = told(fitted(car, own), truth)
         except gb.GreyboxError as error:
             result["standard"][name] = str(error)
     return result
@@ -191,7 +221,8 @@ def separation(seed: int) -> dict[str, Any]:
     true = toleranced(car, np.random.default_rng((seed, 5)))
     effect = str(rng.choice([name for names in GROUPS.values() for name in names if partners(name)]))
     effects, manoeuvre = {effect: car.magnitude(effect, rng)}, str(rng.choice(list(PIECES)))
-    options = {"rate": RATE, "effects": effects, "forms": "other", "colour": COLOUR}
+    forms = made(true, NONE, "other", seed, RATE).forms
+    options = {"rate": RATE, "effects": effects, "forms": forms, "colour": COLOUR}
     found: dict[str, Any] = {"seed": seed, "car": car.name, "true": effect, "first": manoeuvre}
     first, _ = drive(true, manoeuvre, seed=seed, duration=ALONE, **options)
     with tempfile.TemporaryDirectory() as folder:
@@ -217,7 +248,7 @@ def separation(seed: int) -> dict[str, Any]:
         found["separation"] = [[list(own.pair), own.nats, own.p10] for own in design.separation]
         words = to_drive(names, EFFECTS)
         advised = next((own for word, own in ADVISED.items() if word in words), "mixed")
-        second, found["limits"] = driven(true, design, seed, follow=True, effects=effects)
+        second, found["limits"] = driven(true, forms, design, seed + 100_000, follow=True, effects=effects)
         ways = {"design": second}
         for way, name in (("mixed", "mixed"), ("advice", advised)):
             ways[way] = drive(true, name, seed=seed + 50_000 + len(ways), duration=design.duration, **options)[0]
@@ -286,11 +317,12 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
     def widths(*way: str) -> Any:
         return np.array([width(own[way[0]] if len(way) == 1 else own[way[0]].get(way[1])) for own in done])
 
-    def over(one: Any, other: Any) -> tuple[float | None, int]:
-        there = np.isfinite(one) & np.isfinite(other)
-        return (float(np.exp(np.mean(np.log(one[there] / other[there])))) if np.any(there) else None), int(
-            np.sum(there)
-        )
+    def over(one: Any, other: Any) -> list[float]:
+        """Geometric mean of a ratio, its relative standard error over vehicles, and how many there are."""
+        logs = np.log(one / other)[np.isfinite(one) & np.isfinite(other)]
+        if len(logs) < 2:
+            return []
+        return [float(np.exp(np.mean(logs))), float(np.std(logs, ddof=1) / np.sqrt(len(logs))), len(logs)]
 
     designed, mixed = widths("designed"), widths("standard", "mixed")
     each = np.array([widths("standard", name) for name in PIECES])
@@ -302,9 +334,13 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
         if own["both"][name]["sd"] > 0
     ]
 
-    def coverage(of: list[Any]) -> float | None:
-        every = [v for own in of if isinstance(own, dict) for v in own.values() if np.isfinite(v["sd"])]
-        return float(np.mean([v["low"] <= v["true"] <= v["high"] for v in every])) if every else None
+    def coverage(of: list[Any]) -> list[float]:
+        """Share of intervals that hold what is true, its standard error over vehicles, and how many vehicles."""
+        fits = [[v for v in own.values() if np.isfinite(v["sd"])] for own in of if isinstance(own, dict)]
+        each = [np.mean([v["low"] <= v["true"] <= v["high"] for v in own]) for own in fits if own]
+        if len(each) < 2:
+            return []
+        return [float(np.mean(each)), float(np.std(each, ddof=1) / np.sqrt(len(each))), len(each)]
 
     expected = [  # of the estimate from both recordings, with the standard deviation that was predicted
         abs(own["both"][name]["value"] - own["both"][name]["true"]) <= WITHIN * own["predicted"][name][1]
@@ -314,16 +350,17 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
         "vehicles": len(done), "failed": [own for own in lines if "designed" not in own],
         "width_over_mixed": over(designed, mixed),
         "width_over_best_standard": over(designed, best),
+        "width_over_mixed_beside_the_first": over(widths("both"), widths("mixed_both")),
         "narrower_than_mixed": int(np.sum(designed < mixed)),
         "predicted_over_achieved_sd_median": float(np.median(ratio)),
         "predicted_over_achieved_sd_quartiles": np.quantile(ratio, [0.25, 0.75]).tolist(),
         "coverage_predicted": float(np.mean(expected)),
         **{f"coverage_{kind}": coverage([own.get(kind) for own in done])
-           for kind in ("pilot", "designed", "both", "designed_shape", "mixed_shape")},
+           for kind in ("pilot", "designed", "both", "designed_exact", "mixed_exact", "mixed_both")},
         "coverage_mixed": coverage([own["standard"]["mixed"] for own in done]),
-        "width_over_mixed_shape": over(*(
-            np.array([width(own.get(f"{kind}_shape")) for own in done]) for kind in ("designed", "mixed")
-        )),
+        "coverage_of_each": {
+            name: coverage([{name: own["designed"][name]} for own in done]) for name in NAMES
+        },
         "left_arena_driver": int(sum(own["limits"]["outside"] > 0 for own in done)),
         "left_arena_open_loop": int(sum(own["open_loop"]["outside"] > 0 for own in done)),
         "spun": int(sum(own["limits"]["sideslip"] > SPIN for own in done)),

@@ -158,14 +158,12 @@ def strain(motion: Array, limits: DriveLimits) -> Strain:
     """How close (K, n, told) motions come to limits; infinite where a motion is not finite."""
     y = motion if motion.ndim == 3 else motion[None]
     with np.errstate(all="ignore"):
-        use = np.max(
-            [
-                np.hypot(y[..., AT[f"F_x{axle}"]], y[..., AT[f"F_y{axle}"]])
-                / np.maximum(y[..., AT[f"peak_{axle}"]], 1e-9)
-                for axle in "fr"
-            ],
-            axis=0,
+        along, across = (
+            np.array([y[..., AT[f"{force}{axle}"]] / np.maximum(y[..., AT[f"peak_{axle}"]], 1e-9) for axle in "fr"])
+            for force in ("F_x", "F_y")
         )
+        # no tyre gives more than its peak: what is beyond is the curve's error (`models.form`), and all of the friction
+        use = np.max(np.hypot(along, np.clip(across, -1.0, 1.0)), axis=0)
         slip = np.abs(np.arctan2(y[..., AT["v_y"]], np.maximum(y[..., AT["v_x"]], 1e-3)))
         backwards = y[..., AT["v_x"]] < 0.3 * limits.speed_min
         found = [

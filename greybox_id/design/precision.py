@@ -114,7 +114,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     return finished(
         "precision", course, found, search, asked, samples,
         criterion={"name": kind, "parameters": list(wanted), **value}, drive=drive_signal(fit, model),
-        predicted=told, impossible=_hardly(model, told),
+        predicted=told, impossible=_hardly(model, told), said=_exact(model),
     )  # fmt: skip
 
 
@@ -137,6 +137,15 @@ def cautious(
         limits, drive_max=min(limits.drive_max, ONE_AXLE * most), brake_max=min(limits.brake_max, BOTH_AXLES * most)
     )
     return slower, replace(vehicle, grip=min(vehicle.grip, low))
+
+
+def _exact(model: MotionModel) -> tuple[str, ...]:
+    """That a fit takes its equations for exact, which no tyre's curve is."""
+    if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
+        return ()
+    return (
+        "The fit takes tyre curves for exact; fit with --set form=uncertain, so that sd counts what they leave out.",
+    )
 
 
 def _hardly(model: MotionModel, told: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:

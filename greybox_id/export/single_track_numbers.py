@@ -32,6 +32,13 @@ _TOLD = ("peak_f", "peak_r", "stiffness_f", "stiffness_r", *(f"altered_{name}" f
 _SLOPED = ("F_yf", "F_yr", "alpha_f", "alpha_r")
 
 
+def without_form_error(subject: Subject) -> list[str]:
+    """That files of numbers hold the nearest formula of a curve whose error was estimated."""
+    if subject.model.settings.get("form", "exact") == "exact":
+        return []
+    return ["Tyre curves and front wheels were fitted with form=uncertain: the nearest formula is held, not its error."]
+
+
 @dataclass(frozen=True)
 class Axle:
     """An axle's tyre.

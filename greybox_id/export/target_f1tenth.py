@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from ..motion_model import MotionModel
 from .quoting import one_line, yaml_text
-from .single_track_numbers import HELD, Axle, SingleTrack, single_track_of, value_of
+from .single_track_numbers import HELD, Axle, SingleTrack, single_track_of, value_of, without_form_error
 from .subject import Subject
 
 GYM = {"h": 0.074, "s_max": 0.4189, "sv_max": 3.2, "v_switch": 7.319, "a_max": 9.51, "v_min": -5.0, "v_max": 20.0,
@@ -62,6 +62,7 @@ def cautions(subject: Subject) -> list[str]:
     found = [f"{which} cannot hold {', '.join(lost)}." for which, held in (
         ("f1tenth_gym", GYM_HOLDS), ("The ForzaETH race stack", STACK_HOLDS)
     ) if (lost := _lost(subject, held))]  # fmt: skip
+    found += without_form_error(subject)
     if numbers.h_cg and "longitudinal_load_transfer" not in subject.model.effects:
         found.append("Both shift load as the height of the centre of gravity says; this model leaves that out.")
     if numbers.mu is not None and numbers.front.pacejka is None:

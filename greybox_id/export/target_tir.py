@@ -13,7 +13,7 @@ from ..datasets.tyre_file import DIGITS
 from ..errors import BadInput
 from .origin import KeyOrigin
 from .quoting import one_line
-from .single_track_numbers import HELD, Axle, single_track_of, value_of
+from .single_track_numbers import HELD, Axle, single_track_of, value_of, without_form_error
 from .subject import Subject
 
 RADIUS = 0.3
@@ -47,6 +47,7 @@ def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
     found = [f"Tyre files cannot hold {', '.join(lost)}."] if lost else []
+    found += without_form_error(subject)
     found.append("Longitudinal and combined slip have the lateral curve's coefficients: nothing else is known of them.")
     return found
 

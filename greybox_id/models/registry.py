@@ -27,6 +27,7 @@ from .baselines import (
     msnn_bench_long,
 )
 from .effects import EFFECTS
+from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
@@ -122,9 +123,13 @@ class ModelEntry:
         return self.make(from_mapping(self.settings, settings))
 
 
+def _formed(model: MotionModel, settings: TyreSettings) -> MotionModel:
+    return with_form_error(model) if settings.form == "uncertain" else model
+
+
 MODELS: dict[str, ModelEntry] = {
-    "single_track": ModelEntry(SingleTrackSettings, lambda settings: single_track(settings.model, settings.drive)),
-    "lateral": ModelEntry(TyreSettings, lambda settings: lateral(settings.model)),
+    "single_track": ModelEntry(SingleTrackSettings, lambda own: _formed(single_track(own.model, own.drive), own)),
+    "lateral": ModelEntry(TyreSettings, lambda own: _formed(lateral(own.model), own)),
     "longitudinal": ModelEntry(NoSettings, lambda settings: longitudinal()),
     "kinematic": ModelEntry(KinematicSettings, kinematic),
     "msnn_lat": ModelEntry(LateralSettings, msnn_lat, covering_lat),

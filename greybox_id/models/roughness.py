@@ -43,9 +43,9 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
         "drive", of its own unit.
     """
     stated = {name for name, own in vehicle.values.items() if own.sd is not None}
-    for rough, by in ((_steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
+    for rough, by in ((steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
                       (_bent("c_2", usual["speed"]), {"c_2"})):  # fmt: skip
-        if by <= stated and rough.concerns(model):
+        if by <= stated and rough.name not in model and rough.concerns(model):
             model = model + rough
     for rough in _regimes(usual) if stated else ():
         if rough.concerns(model):
@@ -87,7 +87,7 @@ def _altering(changes: Mapping[str, Callable[[Symbol, Quantities], Symbol]]) -> 
     return lambda model: model.altered(**changes)
 
 
-def _steered_wheels() -> Effect:
+def steered_wheels() -> Effect:
     """The loaded outer front wheel, steered, drags on its side and turns the car back.
 
     Wheels at -/+ track / 2 with lateral forces F_yf / 2 (1 +/- 2 transfer / F_zf), turned by the steering angle: their

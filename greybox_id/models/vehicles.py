@@ -98,7 +98,8 @@ def stated_effect(effect: Effect, stated: Stated) -> Effect:
 def derived(vehicle: Vehicle) -> dict[str, Stated]:
     """What follows from Pacejka's parameters, mass and geometry, where a vehicle states these.
 
-    C_alpha = B C D F_z with the static load of the axle, mu = D, and the understeer gradient K_us.
+    C_alpha = B C D F_z with the static load of the axle, mu = D, the slip curve_slip = 1 / (B C) at which that slope
+    alone would give the peak, and the understeer gradient K_us.
     """
     stated, found = vehicle.values, {}
     if not {"m", "l_f", "l_r"} <= stated.keys():
@@ -113,6 +114,7 @@ def derived(vehicle: Vehicle) -> dict[str, Stated]:
             by = f"B_{suffix} C_{suffix} D_{suffix} F_z"
             found[f"C_alpha_{suffix}"] = Stated(C_alpha, abs(C_alpha) * relative or None, source=by)
             found[f"mu_{suffix}"] = replace(factors[2], source=f"D_{suffix}")
+            found[f"curve_slip_{suffix}"] = Stated(1.0 / (B * C), source=f"1 / (B_{suffix} C_{suffix})")
     slopes = {**found, **stated}
     if {"C_alpha_f", "C_alpha_r"} <= slopes.keys():
         C_f, C_r = (_value(slopes, name) for name in ("C_alpha_f", "C_alpha_r"))

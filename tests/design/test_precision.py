@@ -9,10 +9,11 @@ from greybox_id.design.course import AT, PlanCourse, strain
 from greybox_id.design.driver import driver_of, vehicle_of
 from greybox_id.design.information import Information, criterion, draws, known_by, predicted_sd
 from greybox_id.design.limits import DriveLimits
-from greybox_id.design.precision import _hardly
+from greybox_id.design.precision import _exact, _hardly
 from greybox_id.design.primitives import SHAPES, Phase, asked
 from greybox_id.design.search import _cma
 from greybox_id.errors import BadInput
+from greybox_id.models.registry import build
 
 FIVE = ("I_z", "B_f", "D_f", "B_r", "D_r")
 LIMITS = DriveLimits(0.4, 0.7, 3.0, 5.0, 3.0, 20.0)
@@ -105,6 +106,23 @@ def test_what_a_manoeuvre_adds_little_to_is_said_with_how_little(fit):
     assert "nothing to D_f" in sentence
     assert "B_f" not in sentence
     assert _hardly(fit.model, {"B_f": (1.0, 0.5)}) == ()
+
+
+def test_a_curves_error_is_no_friction_and_a_force_along_is(fit, course):
+    plan = plan_of(course, fit, Phase("turn", 0.7, 0.0, 14.0, 1.0))
+    full = DriveLimits(0.4, 0.7, 3.0, 5.0, 3.0, 20.0, grip=1.0)
+    beyond = plan.motion.copy()
+    beyond[50, AT["F_yf"]] = 1.03 * beyond[50, AT["peak_f"]]
+    beyond[50, AT["F_xf"]] = 0.0
+    assert strain(beyond, full).grip[0] == pytest.approx(1.0)
+    beyond[50, AT["F_xf"]] = 0.5 * beyond[50, AT["peak_f"]]
+    assert strain(beyond, full).grip[0] == pytest.approx(np.hypot(1.0, 0.5))
+
+
+def test_a_fit_that_takes_curves_for_exact_is_told_so(fit, design):
+    assert any("form=uncertain" in line for line in design.said)
+    assert _exact(build("single_track", {"form": "uncertain"})) == ()
+    assert _exact(build("single_track", {"tyre": "linear"})) == ()
 
 
 def test_more_information_is_worth_more_by_every_criterion(fit, course):

@@ -94,3 +94,17 @@ def test_what_cannot_be_held_is_said():
 def test_other_tyres_are_refused(name, settings, said):
     with pytest.raises(BadInput, match=said):
         files(Subject(build(name, settings), "car", None))
+
+
+def test_a_fit_with_the_error_of_its_form_is_held_as_the_nearest_formula_and_says_so():
+    own = vehicle("full_size_car")
+    model = build("single_track", {"form": "uncertain"}, {}, own)
+    meant = Subject(
+        model.with_parameters(model["curve_2_f"].with_value(0.04)), "car", None, source="a test", vehicle=own
+    )
+    plain = Subject(build("single_track", {}, {}, own), "car", None, source="a test", vehicle=own)
+    assert any("form=uncertain" in line for line in cautions(meant))
+    assert not any("form=uncertain" in line for line in cautions(plain))
+    held, same = (parse_tyre_file(files(one)["car_front.tir"].decode(), "car_front.tir").at() for one in (meant, plain))
+    alphas = np.linspace(-0.3, 0.3, 13)
+    assert [held.force(a, 4000.0) for a in alphas] == pytest.approx([same.force(a, 4000.0) for a in alphas])

@@ -1,0 +1,130 @@
+"""What the form of a single track's equations leaves open."""
+
+import json
+
+import numpy as np
+import pytest
+from linearised import rates, vector
+
+from greybox_id.errors import BadInput
+from greybox_id.models.form import CURVE_SD, KNOTS
+from greybox_id.models.registry import build
+from greybox_id.models.roughness import with_roughness
+from greybox_id.models.tyres import TYRES, axle
+from greybox_id.vehicle import Stated, Vehicle
+
+TURNING = (12.0, -0.3, 0.5)
+"""v_x, v_y and yaw rate of a turn to the left."""
+CURVES = [name for name in TYRES if name != "linear"]
+
+
+def forces(model, z=TURNING, steer=0.1, **given):
+    """F_yf (along the car's y) and F_yr."""
+    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    found = rates(model, z, p=vector(model, **given), steer=steer, drive=0.0)
+    across, turning = p["m"] * (found["v_y"] + z[2] * z[0]), found["yaw_rate"] * p["I_z"]
+    L = p["l_f"] + p["l_r"]
+    return (p["l_r"] * across + turning) / L, (p["l_f"] * across - turning) / L
+
+
+@pytest.mark.parametrize("tyre", CURVES)
+@pytest.mark.parametrize("name", ["single_track", "lateral"])
+def test_numbers_of_the_form_have_priors_and_leave_the_equations_alone_at_none(name, tyre):
+    exact, model = build(name, {"tyre": tyre}), build(name, {"tyre": tyre, "form": "uncertain"})
+    own = [p for p in model.parameters if p.name not in exact and not p.fixed]
+    assert len(own) == 2 * KNOTS + 2
+    assert all(p.prior is not None for p in own)
+    if name == "single_track":
+        p = vector(model, steered_wheels=0.0)
+        assert rates(model, TURNING, p=p, steer=0.1, drive=0.5) == rates(exact, TURNING, steer=0.1, drive=0.5)
+
+
+def test_it_is_rebuilt_from_its_settings_as_json():
+    model = build("single_track", {"form": "uncertain", "drive": "motor"})
+    assert build("single_track", json.loads(json.dumps(dict(model.settings)))).parameters == model.parameters
+
+
+def sliding(model, slips, **given):
+    """F_yr over F_z at these slips, in units of the rear curve's own."""
+    unit = float(model["curve_slip_r"].array)
+    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    load = p["m"] * 9.81 * p["l_f"] / (p["l_f"] + p["l_r"])
+    return np.array([forces(model, (20.0, -20.0 * np.tan(s * unit), 0.0), steer=0.0, **given)[1] / load for s in slips])
+
+
+def test_an_error_of_the_curve_is_odd_and_a_bump_less_what_slope_and_peak_would_make_of_it():
+    """Fitted to a magic formula with one more share of the friction after the other, the error leaves B and D alone."""
+    car = {"m": 1450.0, "l_f": 1.3, "l_r": 1.46, "B_r": 10.0, "C_r": 1.4, "D_r": 1.0}
+    model = build("single_track", {"form": "uncertain"}, vehicle=Vehicle("car", {n: Stated(v) for n, v in car.items()}))
+    assert float(model["curve_slip_r"].array) == pytest.approx(1 / 14)
+    shares = (np.arange(60) + 0.5) / 60
+    slips = 1.4 * np.tan(np.arcsin(shares) / 1.4)
+    base = sliding(model, slips)
+    assert base == pytest.approx(shares, rel=1e-6)
+    J = np.stack([sliding(model, slips, **{name: 1.001 * car[name]}) - base for name in ("B_r", "D_r")], axis=1) / 1e-3
+    for k in range(1, KNOTS + 1):
+        error = sliding(model, slips, **{f"curve_{k}_r": 0.02}) - base
+        assert sliding(model, -slips, **{f"curve_{k}_r": 0.02}) == pytest.approx(-(base + error), abs=1e-9)
+        moved = np.linalg.lstsq(J, error, rcond=None)[0]
+        assert np.abs(moved).max() < 0.03 * 0.02
+        bump = sliding(model, [np.tan(0.5 * np.pi * k / (KNOTS + 1))], **{f"curve_{k}_r": 0.02})
+        assert bump > sliding(model, [np.tan(0.5 * np.pi * k / (KNOTS + 1))])
+
+
+def test_formulas_of_one_slope_and_one_peak_differ_by_as_much_as_a_curve_is_uncertain():
+    """Between 0.3 and 2 of the slip of the peak, spread about their mean over the peak, root mean square."""
+    slope, peak = 14.0, 1.0
+    alphas = np.linspace(0.3, 2.0, 30) * peak / slope
+    own = {
+        "pacejka": {"B_f": slope / 1.4, "C_f": 1.4, "D_f": peak, "E_f": 0.0, "S_h_f": 0.0, "S_v_f": 0.0},
+        "brush": {"C_alpha_f": slope, "mu_f": peak}, "dugoff": {"C_alpha_f": slope, "mu_f": peak},
+    }  # fmt: skip
+    from types import SimpleNamespace
+
+    curves = np.array([
+        [float(TYRES[name].force(a, 1.0, axle(SimpleNamespace(**p), "f"), 1.0, 1.0)) for a in alphas]
+        for name, p in own.items()
+    ])  # fmt: skip
+    spread = np.sqrt(np.mean((curves - curves.mean(axis=0)) ** 2))
+    assert spread == pytest.approx(CURVE_SD, rel=0.25)
+
+
+@pytest.mark.parametrize("ackermann", [0.0, 1.0])
+@pytest.mark.parametrize("steer", [0.15, -0.15])
+def test_the_loaded_outer_wheel_slips_more_than_the_axle_by_its_speed_less_by_its_angle(steer, ackermann):
+    """Two wheels where they stand, slips and loads written out; the axle's slip is their mean weighed by loads."""
+    model = build("single_track", {"form": "uncertain"})
+    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    L, side, v = p["l_f"] + p["l_r"], np.sign(steer), 12.0
+    for slip in (0.0, 0.05 * side):
+        yaw_rate = v * np.tan(steer - slip) / L
+        transfer = 0.55 * v * yaw_rate * p["h_cg"] / (9.81 * p["l_r"] / L)  # over the axle's load, times the track
+        angles = [steer - s * ackermann * p["track_f"] / (2 * L) * steer**2 for s in (-1, 1)]
+        slips = [angle - np.arctan2(L * yaw_rate, v + s * 0.5 * p["track_f"] * yaw_rate)
+                 for s, angle in zip((-1, 1), angles, strict=True)]  # fmt: skip
+        weighed = sum((0.5 + s * transfer / p["track_f"]) * own for s, own in zip((-1, 1), slips, strict=True))
+        more = weighed - np.mean(slips)
+        z = (v, p["l_r"] * yaw_rate, yaw_rate)
+        given = {"steered_wheels": 1.0, "ackermann": ackermann}
+        # the moment of the outer wheel is in both: the difference is the slip's alone
+        after, alone = forces(model, z, steer, **given)[0], forces(model, z, steer, steered_wheels=0.0)[0]
+        slope = (forces(model, (v, z[1] - 1e-6 * v, yaw_rate), steer, steered_wheels=0.0)[0] - alone) / 1e-6
+        moment = -np.sin(steer) * 0.55 * p["h_cg"] / L * sum(forces(model, z, steer, steered_wheels=0.0))
+        turned = moment * alone / np.cos(steer) / (p["m"] * 9.81 * p["l_r"] / L)
+        assert (after - alone - turned) / slope == pytest.approx(more, abs=0.2 * abs(steer**2 * transfer / L))
+
+
+def test_what_does_not_go_together_is_a_sentence():
+    for settings, words in (
+        ({"form": "sure"}, "exact or uncertain"),
+        ({"form": "uncertain", "tyre": "linear"}, "linear"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            build("single_track", settings)
+
+
+def test_a_diagnosis_does_not_add_what_the_form_has_already():
+    stated = Vehicle("car", {"B_f": Stated(10.0, 0.2), "C_f": Stated(1.4, 0.01)})
+    model = build("single_track", {"form": "uncertain"}, vehicle=stated)
+    rough = with_roughness(model, stated, {"speed": 15.0, "steer": 0.1, "drive": 2.0})
+    assert "steered_wheels" not in rough.effects
