@@ -49,6 +49,9 @@ NINETY_FIVE = 2 * 1.959964
 """Width of a 95 % interval in standard deviations."""
 LEAST_SHARE = 0.02
 """Of the excess that an effect closes on what was held out: a smaller one is a refinement, no cause."""
+SHOWS = 0.1
+"""Excess of free runs over noise from which on there is a gap that must be detected (the examinations' `SIZABLE`). What
+closes of less than that, on the recordings that chose the effects, is form and luck: it tells nothing of a cause."""
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -100,14 +103,14 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     unknown = something_unnamed(found)
     detected = bool(found.best.candidates) or bool(scattered) or unknown > PRESENT
     shared = _budget(found, held_out, tell) if found.best.candidates else None
-    best, reasons = _causes(found, shared)
+    best, reasons = _causes(found, _telling(found, shared))
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
     closed, verified, worse = closed_model(found, best, detected, held_out)
     if worse:
         reasons |= dict.fromkeys(best.names, WORSE)
         best = selection.base
-    ranking, applied = _ranking(found, reasons, shared), tuple(best.names)
+    ranking, applied = _ranking(found, reasons, _telling(found, shared)), tuple(best.names)
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -202,6 +205,12 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
     return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
 
 
+def _telling(found: Examined, shared: Budget | None) -> Budget | None:
+    """A budget that tells causes from others: of recordings held out, or of a gap that shows where they were chosen."""
+    shows = found.closed.before - found.closed.floor >= SHOWS
+    return shared if shared is not None and (shared.held_out or shows) else None
+
+
 def _part(whole: Hypothesis, names: Set) -> Hypothesis:
     """Some of a hypothesis' effects, where they stand in it."""
     sizes = [len(own.axes) for own in whole.candidates]
@@ -213,15 +222,11 @@ def _part(whole: Hypothesis, names: Set) -> Hypothesis:
 def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
     """The effects of the best hypothesis that are called causes, and why the others are not, by name."""
     best, reasons = found.best, dict[str, str]()
-    if shared is None:
-        return best, reasons
     at, varying = 0, _varying(found)
-    judged = "on what was held out" if shared.held_out else "in free run"
     for candidate in best.candidates:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
         at += len(candidate.axes)
-        share = shared.of(name)
-        assert share is not None
+        share = shared.of(name) if shared is not None else None
         sure = probability(found.evidence, found.selection.tried, name)
         spread = varying.get(name)
         if spread is not None and spread.relative > CALIBRATION["varies"]:
@@ -230,10 +235,13 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"{spread.along}, that of a cause does not"
             )
         elif sure <= PRESENT:
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half"
+            alike = _alike(found, name)
+            beside = f", and as much speaks for {listed(alike)}" if alike else ""
+            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < AT_BOUND * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, no size"
-        elif not (share.share >= _least_share(shared) and share.low > 0):
+        elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
+            judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (
                 f"a refinement: {judged} it closes {100 * share.share:.0f} % of the excess "
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"

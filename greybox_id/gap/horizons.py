@@ -19,6 +19,8 @@ from .kinds import Diagnosed
 HORIZONS = (0.1, 0.5, 2.0, None)
 """s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
 of readings; nothing is known of them in between."""
+OVERLAPPING = 10
+"""Windows that a row lies in at most: those that begin within a tenth of a horizon err alike."""
 
 
 def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recording], sd: Array) -> tuple[Errors, ...]:
@@ -51,7 +53,7 @@ def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | 
         simulator = Simulator(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
         for horizon in HORIZONS:
-            found[horizon] = [own.free_run() if horizon is None else own.ahead(horizon) for own in predictors]
+            found[horizon] = [own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors]
     return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
 
 

@@ -83,15 +83,22 @@ class Predictor:
                 found = self._run_freely(intervals)
         return self._collected(rows, found)
 
-    def ahead(self, horizon: float) -> Predictions:
-        """Every row predicted from the readings so many seconds before."""
+    def ahead(self, horizon: float, overlapping: int | None = None) -> Predictions:
+        """Rows predicted from the readings so many seconds before.
+
+        Parameters
+        ----------
+        horizon : s.
+        overlapping : how many windows a row lies in at most; None: every row is predicted, as far as `MOST_STARTS` go.
+        """
         chosen: list[tuple[int, Index]] = []
         found = []
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
             steps = max(1, round(horizon / run.sample_time))
             complete = np.all(np.isfinite(run.measured[:, self._channels(self._read[k])]), axis=1)
-            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::stride]
+            apart = stride if overlapping is None else max(stride, steps // overlapping)
+            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::apart]
             if len(begin):
                 chosen.append((k, begin + steps))
                 found.append(self._led(self._plans[k], states[begin], begin, begin + steps))

@@ -254,19 +254,15 @@ class _Case:
         """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
         if not self.drawn or self.again.form is None:
             return True
+        rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
         try:
+            if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
+                return False  # before every tolerance is driven, which takes far longer
             hidden = self.again.beside_tolerances(self.again.form)
+            lefts = [self.again.left(self.effects, rest) for rest in rests]
         except BadInput as error:
             raise _Unfit from error
-        for name in self.drawn:
-            rest = {other: own for other, own in self.effects.items() if other != name}
-            try:
-                size, left = self.again.size(self.effects, rest), self.again.left(self.effects, rest)
-            except BadInput as error:
-                raise _Unfit from error
-            if not exceeds(size) or not exceeds(left) or all(left[c] < VISIBLE * hidden[c] for c in left):
-                return False
-        return True
+        return all(exceeds(left) and any(left[c] >= VISIBLE * hidden[c] for c in left) for left in lefts)
 
     @cached_property
     def aliases(self) -> dict[str, tuple[str, ...]]:
