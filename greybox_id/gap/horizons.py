@@ -53,7 +53,9 @@ def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | 
         simulator = Simulator(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
         for horizon in HORIZONS:
-            found[horizon] = [own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors]
+            found[horizon] = [
+                own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors
+            ]
     return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
 
 
