@@ -11,7 +11,7 @@ Research 37 (2001).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,10 +128,7 @@ def identifiability(
     names: Sequence[str],
     x: Array,
     covariance: Array,
-    *,
-    independent: Array | None = None,
     prior_sd: Array | None = None,
-    size: Array | None = None,
 ) -> Identifiability:
     """Look for what a recording leaves open.
 
@@ -140,17 +137,14 @@ def identifiability(
     names : of the parameters.
     x : (parameters,) estimates.
     covariance : (parameters, parameters) of the estimates; those held or at a bound have zero rows and are left out.
-    independent : (parameters, parameters) covariance were residuals independent, whose inverse is the normal matrix
-        (`Uncertainty.independent`); by default the covariance.
     prior_sd : (parameters,) standard deviations believed before, infinite for none; a parameter that its prior lets
         lie anywhere about zero (an offset) is measured against its prior alone.
-    size : (parameters,) what a relative standard deviation is relative to; by default the larger of the estimate and
-        the prior's standard deviation, if there is one.
+
+    A relative standard deviation is relative to the larger of the estimate and the prior's standard deviation.
     """
     variance = np.diag(covariance)
     prior_sd = np.full(len(x), np.inf) if prior_sd is None else np.asarray(prior_sd, dtype=float)
-    if size is None:
-        size = np.maximum(np.abs(x), np.where(np.isfinite(prior_sd), prior_sd, 0.0))
+    size = np.maximum(np.abs(x), np.where(np.isfinite(prior_sd), prior_sd, 0.0))
     about_zero = np.isfinite(prior_sd) & (np.abs(x) < prior_sd)
     sd = np.sqrt(np.maximum(variance, 0.0))
     relative = np.divide(sd, size, out=np.where(sd > 0.0, np.inf, 0.0), where=(size > 0.0) & np.isfinite(sd))
@@ -162,55 +156,14 @@ def identifiability(
     inner = np.flatnonzero((variance > 0.0) & np.isfinite(variance))
     C = covariance[np.ix_(inner, inner)]
     correlation = C / np.outer(sd[inner], sd[inner])
-    normal = C if independent is None else independent[np.ix_(inner, inner)]
     scaled = np.flatnonzero(size[inner] > 0.0)
     unit = size[inner][scaled]
     return Identifiability(
         tuple(undetermined),
         _pairs([names[int(k)] for k in inner], correlation),
         _directions([names[int(k)] for k in inner[scaled]], C[np.ix_(scaled, scaled)] / np.outer(unit, unit)),
-        np.inf if np.any(np.isinf(variance)) else _condition(normal),
+        np.inf if np.any(np.isinf(variance)) else _condition(C),
     )
-
-
-@dataclass(frozen=True)
-class Determined:
-    """A quantity derived from parameters: estimate, standard deviation, and that as a share of the estimate."""
-
-    estimate: float
-    sd: float
-    relative_sd: float
-
-    def about(self, name: str, unit: str = "") -> str:
-        """The quantity in a plain sentence."""
-        verdict = "is determined" if self.relative_sd <= HALF else "is hardly determined"
-        return f"{name} {verdict}: {self.estimate:.4g} ± {self.sd:.2g}{f' {unit}' if unit else ''}."
-
-
-def determined(combination: Callable[[Array], float], x: Array, covariance: Array) -> Determined:
-    """How well a combination of parameters is told, to first order (delta method).
-
-    Parameters
-    ----------
-    combination : of the parameter vector; differentiated by central differences.
-    x : (parameters,) estimates.
-    covariance : (parameters, parameters); of infinite variance only if the combination does not depend on it is it
-        of no concern.
-    """
-    variance = np.diag(covariance)
-    gradient = np.zeros(len(x))
-    for k in np.flatnonzero(variance > 0.0):
-        spread = np.sqrt(variance[k]) if np.isfinite(variance[k]) else 0.0
-        step = np.cbrt(np.finfo(float).eps) * (max(abs(x[k]), spread) or 1.0)
-        above, below = x.copy(), x.copy()
-        above[k] += step
-        below[k] -= step
-        gradient[k] = (combination(above) - combination(below)) / (above[k] - below[k])
-    used = np.flatnonzero(gradient)
-    estimate = float(combination(x))
-    inside = float(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])
-    sd = np.inf if np.any(np.isinf(variance[used])) else float(np.sqrt(max(inside, 0.0)))
-    return Determined(estimate, sd, sd / abs(estimate) if estimate else (np.inf if sd else 0.0))
 
 
 def _pairs(names: Sequence[str], correlation: Array) -> tuple[CorrelatedPair, ...]:
