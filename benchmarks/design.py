@@ -46,8 +46,8 @@ from greybox_id.datasets.virtual_vehicle import (
     tolerances,
     vehicle_file_text,
 )
+from greybox_id.datasets.virtual_vehicle.drive import made
 from greybox_id.datasets.virtual_vehicle.effects import complete
-from greybox_id.datasets.virtual_vehicle.made import made
 from greybox_id.datasets.virtual_vehicle.manoeuvres import PIECES
 from greybox_id.datasets.virtual_vehicle.record import record
 from greybox_id.datasets.virtual_vehicle.tyres import curve
