@@ -1,16 +1,206 @@
-"""The C functions of an export: what each is called, takes, gives and does."""
+"""From CasADi functions to C functions of straight-line C99.
+
+CasADi's own generated code keeps every intermediate number in a work array and reads it back; here each is a constant
+of its own, which stays in a register. Operations stand in the order of how many slow functions lie before them: front
+and rear axle stand side by side, and the processor works on both at once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as cs
 
+from ...engine.graph import FUNCTIONS, LOGIC, OPERATORS, SELECT, SLOW, TESTS, Graph, Leaf, Operation, traced
 from ..quoting import c_comment
+from .mathematics import FUNCTIONS as OWN
 from .mathematics import definitions
-from .scalar import Body, body
+
+OWN_OF = {name: f"own_{name}" for name in FUNCTIONS.values() if f"own_{name}" in OWN}
+"""Functions that this project has its own C for."""
+LONGEST = 60
+"""Characters of an expression that stands where it is asked for, if that is in one place only."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """What a C function does.
+
+    Attributes
+    ----------
+    lines : statements.
+    functions : names of the functions of `mathematics` they call.
+    """
+
+    lines: tuple[str, ...]
+    functions: frozenset[str]
+
+    def reads(self, argument: str) -> bool:
+        """Whether an argument has a part in it."""
+        return any(re.search(rf"\b{argument}\b", line) for line in self.lines)
+
+
+def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]) -> Body:
+    """The statements that compute an SX function's dense results.
+
+    Parameters
+    ----------
+    function : of column vectors.
+    arguments : what they are called in C; one that ends in "*" is a number, not an array.
+    results : the arrays that take the results, column by column.
+
+    Raises `CannotCompile` for an operation that there is no C for.
+    """
+    symbols = function.sx_in()
+    dense = cs.Function("dense", symbols, [cs.densify(result) for result in function.call(symbols)])
+    graph, numbers = traced(dense, [name.rstrip("*") for name in arguments], "p")
+    scalars = frozenset(name.rstrip("*") for name in arguments if name.endswith("*"))
+    writer = _Writer(graph, scalars, [value for values in numbers for value in values])
+    lines = list(writer.lines())
+    # what is handed through is read before anything is written, for x_next may be x
+    held, stores = list[str](), list[str]()
+    for array, values in zip(results, numbers, strict=True):
+        for k, value in enumerate(values):
+            given = writer.name(value)
+            if given.endswith("]"):
+                held.append(f"const double {array}_{k} = {given};")
+                given = f"{array}_{k}"
+            stores.append(f"{array}[{k}] = {given};")
+    return Body((*lines, *held, *stores), frozenset(writer.functions))
+
+
+class _Writer:
+    """Writes a graph's operations as C statements.
+
+    Attributes
+    ----------
+    functions : names of the functions of `mathematics` called so far.
+    """
+
+    def __init__(self, graph: Graph, scalars: frozenset[str], wanted: Sequence[int]) -> None:
+        self.graph = graph
+        self.scalars = scalars
+        self.functions: set[str] = set()
+        self._operations = graph.operations()
+        self._choices = dict(self._found_choices())
+        self._needed = self._found_needed(wanted)
+        self._angles = self._found_angles()
+        self._uses = self._found_uses(wanted)
+        self._inlined: dict[int, str] = {}
+
+    def lines(self) -> Iterator[str]:
+        """The statements, those that wait for fewer slow functions first."""
+        depths = [0] * len(self.graph.values)
+        for k, value in self._operations.items():
+            depths[k] = max(depths[source] for source in value.sources) + (value.op in SLOW)
+        done = set[int]()
+        for k in sorted(self._operations, key=depths.__getitem__):
+            if k not in self._needed or k in done:
+                continue
+            value = self._operations[k]
+            pair = self._angles.get(value.sources[0]) if value.op in (cs.OP_SIN, cs.OP_COS) else None
+            if pair is None:
+                text = self._expression(k, value)
+                if self._uses[k] == 1 and value.op in OPERATORS and len(text) <= LONGEST:
+                    self._inlined[k] = f"({text})"
+                else:
+                    yield f"const {'int' if value.op in TESTS or value.op in LOGIC else 'double'} v{k} = {text};"
+            else:
+                sine, cosine = pair
+                done |= {sine, cosine}
+                self.functions.add("own_sincos")
+                yield f"double v{sine}, v{cosine};"
+                yield f"own_sincos({self.name(value.sources[0])}, &v{sine}, &v{cosine});"
+
+    def name(self, k: int) -> str:
+        """What a value is called in C."""
+        value = self.graph.values[k]
+        if not isinstance(value, Leaf):
+            return self._inlined.get(k, f"v{k}")
+        number = re.fullmatch(r"splat\((.*)\)", value.text)
+        if number is not None:
+            return _literal(number[1])
+        array = value.text.partition("[")[0]
+        return array if array in self.scalars else value.text
+
+    def _expression(self, k: int, value: Operation) -> str:
+        names = [self._operand(source, value.op) for source in value.sources]
+        if k in self._choices:
+            test, yes, no = (self.name(source) for source in self._choices[k])
+            return f"{test} ? {yes} : {no}"
+        if value.op in TESTS:
+            return TESTS[value.op].format(*names)
+        if value.op in LOGIC:
+            words = {cs.OP_NOT: "!{0}", cs.OP_AND: "{0} && {1}", cs.OP_OR: "{0} || {1}"}
+            return words[value.op].format(*names)
+        if value.op == SELECT:
+            return f"{names[0]} ? {names[1]} : 0.0"
+        if value.op in OPERATORS:
+            return OPERATORS[value.op].replace("splat(1)", "1.0").format(*names)
+        called = FUNCTIONS[value.op]
+        own = OWN_OF.get(called, called)
+        if own != called:
+            self.functions.add(own)
+        return f"{own}({', '.join(names)})"
+
+    def _operand(self, k: int, op: int) -> str:
+        """A value where an operation takes it: tests are whole numbers in C, and their quotients would be cut."""
+        own = self._operations.get(k)
+        tested = own is not None and (own.op in TESTS or own.op in LOGIC)
+        return f"(double){self.name(k)}" if tested and (op in OPERATORS or op in FUNCTIONS) else self.name(k)
+
+    def _found_choices(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
+        """Sums that say "a where a test holds, b where it does not", which is one choice."""
+        for k, value in self._operations.items():
+            if value.op != cs.OP_ADD:
+                continue
+            parts = [self._operations.get(source) for source in value.sources]
+            if all(part is not None and part.op == SELECT for part in parts):
+                (test, yes), (other, no) = (part.sources for part in parts if part is not None)
+                negated = self._operations.get(other)
+                if negated is not None and negated.op == cs.OP_NOT and negated.sources == (test,):
+                    yield k, (test, yes, no)
+
+    def _found_angles(self) -> Mapping[int, tuple[int, int]]:
+        """Angles of which both sine and cosine are asked."""
+        asked: dict[int, dict[int, int]] = {}
+        for k, value in self._operations.items():
+            if k in self._needed and value.op in (cs.OP_SIN, cs.OP_COS):
+                asked.setdefault(value.sources[0], {})[value.op] = k
+        return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in asked.items() if len(both) == 2}
+
+    def _found_uses(self, wanted: Sequence[int]) -> Counter[int]:
+        """How often each value is asked for; twice if it is doubled, squared or a result.
+
+        Results are computed before any is stored, for x_next may be x.
+        """
+        uses = Counter(dict.fromkeys(wanted, 2))
+        for k in self._needed & self._operations.keys():
+            value = self._operations[k]
+            own = Counter(self._choices.get(k, value.sources))
+            uses += Counter(dict.fromkeys(own, 2)) if value.op in (cs.OP_SQ, cs.OP_TWICE) else own
+        return uses
+
+    def _found_needed(self, wanted: Sequence[int]) -> set[int]:
+        """Operations whose values are asked for, once choices are made in one."""
+        needed = set(wanted)
+        for k in reversed(self._operations):  # a value stands behind those it is made of
+            if k in needed:
+                needed.update(self._choices.get(k, self._operations[k].sources))
+        return needed
+
+
+def _literal(text: str) -> str:
+    """A number of the graph's, in C: the shortest decimal that is exactly it."""
+    if text.lstrip("-") in ("NAN", "INFINITY"):
+        return text
+    number = repr(float.fromhex(text))
+    return f"({number})" if number.startswith("-") else number
+
 
 INLINE = """\
 #if defined __GNUC__

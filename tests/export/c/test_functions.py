@@ -6,7 +6,7 @@ import casadi as cs
 import pytest
 
 from greybox_id.engine.compiler import CannotCompile
-from greybox_id.export.c.scalar import body
+from greybox_id.export.c.functions import body
 
 x, p = cs.SX.sym("x", 3), cs.SX.sym("p", 2)
 
