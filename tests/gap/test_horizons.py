@@ -5,6 +5,8 @@ import pytest
 from driven import driven
 from gap_cases import CAR
 
+from greybox_id.engine.motion.prediction import Predictor
+from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.gap.horizons import by_horizon, diverges
 from greybox_id.models.registry import build
 
@@ -27,3 +29,13 @@ def test_a_vehicle_that_spins_in_free_run_has_no_error_there():
     assert found["yaw_rate", None].before == np.inf
     assert 0 < found["yaw_rate", None].after < 1.0
     assert 0 < found["yaw_rate", 0.1].before < np.inf
+
+
+def test_windows_that_overlap_less_predict_some_of_the_same_rows():
+    lap, model = driven("lateral", runs=1, seconds=4.0), build("lateral", {"tyre": "linear"}, {}, CAR)
+    predictor = Predictor(Simulator(model), lap, model.values)
+    every, some = predictor.ahead(1.0), predictor.ahead(1.0, 5)
+    assert 10 < len(some.rows) < len(every.rows) / 2
+    at = np.searchsorted(every.rows, some.rows)
+    np.testing.assert_array_equal(every.rows[at], some.rows)
+    np.testing.assert_allclose(every.predicted[at], some.predicted, rtol=1e-9)
