@@ -26,21 +26,14 @@ from ..parameter import Array
 from ..recording import Recording
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
-from .between_runs import Common, RunExplained, VaryingNumber, Weigher, common, explained, values_of
+from .between_runs import Common, RunExplained, explained, values_of
 from .calibration import CALIBRATION
 from .closing import DRAWS, LEAST_GAP
 from .gap import Budget, Closure, Gap, Ranked, Share, Where
-from .innovations import FollowedRun, Follower, noise_of, plain_noise
+from .innovations import FollowedRun, Follower
 from .kinds import Diagnosed
+from .usual import SPECIFIED, USUAL, acts, numbers_of, usual
 
-SCATTER = "scatter_"
-USUAL = {name.removeprefix(SCATTER): size for name, size in CALIBRATION.items() if name.startswith(SCATTER)}
-"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
-may be named as changed."""
-SPECIFIED = ("yaw_rate_scale",)
-"""Of these, gains of sensors: they do not differ from run to run, and what is specified of them is not learned."""
-MEASURED_AT = "velocity_lever_arm"
-"""A number of the vehicle that no file states: where speed is measured."""
 REFITTED, LEAST = 3, 1.0
 """Effects that are refitted: those that promise most, the first in any case, others at least so much."""
 REACH = (-1.2, -0.6, 0.6, 1.2)
@@ -175,11 +168,11 @@ def diagnose_change(
         raise BadInput(f"{model.name} is a map with memory: what changed is found for equations of motion alone.")
     _must_differ([*after, *held_out], since)
     read = _readings(model, [*after, *held_out, *since])
-    own = {name: effect for name, effect in effects.items() if name in USUAL and _acts(effect, model, read)}
+    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
     if not own:
         raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
     with threadpool_limits(1):  # matrices are tiny
-        full, numbers = _numbers(model, own, effects, vehicle, read)
+        full, numbers = numbers_of(model, own, effects, vehicle, read)
         alike = filtered_alike([*after, *held_out, *since])
         scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CALIBRATION["filters"])
         known = usual(Follower(full, read), numbers, [FollowedRun.of(one, read) for one in since], tell, scatter)
@@ -225,107 +218,6 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     """
     steps = [one.sample_time for one in recordings if one.sample_time > 0]
     return not steps or max(steps) < CALIBRATION["rates"] * min(steps)
-
-
-def _acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
-    """Whether an effect acts on what is read: that of a sensor needs the sensor."""
-    name = effect.parameter.name
-    return effect.concerns(model) and (not name.startswith("yaw_rate") or "yaw_rate" in read)
-
-
-def _numbers(
-    model: MotionModel, own: Mapping[str, Effect], effects: Mapping[str, Effect], vehicle: Vehicle, read: Sequence[str]
-) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
-    """The model with all that may change, and the numbers that are searched."""
-    found = list[VaryingNumber]()
-    for name, stated in vehicle.values.items():
-        if stated.sd is not None and name in model and model[name].shape == ():
-            found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
-    tyres = any(own.name.endswith(("_f", "_r")) for own in found)
-    full = model
-    for name, effect in own.items():
-        parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
-        null = float(parameter.array)
-        mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
-        if name in model.effects:
-            mean = float(model[parameter.name].array)
-        else:
-            full = full + effect.at(mean)
-        wide = USUAL[name] if name in SPECIFIED else CALIBRATION["nominal"] * USUAL[name]
-        if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
-            wide = CALIBRATION["indifference"] * USUAL[name]
-        sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
-        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
-        found.append(replace(one, step=max(one.step, _row(name))))
-    arm = effects.get(MEASURED_AT)
-    if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
-        length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
-        full = full + arm.at(0.0)
-        found.append(_number(arm.parameter.name, 0.0, CALIBRATION["of_wheelbase"] * length, arm.parameter.bounds))
-    return full, tuple(found)
-
-
-def _row(name: str) -> float:
-    """Least step of a difference, s: what delays move is cut at rows."""
-    return 5e-3 if name == "steering_delay" else 0.0
-
-
-def _number(
-    name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
-) -> VaryingNumber:
-    """A number, searched as its logarithm where it is a factor, or above zero and stated."""
-    low, high = (float(np.asarray(end)) for end in bounds)
-    if (mean > 0 and factor is None) or factor:
-        relative = sd / mean
-        ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
-        return VaryingNumber(name, True, log(mean), relative, 1e-2 * min(relative, 0.1), *ends)
-    return VaryingNumber(name, False, mean, sd, 1e-2 * (scale or sd), low, high)
-
-
-def usual(
-    follower: Follower,
-    numbers: Sequence[VaryingNumber],
-    rides: Sequence[FollowedRun],
-    tell: Callable[..., None],
-    scatter: Mapping[str, float] = USUAL,
-) -> Common:
-    """Learn from recordings what is usual for a vehicle.
-
-    Parameters
-    ----------
-    follower : of the model.
-    numbers : that are searched.
-    rides : from before.
-    tell : told of progress.
-    scatter : what is usual between runs.
-    """
-    known = tuple(numbers)
-    tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
-    nominal = values_of(known, np.array([own.mean for own in known]))
-    belief = {name: np.inf if name in SPECIFIED else CALIBRATION["usual_runs"] for name in USUAL}
-    follower.tune(rides, nominal)
-    weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    found = common(weigher, rides, scatter, belief)
-    follower.tune(rides, values_of(known, found.x))
-    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
-    noise = noise_of([own for own in innovations if own is not None], len(follower.read))
-    found = common(replace(weigher, noise=noise), rides, scatter, belief, found)
-    tempered = replace(weigher, noise=replace(noise, temper=_temper(found, rides)))
-    tell("learning what scatters from run to run")
-    return common(tempered, rides, scatter, belief, found)
-
-
-def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
-    """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
-    together = round(CALIBRATION["together"])
-    single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
-    for ride, deviation in zip(rides, known.deviations, strict=True):
-        scores = known.weigher.told(ride, known.x + deviation).scores
-        parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
-        single += np.sum(parts**2, axis=(0, 1))
-        sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
-    own = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
-    return float(np.clip(np.median(own), 1 / together, 1.0)) if own else 1.0
 
 
 def changes(

@@ -9,8 +9,9 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.errors import BadInput
 from greybox_id.gap.between_runs import VaryingNumber
 from greybox_id.gap.calibration import CALIBRATION
-from greybox_id.gap.changed import USUAL, Change, diagnose_change, drifting, filtered_alike
+from greybox_id.gap.changed import Change, diagnose_change, drifting, filtered_alike
 from greybox_id.gap.closed_vehicle import closed_vehicle
+from greybox_id.gap.usual import USUAL
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 from greybox_id.vehicle import Stated, Vehicle

@@ -1,0 +1,127 @@
+"""What is usual for a vehicle: its numbers, which of them scatter between runs, and how much, learned from runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import log
+from typing import Any
+
+import numpy as np
+
+from ..effect import Effect
+from ..motion_model import MotionModel
+from ..vehicle import Vehicle
+from .between_runs import Common, VaryingNumber, Weigher, common, values_of
+from .calibration import CALIBRATION
+from .innovations import FollowedRun, Follower, noise_of, plain_noise
+
+SCATTER = "scatter_"
+USUAL = {name.removeprefix(SCATTER): size for name, size in CALIBRATION.items() if name.startswith(SCATTER)}
+"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
+may be named as changed."""
+SPECIFIED = ("yaw_rate_scale",)
+"""Of these, gains of sensors: they do not differ from run to run, and what is specified of them is not learned."""
+MEASURED_AT = "velocity_lever_arm"
+"""A number of the vehicle that no file states: where speed is measured."""
+
+
+def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
+    """Whether an effect acts on what is read: that of a sensor needs the sensor."""
+    name = effect.parameter.name
+    return effect.concerns(model) and (not name.startswith("yaw_rate") or "yaw_rate" in read)
+
+
+def numbers_of(
+    model: MotionModel, own: Mapping[str, Effect], effects: Mapping[str, Effect], vehicle: Vehicle, read: Sequence[str]
+) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
+    """The model with all that may change, and the numbers that are searched."""
+    found = list[VaryingNumber]()
+    for name, stated in vehicle.values.items():
+        if stated.sd is not None and name in model and model[name].shape == ():
+            found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
+    tyres = any(own.name.endswith(("_f", "_r")) for own in found)
+    full = model
+    for name, effect in own.items():
+        parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
+        null = float(parameter.array)
+        mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
+        if name in model.effects:
+            mean = float(model[parameter.name].array)
+        else:
+            full = full + effect.at(mean)
+        wide = USUAL[name] if name in SPECIFIED else CALIBRATION["nominal"] * USUAL[name]
+        if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
+            wide = CALIBRATION["indifference"] * USUAL[name]
+        sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
+        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
+        found.append(replace(one, step=max(one.step, _row(name))))
+    arm = effects.get(MEASURED_AT)
+    if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
+        length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
+        full = full + arm.at(0.0)
+        found.append(_number(arm.parameter.name, 0.0, CALIBRATION["of_wheelbase"] * length, arm.parameter.bounds))
+    return full, tuple(found)
+
+
+def _row(name: str) -> float:
+    """Least step of a difference, s: what delays move is cut at rows."""
+    return 5e-3 if name == "steering_delay" else 0.0
+
+
+def _number(
+    name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
+) -> VaryingNumber:
+    """A number, searched as its logarithm where it is a factor, or above zero and stated."""
+    low, high = (float(np.asarray(end)) for end in bounds)
+    if (mean > 0 and factor is None) or factor:
+        relative = sd / mean
+        ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
+        return VaryingNumber(name, True, log(mean), relative, 1e-2 * min(relative, 0.1), *ends)
+    return VaryingNumber(name, False, mean, sd, 1e-2 * (scale or sd), low, high)
+
+
+def usual(
+    follower: Follower,
+    numbers: Sequence[VaryingNumber],
+    rides: Sequence[FollowedRun],
+    tell: Callable[..., None],
+    scatter: Mapping[str, float] = USUAL,
+) -> Common:
+    """Learn from recordings what is usual for a vehicle.
+
+    Parameters
+    ----------
+    follower : of the model.
+    numbers : that are searched.
+    rides : from before.
+    tell : told of progress.
+    scatter : what is usual between runs.
+    """
+    known = tuple(numbers)
+    tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
+    nominal = values_of(known, np.array([own.mean for own in known]))
+    belief = {name: np.inf if name in SPECIFIED else CALIBRATION["usual_runs"] for name in USUAL}
+    follower.tune(rides, nominal)
+    weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
+    found = common(weigher, rides, scatter, belief)
+    follower.tune(rides, values_of(known, found.x))
+    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
+    noise = noise_of([own for own in innovations if own is not None], len(follower.read))
+    found = common(replace(weigher, noise=noise), rides, scatter, belief, found)
+    tempered = replace(weigher, noise=replace(noise, temper=_temper(found, rides)))
+    tell("learning what scatters from run to run")
+    return common(tempered, rides, scatter, belief, found)
+
+
+def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
+    """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
+    together = round(CALIBRATION["together"])
+    single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
+    for ride, deviation in zip(rides, known.deviations, strict=True):
+        scores = known.weigher.told(ride, known.x + deviation).scores
+        parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
+        single += np.sum(parts**2, axis=(0, 1))
+        sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
+    own = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
+    return float(np.clip(np.median(own), 1 / together, 1.0)) if own else 1.0
