@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from math import exp, log
 
@@ -37,8 +37,9 @@ from .variance import fresh
 
 RANKED = 8
 """Effects that are listed at most."""
-ALIKE = 3.0
-"""Effects whose likelihoods, tempered, differ by less than this are not told apart."""
+ALIKE, TWINS = 3.0, 0.5
+"""Effects whose likelihoods, tempered, differ by less than this are not told apart; and, in one another's place, are
+one cause under two names: a recording that says half a nat says nothing."""
 WIDER, FORM = 2.0, 0.05
 """How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
 null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
@@ -227,7 +228,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
         at += len(candidate.axes)
         share = shared.of(name) if shared is not None else None
-        sure = probability(found.evidence, found.selection.tried, name)
+        sure = _of_one_cause({name, *_alike(found, name, TWINS)}, found)
         spread = varying.get(name)
         if spread is not None and spread.relative > CALIBRATION["varies"]:
             reasons[name] = (
@@ -235,7 +236,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"{spread.along}, that of a cause does not"
             )
         elif sure <= PRESENT:
-            alike = _alike(found, name)
+            alike = _alike(found, name, ALIKE)
             beside = f", and as much speaks for {listed(alike)}" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < AT_BOUND * axis.scale:
@@ -288,7 +289,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 magnitude,
                 _axis_of(most, name).unit,
                 interval,
-                _alike(found, name),
+                _alike(found, name, ALIKE),
                 rest - most.cost,
                 reasons.get(name, ""),
             )
@@ -308,15 +309,19 @@ def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[st
 
     Two aliases share the weight of what is surely one of them: an effect beside them of which less is sure comes next.
     """
-    weighed = list(zip(found.evidence.weights, found.selection.tried, strict=False))
     rank, led = {own.effect: own.probability for own in ranked}, set[str]()
     for own in sorted(ranked, key=lambda each: (-each.probability, -each.gain)):
         mates = {own.effect, *own.indistinguishable_from}
         if len(mates) > 1 and not mates & led:
-            together = sum(weight for weight, each in weighed if mates & set(each.names))
-            rank[own.effect] = max(known * together, own.probability)
+            rank[own.effect] = max(known * _of_one_cause(mates, found), own.probability)
         led |= mates
     return rank
+
+
+def _of_one_cause(names: Collection[str], found: Examined) -> float:
+    """The probability that one of these is there: the weight of the hypotheses that hold any."""
+    weighed = zip(found.evidence.weights, found.selection.tried, strict=False)
+    return float(min(sum(weight for weight, own in weighed if set(names) & set(own.names)), 1.0))
 
 
 def _p_value(found: Examined, unexplained: bool) -> float:
@@ -372,8 +377,8 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
 
 
-def _alike(found: Examined, name: str) -> tuple[str, ...]:
-    """Effects that explain as much in this one's place."""
+def _alike(found: Examined, name: str, within: float) -> tuple[str, ...]:
+    """Effects that explain as much in this one's place, within so much log-likelihood."""
     tried, scores = found.selection.tried, found.evidence.scores
     holding = [k for k, own in enumerate(tried) if name in own.names]
     k = max(holding, key=lambda j: scores[j])
@@ -383,7 +388,7 @@ def _alike(found: Examined, name: str) -> tuple[str, ...]:
         new = set(own.names) - others
         if j != k and len(own.names) == len(tried[k].names) and others < set(own.names) | {""} and len(new) == 1:
             (other,) = new
-            if other != name and abs(scores[j] - scores[k]) < ALIKE and scores[k] > 0:
+            if other != name and abs(scores[j] - scores[k]) < within and scores[k] > 0:
                 alike.append(other)
     return tuple(dict.fromkeys(alike))
 

@@ -240,6 +240,7 @@ def test_aliases_are_named_together_and_share():
     assert first.probability == pytest.approx(second.probability, abs=0.1)
     assert any("read the same" in sentence for sentence in gap.advice)
     assert gap.where.channel == "a_y"
+    assert gap.applied == (first.effect,) or gap.applied == (second.effect,)  # one cause, whichever it is called
 
 
 @pytest.mark.slow
