@@ -144,7 +144,7 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
     return (
-        "The fit takes tyre curves for exact; fit with the setting form=uncertain, so that sd counts what they leave out.",
+        "The fit takes tyre curves for exact; with the setting form=uncertain sd counts what they leave out.",
     )
 
 
