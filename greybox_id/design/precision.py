@@ -143,9 +143,7 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     """That a fit takes its equations for exact, which no tyre's curve is."""
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
-    return (
-        "The fit takes tyre curves for exact; with the setting form=uncertain sd counts what they leave out.",
-    )
+    return ("The fit takes tyre curves for exact; with the setting form=uncertain sd counts what they leave out.",)
 
 
 def _hardly(model: MotionModel, told: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
