@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 _DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (8 nulls, 13 others)"
 
+_AGAIN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (12 nulls, 20 others)"
+
 _RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ramps, laps), 20 pairs"
 
 
@@ -56,6 +58,9 @@ PROVENANCE: Mapping[str, Calibrated] = MappingProxyType({
     "unnamed_slope": Calibrated(4.0, "log-odds per logarithm of that", _DRAWN),
     "unnamed_noise": Calibrated(1.15, "noise over what is stated, the same; nulls leave at most 1.07", _DRAWN),
     "unnamed_noise_slope": Calibrated(30.0, "log-odds per logarithm of that", _DRAWN),
+    "shows": Calibrated(0.1, "excess of free runs over noise that must be detected; shares of less are luck", _AGAIN),
+    "twins": Calibrated(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", _AGAIN),
+    "overlapping": Calibrated(10.0, "windows that a row lies in at most: within a tenth of a horizon they err alike"),
     "scatter_grip_scale": Calibrated(0.05, "sd of grip between runs, relative", _RUNS),
     "scatter_front_stiffness": Calibrated(0.16, "the same of the front stiffness", _RUNS),
     "scatter_rear_stiffness": Calibrated(0.12, "the same of the rear stiffness", _RUNS),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import exp, log
 
@@ -37,9 +37,8 @@ from .variance import fresh
 
 RANKED = 8
 """Effects that are listed at most."""
-ALIKE, TWINS = 3.0, 0.5
-"""Effects whose likelihoods, tempered, differ by less than this are not told apart; and, in one another's place, are
-one cause under two names: a recording that says half a nat says nothing."""
+ALIKE = 3.0
+"""Effects whose likelihoods, tempered, differ by less than this are not told apart."""
 WIDER, FORM = 2.0, 0.05
 """How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
 null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
@@ -50,9 +49,6 @@ NINETY_FIVE = 2 * 1.959964
 """Width of a 95 % interval in standard deviations."""
 LEAST_SHARE = 0.02
 """Of the excess that an effect closes on what was held out: a smaller one is a refinement, no cause."""
-SHOWS = 0.1
-"""Excess of free runs over noise from which on there is a gap that must be detected (the examinations' `SIZABLE`). What
-closes of less than that, on the recordings that chose the effects, is form and luck: it tells nothing of a cause."""
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -104,14 +100,17 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     unknown = something_unnamed(found)
     detected = bool(found.best.candidates) or bool(scattered) or unknown > PRESENT
     shared = _budget(found, held_out, tell) if found.best.candidates else None
-    best, reasons = _causes(found, _telling(found, shared))
+    telling = shared if shared is not None and (shared.held_out or found.closed.shows) else None
+    best, reasons = _causes(found, telling)
     if held_out:
         tell(f"verifying on {len(held_out)} recordings that were held out")
     closed, verified, worse = closed_model(found, best, detected, held_out)
     if worse:
         reasons |= dict.fromkeys(best.names, WORSE)
         best = selection.base
-    ranking, applied = _ranking(found, reasons, _telling(found, shared)), tuple(best.names)
+    ranking, applied = _ranking(found, reasons, telling), tuple(best.names)
+    if telling is None and shared is not None and any(own.effect in applied and own.low <= 0 for own in shared.shares):
+        shared = None  # shares of next to nothing, beside names that are surely there
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -206,12 +205,6 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
     return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
 
 
-def _telling(found: Examined, shared: Budget | None) -> Budget | None:
-    """A budget that tells causes from others: of recordings held out, or of a gap that shows where they were chosen."""
-    shows = found.closed.before - found.closed.floor >= SHOWS
-    return shared if shared is not None and (shared.held_out or shows) else None
-
-
 def _part(whole: Hypothesis, names: Set) -> Hypothesis:
     """Some of a hypothesis' effects, where they stand in it."""
     sizes = [len(own.axes) for own in whole.candidates]
@@ -221,14 +214,20 @@ def _part(whole: Hypothesis, names: Set) -> Hypothesis:
 
 
 def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
-    """The effects of the best hypothesis that are called causes, and why the others are not, by name."""
+    """The effects of the best hypothesis that are called causes, and why the others are not, by name.
+
+    Parameters
+    ----------
+    found : what was examined.
+    shared : what these close; None where that tells nothing: of next to no gap, on the recordings that chose them.
+    """
     best, reasons = found.best, dict[str, str]()
     at, varying = 0, _varying(found)
     for candidate in best.candidates:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
         at += len(candidate.axes)
         share = shared.of(name) if shared is not None else None
-        sure = _of_one_cause({name, *_alike(found, name, TWINS)}, found)
+        sure = probability(found.evidence, found.selection.tried, name, *_alike(found, name, CALIBRATION["twins"]))
         spread = varying.get(name)
         if spread is not None and spread.relative > CALIBRATION["varies"]:
             reasons[name] = (
@@ -313,15 +312,9 @@ def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[st
     for own in sorted(ranked, key=lambda each: (-each.probability, -each.gain)):
         mates = {own.effect, *own.indistinguishable_from}
         if len(mates) > 1 and not mates & led:
-            rank[own.effect] = max(known * _of_one_cause(mates, found), own.probability)
+            rank[own.effect] = max(known * probability(found.evidence, found.selection.tried, *mates), own.probability)
         led |= mates
     return rank
-
-
-def _of_one_cause(names: Collection[str], found: Examined) -> float:
-    """The probability that one of these is there: the weight of the hypotheses that hold any."""
-    weighed = zip(found.evidence.weights, found.selection.tried, strict=False)
-    return float(min(sum(weight for weight, own in weighed if set(names) & set(own.names)), 1.0))
 
 
 def _p_value(found: Examined, unexplained: bool) -> float:

@@ -88,9 +88,11 @@ def price(hypothesis: Hypothesis, cost: float = COST) -> float:
     return total
 
 
-def probability(found: Evidence, tried: Sequence[Hypothesis], effect: str) -> float:
-    """That an effect is present."""
-    own = [weight for weight, each in zip(found.weights, tried, strict=False) if effect in each.names]
+def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
+    """That an effect is present, or any of several: the weight of the hypotheses that hold it."""
+    own = [
+        weight for weight, each in zip(found.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
+    ]
     return float(min(sum(own), 1.0))
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from ..parameter import Array
+from .calibration import CALIBRATION
 from .kinds import Diagnosed
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
@@ -107,6 +108,11 @@ class Closure:
     closed_interval: tuple[float, float]
     recordings: tuple[str, ...] = ()
     errors: tuple[Errors, ...] = ()
+
+    @property
+    def shows(self) -> bool:
+        """Whether there is enough of a gap in free run, tolerances refitted, that shares of it say something."""
+        return bool(self.before - self.floor >= CALIBRATION["shows"])
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import ASTRAY, Prediction, predictions
 from ..signals import unit_of
+from .calibration import CALIBRATION
 from .gap import Errors
 from .kinds import Diagnosed
 
 HORIZONS = (0.1, 0.5, 2.0, None)
 """s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
 of readings; nothing is known of them in between."""
-OVERLAPPING = 10
-"""Windows that a row lies in at most: those that begin within a tenth of a horizon err alike."""
 
 
 def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recording], sd: Array) -> tuple[Errors, ...]:
@@ -52,9 +51,10 @@ def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | 
     else:
         simulator = Simulator(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
+        overlapping = round(CALIBRATION["overlapping"])
         for horizon in HORIZONS:
             found[horizon] = [
-                own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors
+                own.free_run() if horizon is None else own.ahead(horizon, overlapping) for own in predictors
             ]
     return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
 

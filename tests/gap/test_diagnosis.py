@@ -12,8 +12,8 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
-from greybox_id.gap.diagnosis import FORM, _of_sets, _telling, diagnose, something_unnamed
-from greybox_id.gap.gap import Budget, Share, Unnamed
+from greybox_id.gap.diagnosis import FORM, _of_sets, diagnose, something_unnamed
+from greybox_id.gap.gap import Unnamed
 from greybox_id.gap.model_error import believed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -150,17 +150,6 @@ def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
     assert something_unnamed(found) > 0.9
     found.expected = own
     assert something_unnamed(found) < 0.15
-
-
-@pytest.mark.parametrize(
-    ("before", "held_out", "tells"), [(1.05, False, False), (1.15, False, True), (1.05, True, True)]
-)
-def test_what_closes_of_next_to_no_gap_tells_of_no_cause(before, held_out, tells):
-    shares = (Share("steering_lag", -0.6, -1.1, -0.1),)
-    budget = Budget(shares, Share("unnamed", 1.6, 0.0, 2.0), ("lap",), held_out)
-    found = SimpleNamespace(closed=SimpleNamespace(before=before, floor=1.0))
-    assert (_telling(found, budget) is budget) == tells
-    assert _telling(found, None) is None
 
 
 def test_the_picture_covers_the_lap(delayed):

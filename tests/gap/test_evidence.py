@@ -61,6 +61,7 @@ def test_exact_aliases_share_their_probability():
     found = weighed(1000.0, own)
     assert probability(found, own, "accel_bias_y") == probability(found, own, "imu_mount_roll")
     assert probability(found, own, "accel_bias_y") == pytest.approx(0.5, abs=1e-6)
+    assert probability(found, own, "accel_bias_y", "imu_mount_roll") == pytest.approx(1.0, abs=1e-6)
 
 
 def test_an_effect_of_a_pair_and_of_a_single_has_the_weight_of_both():

@@ -5,6 +5,7 @@ import pytest
 from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 
+from greybox_id.exam.answers import SIZABLE
 from greybox_id.gap.bench import Bench
 from greybox_id.gap.calibration import CALIBRATION, PROVENANCE
 from greybox_id.gap.model_error import Amplitudes, ForceSizes, believed, estimated, linearised, model_error
@@ -154,3 +155,7 @@ def test_every_number_says_where_it_comes_from():
     for name, own in PROVENANCE.items():
         assert len(own.how) > 15, name
         assert CALIBRATION[name] == own.value
+
+
+def test_a_gap_that_shows_is_one_that_examinations_want_detected():
+    assert CALIBRATION["shows"] == SIZABLE

@@ -7,7 +7,7 @@ import pytest
 from made_gaps import CASES, DELAY, aliased, clear, none, unknown
 from report_parts import below, flat, tables
 
-from greybox_id.gap import Ranked
+from greybox_id.gap import Closure, Ranked
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Drawing
 from greybox_id.reports.gap.report import evidence, gap_report
@@ -94,6 +94,20 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
 def test_how_far_is_honest(closed, interval, said):
     gap = clear()
     assert said in how_far(gap, replace(gap.held_out, closed=closed, closed_interval=interval), True)
+
+
+def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
+    small = Closure(1.01, 1.02, 1.0, -0.57, (-1.14, -0.15), ("lap8",))
+    gap = clear(gap=small, held_out=None)
+    said = how_far(gap, small, False)
+    assert re.search(r"free runs exceed noise by 1\.?0? % on lap8", said)
+    assert "next to no gap" in said
+    assert "worse" not in said
+    assert "excess" not in left(gap)
+    assert "worse by 57 %" in how_far(gap, small, True)
+    assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
+    sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
+    assert "closes by 90 %" in how_far(gap, sure, False)
 
 
 def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
