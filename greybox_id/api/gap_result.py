@@ -14,7 +14,7 @@ from ..gap.changed import Changed
 from ..gap.gap import Gap
 from ..model import Model
 from ..reports.gap.saved import Made
-from ..reports.gap.words import judged, whether
+from ..reports.gap.words import judged, tells, whether
 from ..reports.numbers import number, percent, pretty_unit
 from ..reports.text.gap import parts
 from ..reports.text.screen import as_text
@@ -104,7 +104,8 @@ class GapResult(Gap):
                 f" {pretty_unit(own.unit)}{', applied' if own.effect in self.applied else ''}"
             )
         closure, held_out = judged(self)
-        lines.append(f"  closes {percent(closure.closed)} {'(held out)' if held_out else '(same recordings)'}")
+        if tells(closure, held_out):
+            lines.append(f"  closes {percent(closure.closed)} {'(held out)' if held_out else '(same recordings)'}")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
