@@ -8,21 +8,16 @@ from __future__ import annotations
 
 import os
 import resource
-import signal
 import sys
 import traceback
 from collections.abc import Callable
-from importlib import import_module
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Event
 from time import perf_counter
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
+from ..contained.inside import found
+from ..contained.process import TIME, Broken, Contained, Failed, Lost
 from ..errors import BadInput, GreyboxError
 
 LOOKS = ("open", "os.listdir", "os.scandir", "os.chdir", "os.rename", "os.link", "os.symlink", "shutil.copyfile")
@@ -76,35 +71,36 @@ def _within(path: str, folder: str) -> bool:
     return path == folder or path.startswith(folder + os.sep)
 
 
-READY, DONE, FAILED, PEEKED = "ready", "done", "failed", "peeked"
-"""What a worker says: it waits for a case; (DONE, diagnosis); (FAILED or PEEKED, sentence)."""
+DONE, FAILED, PEEKED = "done", "failed", "peeked"
+"""What came of a case: (DONE, diagnosis); (FAILED or PEEKED, sentence)."""
 
 Diagnose = Callable[[Path], dict[str, Any]]
 """Folder of a case -> diagnosis as plain data; it may leave closed.toml in the folder."""
 
 
-def serve(ear: Connection, diagnoser: str, exam: str) -> None:
-    """Diagnose the cases that are named until None is.
+class Candidate:
+    """Who is examined, in a process of its own.
 
     Parameters
     ----------
-    ear : names come and results go here.
     diagnoser : "module:function" of type `Diagnose`.
     exam : folder of the examination, of which nothing but the case at hand may be opened.
     """
-    os.dup2(2, 1)  # standard output is the parent's
-    sys.stdout = sys.stderr
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted run ends its workers itself
-    os.chdir("/")  # the working directory may lie in the examination
-    confinement = Confinement(Path(exam))
-    module, _, name = diagnoser.partition(":")
-    diagnose: Diagnose = getattr(import_module(module), name)
-    ear.send((READY, None))
-    with threadpool_limits(1):
-        while (case := ear.recv()) is not None:
-            confinement.hand_out(Path(case))
-            result = _diagnosed(diagnose, Path(case))
-            ear.send((PEEKED, confinement.peeked) if confinement.peeked else result)
+
+    def __init__(self, diagnoser: str, exam: str) -> None:
+        os.chdir("/")  # the working directory may lie in the examination
+        self._confinement = Confinement(Path(exam))
+        self._diagnose: Diagnose = found(diagnoser)
+
+    def ready(self) -> bool:
+        """It waits for a case."""
+        return True
+
+    def diagnose(self, case: str) -> tuple[str, Any]:
+        """What came of a case."""
+        self._confinement.hand_out(Path(case))
+        result = _diagnosed(self._diagnose, Path(case))
+        return (PEEKED, self._confinement.peeked) if self._confinement.peeked else result
 
 
 def _diagnosed(diagnose: Diagnose, case: Path) -> tuple[str, Any]:
@@ -134,82 +130,64 @@ def cpu_seconds() -> float:
 
 STARTING = 300.0
 """Longest that a worker may take to import, s."""
-_LOOK = 0.2
-"""How often a wait looks whether it is still wanted, s."""
 
 
 class Desk:
-    """One worker process at a time.
+    """One candidate at a time.
 
     Parameters
     ----------
-    diagnoser : "module:function"; see `worker.Diagnose`.
+    diagnoser : "module:function" of type `Diagnose`.
     exam : folder of the examination.
-    stop : set when nothing more is wanted.
+    stop : set, before `leave` is called, when nothing more is wanted.
     """
 
     def __init__(self, diagnoser: str, exam: Path, stop: Event) -> None:
         self._diagnoser, self._exam, self._stop = diagnoser, exam, stop
-        self._process: BaseProcess | None = None
-        self._ear: Connection
+        self._candidate: Contained | None = None
 
     def diagnose(self, case: Path, timeout: float) -> tuple[str, Any]:
-        """What the worker says of a case; a sentence where it is lost or takes too long.
+        """What the candidate says of a case; a sentence where it is lost or takes too long.
 
         Raises
         ------
-        BadInput : no worker can be had.
+        BadInput : no candidate can be had.
         """
-        process = self._seated()
+        candidate = self._seated()
         try:
-            self._ear.send(str(case))
-            said = self._heard(timeout)
-        except (EOFError, OSError):  # it is gone
-            process.join(STARTING)
+            kind, body = candidate.ask("diagnose", str(case), patience=timeout)[0]
+        except Failed as error:
+            return FAILED, _lost(f"The diagnosis is no plain data: {error}.", None)
+        except Lost as error:
             self.leave()
-            return FAILED, _lost(f"The process ended with code {process.exitcode}.", None)
-        if said is None:
-            self.leave()
-            return FAILED, _lost(f"Stopped after {timeout:g} s.", timeout)
-        return said
+            if error.how == TIME:
+                return FAILED, _lost(f"Stopped after {timeout:g} s.", timeout)
+            return FAILED, _lost(f"The process ended with {error.how}.", None)
+        return kind, body
 
     def leave(self) -> None:
-        """End the worker."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-            self._ear.close()
-            self._process = None
+        """End the candidate's process; from any thread."""
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None:
+            candidate.close()
 
-    def _seated(self) -> BaseProcess:
-        """A worker that waits for a case."""
-        if self._process is not None:
-            return self._process
-        context = get_context("spawn")
-        self._ear, theirs = context.Pipe()
-        self._process = process = context.Process(target=serve, args=(theirs, self._diagnoser, str(self._exam)))
-        process.start()
-        theirs.close()
+    def _seated(self) -> Contained:
+        """A candidate that waits for a case."""
+        if self._candidate is not None:
+            return self._candidate
         try:
-            said = self._heard(STARTING)
-        except (EOFError, OSError):
-            said = None
-        if not self._stop.is_set() and (said is None or said[0] != READY):
+            self._candidate = candidate = Contained(
+                "greybox_id.exam.desk:Candidate", self._diagnoser, str(self._exam), heard=True
+            )
+            if self._stop.is_set():  # meanwhile
+                self.leave()
+            candidate.ask("ready", patience=STARTING)
+        except (Broken, Failed, Lost) as error:
             self.leave()
-            raise BadInput(f"A process for {self._diagnoser} does not start; what it said stands above.")
-        return process
-
-    def _heard(self, patience: float) -> tuple[str, Any] | None:
-        """What is said next; None where nothing is within so many seconds."""
-        waited = 0.0
-        while not self._ear.poll(min(_LOOK, patience - waited)):
-            waited += _LOOK
-            if waited >= patience or self._stop.is_set():
-                return None
-        said: tuple[str, Any] = self._ear.recv()
-        return said
+            raise BadInput(f"A process for {self._diagnoser} does not start: {error}.") from error
+        return candidate
 
 
 def _lost(sentence: str, spent: float | None) -> dict[str, Any]:
-    """What stands in place of a diagnosis; a worker that had to be stopped has spent all its time."""
+    """What stands in place of a diagnosis; a candidate that had to be stopped has spent all its time."""
     return {"error": sentence, "cost": {"cpu_s": spent, "wall_s": spent}}

@@ -43,14 +43,14 @@ def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat
     Parameters
     ----------
     cases : folder of cases.
-    diagnoser : "module:function"; see `worker.Diagnose`.
+    diagnoser : "module:function" of type `desk.Diagnose`.
     jobs : processes at a time.
     timeout : s for a case; what takes longer counts as wrong.
     say : is told of every case.
 
     Raises
     ------
-    BadInput : there are no cases, a worker does not start, or one tried to open what was not handed out.
+    BadInput : there are no cases, a candidate does not start, or one tried to open what was not handed out.
     """
     exam = exam_of(cases)
     folders = case_folders(exam)
@@ -59,13 +59,16 @@ def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat
     stop = Event()
     room = _Room(todo, say)
     with ThreadPoolExecutor(max(1, min(jobs, len(todo)))) as pool:
-        desks = [pool.submit(room.sit, Desk(diagnoser, exam, stop), timeout, stop) for _ in range(jobs)]
+        desks = [Desk(diagnoser, exam, stop) for _ in range(jobs)]
+        sat = [pool.submit(room.sit, desk, timeout, stop) for desk in desks]
         try:
-            wait(desks, return_when=FIRST_EXCEPTION)
+            wait(sat, return_when=FIRST_EXCEPTION)
         finally:  # all are done, one has failed, or the user has interrupted
             stop.set()
-    for desk in desks:
-        desk.result()
+            for desk in desks:
+                desk.leave()
+    for own in sat:
+        own.result()
     return Sat(
         cases=len(folders),
         before=len(folders) - len(todo),
@@ -94,7 +97,12 @@ class _Room:
                     case = self._waiting.get_nowait()
                 except Empty:
                     return
-                kind, body = desk.diagnose(case, timeout)
+                try:
+                    kind, body = desk.diagnose(case, timeout)
+                except BadInput:
+                    if stop.is_set():  # which ended its candidate
+                        return
+                    raise
                 if kind == PEEKED:
                     raise BadInput(f"{body} The run has ended; {case.name} is not diagnosed.")
                 if not stop.is_set():

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import atexit
 import json
+import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from multiprocessing import active_children
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from ..contained.units import Nursery
+from ..engine.compiler import CannotCompile, compiler
 from ..errors import BadInput
 from . import FAILED, MEMORY, TIMEOUT
-from .contained import Nursery
 from .unit import MADE_BY
 
 RETRIES = 2
@@ -89,10 +92,20 @@ def _step(steps: Sequence[str], found: Mapping[str, Any]) -> str:
 def _nursery() -> Nursery:
     """The nursery of this thread."""
     if not hasattr(_held, "nursery"):
-        _held.nursery = Nursery()
+        _held.nursery = Nursery(_compiled())
         atexit.register(_held.nursery.close)
     found: Nursery = _held.nursery
     return found
+
+
+@lru_cache
+def _compiled() -> dict[str, str]:
+    """Kernels run as compiled C from the first call on, where there is a compiler: its cost is that of one fit."""
+    if not os.environ.get("GREYBOX_COMPILE"):
+        with suppress(CannotCompile):
+            compiler()
+            return {"GREYBOX_COMPILE": "1"}
+    return {}
 
 
 class Local:
@@ -108,7 +121,7 @@ class Local:
         nurseries: SimpleQueue[Nursery] = SimpleQueue()
 
         def begin() -> None:
-            nursery = Nursery()
+            nursery = Nursery(_compiled())
             _held.nursery = nursery
             nurseries.put(nursery)
 

@@ -15,12 +15,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ..contained.process import Broken
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
 from ..processes import duration
 from . import FAILED, FIT, MEMORY, OK, STATUSES, TIMEOUT
-from .contained import Broken
 from .engines import engine as engine_of
 from .estimate import second_pass
 from .manifest import FleetEntry, entries

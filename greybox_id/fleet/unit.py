@@ -1,6 +1,6 @@
 """The unit of work: one recording, read once and taken through its steps; plain data in, plain data out.
 
-It runs in a process of its own (`contained`), on this machine or on another one, and knows nothing of fleets.
+It runs in a process of its own (`contained.units`), on this machine or on another one, and knows nothing of fleets.
 """
 
 from __future__ import annotations

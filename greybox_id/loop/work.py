@@ -1,16 +1,13 @@
-"""A job of a server, done by a process of its own: rows become a policy."""
+"""A job of a server, as a unit of work in a process of its own: rows become a policy."""
 
 from __future__ import annotations
 
 import json
-import os
-import sys
-import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..datasets.readers.child import limit
 from ..datasets.vehicle_file import vehicle_text
 from ..errors import BadInput
 from ..files import write_atomically
@@ -22,39 +19,27 @@ from .safety import caps_from
 from .store import Job, ServerStore
 from .swap import read_learned
 
-MEMORY = 6 << 30
-"""Bytes that a job may reserve."""
 ROWS = 20_000
 """The last rows of a session, that a model is made of."""
 LEARNING = 0.8
 """Share of its budget after which learning ends with what was learned: the twin still has to be driven."""
 
 
-def main() -> None:
-    """Do the job of a store; folder and job are arguments. What is said goes to standard output, a line each."""
-    folder, own = sys.argv[1:]
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # libraries print where they like
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-    def tell(**said: Any) -> None:
-        answers.write(json.dumps(said) + "\n")
-        answers.flush()
-
+def worked(job: dict[str, str], tell: Callable[[dict[str, Any]], None]) -> None:
+    """Do the job `job` of the store in `folder`; tells what it is at as `said`, what went wrong as `failed`."""
     try:
-        store = ServerStore(Path(folder))
-        done(store, store.job(own), lambda sentence: tell(said=sentence))
+        store = ServerStore(Path(job["folder"]))
+        done(store, store.job(job["job"]), lambda sentence: tell({"said": sentence}))
     except BadInput as error:
-        tell(failed=str(error))
+        tell({"failed": str(error)})
     except MemoryError:
-        tell(failed=f"More than {MEMORY >> 30} GB of memory would be needed; send fewer rows.")
+        raise
     except Exception as error:  # whatever rows lead to fails this job alone
-        tell(failed=f"It failed with {type(error).__name__}: {error}"[:400])
+        tell({"failed": f"It failed with {type(error).__name__}: {error}"[:400]})
 
 
-def done(store: ServerStore, job: Job, say: Any) -> None:
+def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     """Do a job: its folder then holds policy.json and result.json, which is written last."""
-    limit(job.seconds, MEMORY)
     began = time.process_time()
     vehicle = store.vehicle(job.session)
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
@@ -85,10 +70,3 @@ def done(store: ServerStore, job: Job, say: Any) -> None:
         "seconds": time.process_time() - began,
     }
     write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)
-
-
-def _end_with_parent() -> None:
-    """End when nobody waits for the answer any more: the server holds the other end of standard input."""
-    while os.read(0, 1):
-        pass
-    os._exit(1)

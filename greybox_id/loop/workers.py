@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import os
-import signal
-import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
+from ..contained.process import Broken
+from ..contained.units import Nursery
 from ..errors import BadInput
-from ..fleet.contained import QUIET
 from .store import FAILED, QUEUED, TRAINING, Job, ServerStore
 
 AT_ONCE = 2
-PATIENCE, SLACK = 3.0, 60.0
-"""How many times its budget of the processor's time a job may take by the clock, and s besides for imports."""
-START = "import sys; sys.path[:] = {!r}; from greybox_id.loop.work import main; main()"
-"""What a job's process runs: it finds modules where this process does."""
+MEMORY = 6 << 30
+"""Bytes that a job may hold."""
+WORK = "greybox_id.loop.work:worked"
 
 
 class Workers:
@@ -36,13 +32,13 @@ class Workers:
     def __init__(self, store: ServerStore, tell: Callable[[Mapping[str, Any]], None]) -> None:
         self._store, self._tell = store, tell
         self._wake = asyncio.Event()
-        self._processes: dict[str, asyncio.subprocess.Process] = {}
+        self._nurseries = [Nursery() for _ in range(AT_ONCE)]
+        self._free = list(self._nurseries)
         self._said: dict[str, str] = {}
 
     async def run(self) -> None:
         """Do jobs as they come; those that were under way when a server ended are begun anew."""
-        under_way: set[asyncio.Task[None]] = set()
-        at_work: set[str] = set()
+        under_way: dict[str, asyncio.Task[None]] = {}
         for job in self._store.jobs():
             if job.status == TRAINING:
                 self._store.keep(replace(job, status=QUEUED))
@@ -52,19 +48,16 @@ class Workers:
                 await self._wake.wait()
                 self._wake.clear()
                 for job in self._store.jobs():
-                    if job.status == QUEUED and len(at_work) < AT_ONCE and job.id not in at_work:
-                        at_work.add(job.id)
-                        task = asyncio.create_task(self._done(job))
-                        under_way.add(task)
+                    if job.status == QUEUED and self._free and job.id not in under_way:
+                        under_way[job.id] = asyncio.create_task(self._done(job, self._free.pop()))
 
-                        def over(own: asyncio.Task[None], name: str = job.id) -> None:
-                            under_way.discard(own)
-                            at_work.discard(name)
+                        def over(_: asyncio.Task[None], name: str = job.id) -> None:
+                            del under_way[name]
                             self._wake.set()
 
-                        task.add_done_callback(over)
+                        under_way[job.id].add_done_callback(over)
         finally:
-            for task in under_way:
+            for task in tuple(under_way.values()):
                 task.cancel()
 
     def wake(self) -> None:
@@ -77,58 +70,46 @@ class Workers:
 
     def kill(self) -> None:
         """End all processes at once; their jobs stay as they are on disk."""
-        for process in self._processes.values():
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
+        for nursery in self._nurseries:
+            nursery.close()
 
-    async def _done(self, job: Job) -> None:
+    async def _done(self, job: Job, nursery: Nursery) -> None:
         """Do a job, and write down what came of it."""
         self._keep(replace(job, status=TRAINING))
         try:
-            failed = await self._carried_out(job)
+            failed = await self._carried_out(job, nursery)
             if not failed:
                 self._announce(await asyncio.to_thread(self._store.finished, job.id))
                 return
-        except (BadInput, OSError) as error:
+        except (BadInput, Broken, OSError) as error:
             failed = str(error)
         finally:
             self._said.pop(job.id, None)
+            self._free.append(nursery)
         self._keep(replace(job, status=FAILED, sentence=failed))
 
-    async def _carried_out(self, job: Job) -> str:
-        """Run its process; a sentence where it failed."""
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-P", "-c", START.format(sys.path), str(self._store.folder.resolve()), job.id,
-            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL,
-            env={**os.environ, **QUIET}, start_new_session=True, limit=1 << 20,
-        )  # fmt: skip
-        self._processes[job.id] = process
-        failed = ""
-        try:
-            async with asyncio.timeout(PATIENCE * job.seconds + SLACK):
-                assert process.stdout is not None
-                async for line in process.stdout:
-                    said = json.loads(line)
-                    failed = str(said.get("failed", failed))
-                    if "said" in said:
-                        self._said[job.id] = str(said["said"])
-                        self._tell({"kind": "progress", "session": job.session, "id": job.id, "said": said["said"]})
-                code = await process.wait()
-        except TimeoutError:
-            return (
-                f"It was not done after {PATIENCE * job.seconds + SLACK:.0f} s; ask for fewer steps, or more seconds."
-            )
-        except ValueError:
-            return "Its process said what nobody understands."
-        finally:
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            del self._processes[job.id]
-        if failed or code == 0:
-            return failed
-        if code == -signal.SIGXCPU:
+    async def _carried_out(self, job: Job, nursery: Nursery) -> str:
+        """Have it done; a sentence where it failed."""
+        loop = asyncio.get_running_loop()
+
+        def told(body: Mapping[str, Any]) -> None:
+            if "said" in body:
+                with suppress(RuntimeError):  # the server has ended
+                    loop.call_soon_threadsafe(self._progressed, job, str(body["said"]))
+
+        order = {"folder": str(self._store.folder.resolve()), "job": job.id}
+        ended = await asyncio.to_thread(nursery.unit, WORK, order, job.seconds, MEMORY, told)
+        if ended.how == "time":
             return f"Its budget of {job.seconds:g} s was over; ask for more seconds, or fewer steps."
-        return f"Its process ended with {signal.Signals(-code).name if code < 0 else code}; ask again."
+        if ended.how == "memory":
+            return f"More than {MEMORY >> 30} GB of memory would be needed; send fewer rows."
+        if ended.how != "done":
+            return f"Its process {ended.how:.400}; ask again."
+        return next((str(body["failed"]) for body in ended.told if "failed" in body), "")
+
+    def _progressed(self, job: Job, said: str) -> None:
+        self._said[job.id] = said
+        self._tell({"kind": "progress", "session": job.session, "id": job.id, "said": said})
 
     def _keep(self, job: Job) -> None:
         self._store.keep(job)

@@ -43,7 +43,7 @@ def test_errors_crashes_and_dawdling_become_sentences(exam):
     assert (sat.diagnosed, sat.failed) == (4, 3)
     found = diagnoses(exam)
     assert found["case_000"]["error"].startswith("ValueError in candidates.py, line ")
-    assert found["case_001"]["error"] == "The process ended with code 7."
+    assert found["case_001"]["error"] == "The process ended with exit code 7."
     assert found["case_002"]["error"] == "Stopped after 1.5 s."
     assert found["case_003"]["gap_detected"]
 

@@ -122,9 +122,10 @@ def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
     assert "numpy" in loaded
     assert not loaded & {"casadi", "matplotlib", "pandas", "scipy", "pint"}
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
-    assert own <= {"greybox_id", "greybox_id.registration", "greybox_id.datasets"} | {
-        n for n in own if n.startswith("greybox_id.datasets.readers")
-    }
+    assert own <= {
+        "greybox_id", "greybox_id.registration", "greybox_id.contained", "greybox_id.contained.inside",
+        "greybox_id.contained.wire",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from greybox_id.datasets.readers import wire
+from greybox_id.contained import wire
 
 ARRAY = {"dtype": "<f8", "shape": [2]}
 

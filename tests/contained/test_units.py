@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from greybox_id.fleet.contained import Broken, Nursery
+from greybox_id.contained.process import Broken
+from greybox_id.contained.units import Nursery
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are forked on Linux")
 
@@ -62,14 +63,14 @@ def test_work_that_is_not_there_is_a_sentence(nursery):
 
 def test_a_nursery_that_is_killed_is_started_again(nursery):
     done(nursery, "well")
-    os.kill(nursery._process.pid, signal.SIGKILL)
+    os.kill(nursery._held._process.pid, signal.SIGKILL)
     assert done(nursery, "well").how == "done"
 
 
 def test_nothing_is_left_where_a_nursery_ends():
     own = Nursery()
     assert done(own, "well").how == "done"
-    pid = own._process.pid
+    pid = own._held._process.pid
     own.close()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
