@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from .errors import BadModel
 from .memory_model import MemoryModel
@@ -148,4 +148,4 @@ class Effect:
             changed = self.apply_to_memory(with_parameters)
         origin = origin_of(self.apply, self.apply_to_memory)
         origins = {**model.origins, self.name: origin} if origin is not None else model.origins
-        return replace(changed, effects=(*model.effects, self.name), origins=origins)  # type: ignore[return-value]
+        return cast(AnyModel, replace(changed, effects=(*model.effects, self.name), origins=origins))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from ..engine.motion.runs import Index
 from ..engine.motion.shooting import MotionProblem
@@ -177,7 +178,10 @@ class Whitening:
 
 
 @njit(cache=True, error_model="numpy")
-def _shaken(A, B, C, D, scale, fade, begins, pointer, channel, G):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _shaken(  # pragma: no cover
+    A: Array, B: Array, C: Array, D: Array, scale: Array, fade: Array, begins: NDArray[np.bool_],
+    pointer: Index, channel: Index, G: Array,
+) -> Array:  # fmt: skip
     """(q, q) what unknown forces add: of each of their shocks, by the adjoint of the errors' equations, the last first.
 
     The forces are processes of unit variance times `scale`, of which `fade` is left after a segment; they last over

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -50,7 +51,7 @@ Say = Callable[[str], None]
 def track(
     model: MotionModel, recording: Recording, parameters: Sequence[str] = (), *, disturbances: Sequence[str] = (),
     effects: Mapping[str, Effect] | None = None, how: How | None = None, uncertain: Array | None = None,
-    say: Say = lambda line: None, **more: object,
+    say: Say = lambda line: None, **more: Any,
 ) -> Track:  # fmt: skip
     """Track a vehicle along a recording.
 
@@ -77,7 +78,7 @@ def track(
     ------
     BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
     """
-    how = replace(how or How(), **more)  # type: ignore[arg-type]
+    how = replace(how or How(), **more)
     recording.must_run()
     with threadpool_limits(1):  # matrices are tiny
         tracker = Tracker(model, recording, parameters, disturbances, effects or {}, how, uncertain)

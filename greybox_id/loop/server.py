@@ -153,7 +153,7 @@ class Server:
             listening = await asyncio.start_server(self._accept, self._host, self._port, limit=HEAD)
         except (OSError, OverflowError) as error:
             raise BadInput(
-                f"{self._host}:{self._port} cannot be listened at ({error.strerror or error}); "  # type: ignore[union-attr]
+                f"{self._host}:{self._port} cannot be listened at ({getattr(error, 'strerror', '') or error}); "
                 "name another ‹port› or ‹host›; port 0 is any that is free."
             ) from error
         port = listening.sockets[0].getsockname()[1]

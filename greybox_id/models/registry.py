@@ -255,9 +255,10 @@ def known(*own: Model | Effect) -> Iterator[None]:
                 register(one)
         yield
     finally:
-        for table, before in ((MODELS, models), (EFFECTS, effects)):
+        for table in (MODELS, EFFECTS):
             table.clear()
-            table.update(before)  # type: ignore[arg-type]
+        MODELS.update(models)
+        EFFECTS.update(effects)
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from ..errors import BadInput, near
 
@@ -25,7 +25,7 @@ def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T
     BadInput : an unknown name, or a value of the wrong kind; the sentence says which and what would do.
     """
     hints = get_type_hints(kind)
-    known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+    known = [f.name for f in fields(cast(Any, kind))]
     there_are = f"there are {', '.join(where + name for name in known)}" if known else "there are none"
     for name in values:
         if name not in known:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -83,7 +83,7 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         first = seed if seed is None or isinstance(seed, int | np.integer) else None
         super().reset(seed=first)
         own = [None if first is None else first + k for k in range(self.num_envs)]
-        seeds = own if seed is first else list(seed)  # type: ignore[arg-type]
+        seeds = own if seed is first else list(cast(Sequence[int | None], seed))
         which = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
         self.world.reset(which, seeds)
         self._over &= ~which

@@ -13,18 +13,18 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property
 from html import escape, unescape
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib import rc_context, rcParamsDefault
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
-from matplotlib.transforms import Bbox, ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import Bbox, BboxTransformTo, ScaledTranslation, blended_transform_factory
 
 from ...guard import MARK
 from ...parameter import Array
@@ -45,7 +45,7 @@ SHADES = 12
 FAMILY = "'Libertinus Serif','STIX Two Text','Times New Roman',Times,serif"
 LOWERED, INDEX = 0.22, 0.72
 """How far below the line an index stands, and how large it is, of the letters' size."""
-STYLE: dict[str, Any] = {
+STYLE: dict[Any, Any] = {
     **{name: value for name, value in rcParamsDefault.items() if not name.startswith(("backend", "interactive"))},
     "axes.axisbelow": True, "axes.edgecolor": PALE, "axes.grid": True, "axes.labelcolor": INK, "axes.labelpad": 2.0,
     "axes.labelsize": SIZE, "axes.linewidth": 0.6, "axes.spines.right": False, "axes.spines.top": False,
@@ -66,8 +66,14 @@ _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _TEXT = re.compile(r'<text style="font-size: ([\d.]+)px;(.*?)"(.*?)>(.*?)</text>', re.DOTALL)
 
 
+def _renderer(figure: Figure | SubFigure | None) -> RendererAgg:
+    """What says how large letters are; every figure here is drawn by Agg."""
+    assert figure is not None
+    return cast(RendererAgg, cast(Any, figure.canvas).get_renderer())
+
+
 def _style() -> AbstractContextManager[None]:
-    return rc_context(STYLE)  # type: ignore[arg-type]
+    return rc_context(STYLE)
 
 
 class Sheet(Figure):
@@ -161,7 +167,7 @@ class Sheet(Figure):
 
     def _margins(self, ax: Axes) -> tuple[float, float, float, float]:
         """Points that letters take left, right, above and below of axes."""
-        renderer = self.canvas.get_renderer()  # type: ignore[attr-defined]
+        renderer = _renderer(self)
         boxes = [ax.bbox]
         if ax.axison:
             for axis in (ax.xaxis, ax.yaxis):
@@ -187,7 +193,7 @@ class Sheet(Figure):
             legend = self.legend(
                 list(known.values()), list(known), ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 1.0)
             )
-            box = legend.get_window_extent(self.canvas.get_renderer())  # type: ignore[attr-defined]
+            box = legend.get_window_extent(_renderer(self))
             if box.width < WIDE or columns == 1:
                 return float(box.height) + EDGE + 2.0
             legend.remove()
@@ -272,7 +278,7 @@ def shades(
     """
     figure = ax.get_figure()
     assert figure is not None
-    beside = figure.dpi_scale_trans + ScaledTranslation(1.0, 0.0, ax.transAxes)  # type: ignore[arg-type]
+    beside = figure.dpi_scale_trans + ScaledTranslation(1.0, 0.0, cast(BboxTransformTo, ax.transAxes))
     with _style():
         scale = ax.inset_axes((9 / 72, 0, 7 / 72, 1), transform=blended_transform_factory(beside, ax.transAxes))
     edges = np.linspace(0.0, 1.0, 2 * SHADES + 1)
@@ -309,7 +315,7 @@ def _power_words(value: float, few: bool) -> str:
 def _fit_letters(ax: Axes) -> None:
     """Hide words of ticks below axes that would meet others; labels beside axes are no longer than these."""
     ax.title.set_fontsize(SIZE)
-    renderer = ax.get_figure().canvas.get_renderer()  # type: ignore[union-attr]
+    renderer = _renderer(ax.get_figure())
     low, high = sorted(ax.get_xlim())
     below = [words for words in ax.get_xticklabels() if words.get_text() and low <= words.get_position()[0] <= high]
     boxes = [(words.get_window_extent(renderer), words) for words in below if not words.get_rotation()]
