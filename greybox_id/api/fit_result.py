@@ -13,7 +13,7 @@ import pandas as pd
 
 from ..combined import reach
 from ..datasets.read import read
-from ..errors import BadInput, near_or_all
+from ..errors import BadInput
 from ..export.equations import entries
 from ..fit import Fit
 from ..parameter import Array
@@ -318,10 +318,3 @@ def _matched(fit: Fit, records: list[DataRecord], found: list[Recording]) -> tup
     from dataclasses import replace
 
     return matched(replace(fit, data=tuple(records)), found)
-
-
-def must_have(fit: Fit, parameter: str) -> None:
-    """Raise `BadInput` for a name that is no parameter of a fit."""
-    names = [p.name for p in fit.model.parameters]
-    if parameter not in names:
-        raise BadInput(f"parameter: {fit.model.name} has no parameter {parameter!r}.{near_or_all(parameter, names)}")

@@ -8,9 +8,8 @@ from .. import __version__
 from .c.build import cmake, read_me
 from .c.example import example, memory_example
 from .c.memory import MemoryC
-from .c.memory_test import memory_self_test
 from .c.motion import MotionC
-from .c.self_test import self_test
+from .c.self_test import memory_self_test, self_test
 from .equations import Equations
 from .memory_equations import equations_of
 from .quoting import c_comment

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
+import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -14,11 +16,9 @@ from ..engine.motion.schedule import STABLE
 from .c.motion import MotionC
 from .c.naming import constant, number
 from .equations import Equations, Named
-from .fmu.archive import archive
 from .fmu.binary import binaries, place, suffix
-from .fmu.description import Description
+from .fmu.description import Description, continuous, variables_of
 from .fmu.steps import Steps, steps_of
-from .fmu.variables import continuous, starts, variables_of
 from .origin import KeyOrigin
 from .quoting import c_comment, c_string, one_line
 from .subject import Subject
@@ -29,6 +29,9 @@ VERSIONS = {2: "", 3: "_fmi3"}
 """Version of FMI -> what is added to the file's name."""
 NOBODY = Named("", "")
 """Stands behind the last entry of tables: C knows no empty ones."""
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The first time that a zip archive knows."""
+MODE = 0o644 << 16
 UNSIGNED = "{TOKEN}"
 """Stands for the token until everything it is made of is known."""
 SHARED = ("instance.h", "instance.c", "shared.h")
@@ -143,8 +146,8 @@ def _model(subject: Subject, steps: Steps, token: str) -> str:
 #define PAST {REMEMBERED}
 {f"#define MODEL_COMMANDS {constant(own, 'COMMANDS')}" if e.delayed else ""}
 
-#define START_X {{{", ".join(map(number, starts(e.states)))}}}
-#define START_U {{{", ".join(map(number, [*starts(e.inputs), 0.0]))}}}
+#define START_X {{{", ".join(["0.0"] * len(e.states))}}}
+#define START_U {{{", ".join(["0.0"] * (len(e.inputs) + 1))}}}
 #define DELAY_OF {{{", ".join(str(delays.get(i.name, -1)) for i in (*e.inputs, NOBODY))}}}
 #define LATENCY_OF {{{", ".join(str(late.get(i.name, -1)) for i in (*e.outputs, NOBODY))}}}
 
@@ -168,3 +171,14 @@ def _speed(e: Equations) -> tuple[int, str]:
             if own.name == "v_x":
                 return k, kind
     return 0, ""
+
+
+def archive(files: Mapping[str, bytes]) -> bytes:
+    """A zip archive of files, path -> content: the same bytes whenever it is made of the same."""
+    held = io.BytesIO()
+    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as made:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, EPOCH)
+            entry.compress_type, entry.external_attr, entry.create_system = zipfile.ZIP_DEFLATED, MODE, 3
+            made.writestr(entry, files[name])
+    return held.getvalue()

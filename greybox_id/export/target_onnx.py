@@ -22,13 +22,13 @@ ABOUT = {"opset": OPSET, "precision": "float64"}
 def files(subject: Subject) -> Mapping[str, bytes]:
     """Name of file -> content. Raises `BadInput` for a hybrid, and where the package onnx is not installed."""
     try:
-        from . import onnx_graph, onnx_memory
+        from . import onnx_graph
     except ImportError as error:
         raise BadInput("The target onnx needs the package onnx; pip install 'greybox-id[onnx]'.") from error
     equations = equations_of(subject)
     about = {name: str(value) for name, value in ABOUT.items()} | _described(subject, equations)
     if isinstance(equations, MemoryEquations):
-        step = onnx_memory.step_of(equations)
+        step = onnx_graph.step_of(equations)
     else:
         step = onnx_graph.graph_of(equations.step)
     graphs = {"step": (step, equations.step), "output": (onnx_graph.graph_of(equations.output), equations.output)}

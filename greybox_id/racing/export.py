@@ -14,10 +14,10 @@ import numpy as np
 from .. import __version__
 from ..errors import BadInput, near_or_all
 from ..export.c.build import cmake, commands
-from ..export.c.comparing import table
 from ..export.c.functions import INLINE
 from ..export.c.mathematics import definitions
 from ..export.c.naming import constant, numbers, vector
+from ..export.c.self_test import table
 from ..export.equations import Named
 from ..export.folder import write_folder
 from ..export.quoting import c_comment
