@@ -1,13 +1,11 @@
-"""One case made: a vehicle drawn, driven twice, and what its recording can tell."""
+"""A case of the virtual vehicle: one of any class, known exactly or within tolerances, driven twice."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, replace
+from functools import partial
 from typing import Any, get_args
-
-import numpy as np
 
 from ..datasets.virtual_vehicle import (
     EFFECTS,
@@ -20,14 +18,11 @@ from ..datasets.virtual_vehicle import (
     replay,
     toleranced,
     tolerances,
-    vehicle_file_text,
 )
 from ..datasets.virtual_vehicle.effects import Kind as Class
-from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
-from .aliases import Cause, indistinguishable
-from .answers import Answer, exceeds
+from .case import Draw, MadeCase, fair_case, with_lateral_velocity
 from .plan import Planned
 from .replays import Replays
 
@@ -40,58 +35,21 @@ DRAWS = 20
 """Draws of magnitudes and vehicle until every effect shows: what does not cannot be asked for."""
 
 
-@dataclass(frozen=True)
-class MadeCase:
-    """A case as it is handed out, and what is kept back.
-
-    Attributes
-    ----------
-    recording, vehicle_file : handed out.
-    held_out, answer : kept back.
-    columns : a column map, handed out where it is not the usual one: it says how commands run between rows.
-    """
-
-    recording: Recording
-    vehicle_file: str
-    held_out: Recording
-    answer: Answer
-    columns: str = ""
-
-
 def made(planned: Planned) -> MadeCase:
-    """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
-
-    Raises
-    ------
-    BadInput : none of the draws can be simulated.
-    """
-    last: _Case | None = None
-    for attempt in range(DRAWS):
-        try:
-            case = _Case(planned, attempt)
-            fair = case.shows and not (planned.kind == "outside" and any(case.aliases.values()))
-        except BadInput:  # beyond all bounds
-            if last is None and attempt == DRAWS - 1:
-                raise
-            continue
-        last = case
-        if fair:
-            break
-    assert last is not None
-    return last.made()
+    """Make a case; see `fair_case`."""
+    return fair_case(partial(_VirtualCase, planned), DRAWS, "vehicles")
 
 
-class _Case:
-    """One draw of vehicle, magnitudes and drive."""
+class _VirtualCase(Draw):
+    known, outside = EFFECTS, OUTSIDE
 
     def __init__(self, planned: Planned, attempt: int) -> None:
-        self.planned = planned
-        self.rng = rng = np.random.default_rng((planned.seed, attempt, 1153))
+        super().__init__(planned, attempt)
+        rng = self.rng
         kinds: tuple[Class, ...] = get_args(Class)
         drawn = random_vehicle(int(rng.integers(2**31)), kinds[planned.number % len(kinds)])
-        self.stated = replace(drawn, name=drawn.kind)  # its own name tells the seed
-        if "velocity_lever_arm" in planned.effects and not self.stated.measures_v_y:
-            self.stated = replace(self.stated, noise={**self.stated.noise, "v_y": self.stated.noise["v_x"]})
+        named = replace(drawn, name=drawn.kind)  # its own name tells the seed
+        self.stated = with_lateral_velocity(named, planned.effects)
         workshop = planned.tier == "workshop"
         self.tolerances = tolerances(self.stated) if workshop else None
         self.car = toleranced(self.stated, rng) if workshop else self.stated
@@ -131,52 +89,17 @@ class _Case:
         seconds = float(self.rng.uniform(*duration))
         return drive(self.car, "mixed", seconds, self.rate, effects, forms, seed, **self.spoilt)
 
+    @property
+    def sized(self) -> VirtualCar:
+        """The true one."""
+        return self.car
+
     def made(self) -> MadeCase:
         """The case with its answer."""
         held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
-        answer = Answer(
-            case=self.planned.case,
-            kind=self.planned.kind,
-            tier=self.planned.tier,
-            effects={name: self.truth.effects.get(name, own) for name, own in self.drawn.items()},
-            nulls={name: {**EFFECTS, **OUTSIDE}[name].null for name in self.drawn},
-            aliases=self.aliases if self.shows else {},
-            size=self.again.size(self.effects, {}),
-            left=self.again.left(self.effects, {}),
-            seed=self.planned.seed,
-            car=_plain(self.car),
-            about={
-                "rate": self.rate,
-                "rows": len(self.recording),
-                "held_out_rows": len(held_out),
-                "drawn": self.effects,
-                "forms": asdict(self.truth.forms),
-                **self.spoilt,
-            },
-        )
-        return MadeCase(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer)
-
-    @cached_property
-    def shows(self) -> bool:
-        """Whether every effect makes a gap beside the others that must be detected."""
-        for name in self.drawn:
-            rest = {other: own for other, own in self.effects.items() if other != name}
-            if not exceeds(self.again.size(self.effects, rest)) or not exceeds(self.again.left(self.effects, rest)):
-                return False
-        return True
-
-    @cached_property
-    def aliases(self) -> dict[str, tuple[str, ...]]:
-        """What the recording cannot tell apart."""
-        if not self.drawn:
-            return {}
-        causes = {
-            name: Cause(entry.null, entry.at, entry.sizes(self.car.size, self.car.kind)[0], entry.sides)
-            for name, entry in EFFECTS.items()
-            if name != "velocity_lever_arm" or self.car.measures_v_y
-        }
-        alike = [other for name in self.drawn if name in OUTSIDE for other in OUTSIDE[name].resembles]
-        return indistinguishable(self.drawn, causes, self.again.views(), alike)
+        withheld = {name: self.truth.effects.get(name, own) for name, own in self.drawn.items()}
+        about = {"rate": self.rate, "forms": asdict(self.truth.forms), **self.spoilt}
+        return self.case(held_out, withheld, _plain(self.car), about)
 
 
 def _plain(car: VirtualCar) -> dict[str, Any]:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import resources
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
-from ...datasets.virtual_vehicle import VirtualCar, toleranced, tolerances, vehicle_file_text
+from ...datasets.virtual_vehicle import Tolerances, VirtualCar, toleranced, tolerances
 from ...datasets.virtual_vehicle.compiled import Row
 from ...errors import BadInput
 from ...parameter import Array
 from ...recording import Recording
-from ..aliases import Cause, indistinguishable
-from ..answers import Answer, exceeds
+from ..case import Draw, MadeCase, fair_case, with_lateral_velocity
 from ..plan import Planned
 from ..replays import Replays
-from ..world import MadeCase
 from .double_track import DoubleTrack
 from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, together, withheld
 from .ride import Ride, driven, readings, recorded, replayed
@@ -101,54 +99,27 @@ FORM_MOST = 0.02
 """Largest error of form, over the sd of the signal, with which a vehicle is taken: beyond that the single track that
 was identified is not a description of it."""
 FORM_CHANNELS = ("v_x", "yaw_rate", "a_x", "a_y")
-VISIBLE = 1.5
-"""What tolerances leave of an effect over what they leave of the error of form, in some channel, from which on it can
-be asked for."""
 DRAWS = 12
 """Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
 
 
 def made(planned: Planned) -> MadeCase:
-    """Make a case; it is drawn anew while an effect does not show, or one outside looks like one of the vocabulary.
-
-    Raises
-    ------
-    BadInput : none of the draws can be simulated, or the simulator is not installed.
-    """
-    last: _Case | None = None
-    for attempt in range(DRAWS):
-        try:
-            case = _Case(planned, attempt)
-            if case.shows and not (planned.kind == "outside" and any(case.aliases.values())):
-                return case.made()
-        except _Unfit:
-            continue
-        last = case
-    try:
-        if last is not None:
-            return last.made()
-    except _Unfit:
-        pass
+    """Make a case; see `fair_case`."""
     what = f" with {', '.join(planned.effects)}" if planned.effects else ""
-    raise BadInput(f"None of {DRAWS} vehicles of the family {planned.family} can be driven{what}; take another ‹seed›.")
+    return fair_case(partial(_ForeignCase, planned), DRAWS, f"vehicles of the family {planned.family}{what}")
 
 
-class _Unfit(Exception):
-    """A draw that is no case."""
-
-
-class _Case:
-    """One draw of vehicle, magnitudes and drive."""
+class _ForeignCase(Draw):
+    tolerances: Tolerances
+    outside = OUTSIDE
 
     def __init__(self, planned: Planned, attempt: int) -> None:
-        self.planned, self.family = planned, FAMILIES[planned.family]
-        self.rng = rng = np.random.default_rng((planned.seed, attempt, 1153))
+        super().__init__(planned, attempt)
+        self.family, rng = FAMILIES[planned.family], self.rng
+        self.known = {name: entry for name, entry in VOCABULARY.items() if name in self.family.effects}
         self.rate = 1.0 / float(rng.choice(PERIODS))
         vehicle = self.family.draw(rng, planned.number)
-        if "velocity_lever_arm" in planned.effects and not vehicle.about.measures_v_y:
-            measuring = {**vehicle.about.noise, "v_y": vehicle.about.noise["v_x"]}
-            vehicle = replace(vehicle, about=replace(vehicle.about, noise=measuring))
-        self.vehicle = vehicle
+        self.vehicle = vehicle = replace(vehicle, about=with_lateral_velocity(vehicle.about, planned.effects))
         self.stated = self._identified()
         self.tolerances = tolerances(self.stated)
         self.true = toleranced(self.stated, rng)
@@ -171,34 +142,26 @@ class _Case:
     def _identified(self) -> VirtualCar:
         """The single track that fits the nominal vehicle; where it does not fit well, the draw is none."""
         about = self.vehicle.about
-        try:
-            rides = [
-                driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(own))
-                for own in self.rng.integers(2**31, size=3)
-            ]
-            stated = identified(about, rides[:2])
-            proof = rides[2]
-            flat = DoubleTrack(single_track(stated, proof.linear_hold))
-            model = replayed(flat, about, proof.commands, proof.period, proof.start)
-        except BadInput as error:
-            if "exam]" in str(error):
-                raise
-            raise _Unfit from error
+        rides = [
+            driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(own))
+            for own in self.rng.integers(2**31, size=3)
+        ]
+        stated = identified(about, rides[:2])
+        proof = rides[2]
+        flat = DoubleTrack(single_track(stated, proof.linear_hold))
+        model = replayed(flat, about, proof.commands, proof.period, proof.start)
         real, said = readings(proof, about, {}, 0), readings(model, about, {}, 0)
         self.form = {
             name: float(np.std(said[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
         }
         if max(self.form.values()) > FORM_MOST:
-            raise _Unfit
+            raise BadInput("The single track that was identified does not describe the vehicle.")
         return stated
 
     def _driven(self, duration: tuple[float, float], seed: int) -> Ride:
         everything = together(self.true.small, self.effects)
         reality = self._reality(everything, seed, self.numbers)
-        try:
-            return driven(reality, self.stated, float(self.rng.uniform(*duration)), self.rate, seed)
-        except BadInput as error:
-            raise _Unfit from error
+        return driven(reality, self.stated, float(self.rng.uniform(*duration)), self.rate, seed)
 
     def _recorded(self, ride: Ride, seed: int) -> Recording:
         return recorded(ride, self.stated, together(self.true.small, self.effects), seed, self.planned.case)
@@ -241,67 +204,19 @@ class _Case:
     def _form(self) -> Array:
         """Nominal vehicle less what is stated of it, under the recording's commands, in noise sds."""
         rows = len(self.recording)
-        try:
-            nominal = self._reality({}, self.seed, self.vehicle.numbers)
-            ride = replayed(nominal, self.stated, self.ride.commands, self.ride.period, self.ride.start)
-        except BadInput as error:
-            raise _Unfit from error
+        nominal = self._reality({}, self.seed, self.vehicle.numbers)
+        ride = replayed(nominal, self.stated, self.ride.commands, self.ride.period, self.ride.start)
         real, flat = readings(ride, self.stated, {}, self.seed), self._stated(rows, self.stated, {})
         return np.stack([(real[name] - flat[name]) / sd for name, sd in self.stated.noise.items()])
-
-    @cached_property
-    def shows(self) -> bool:
-        """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
-        if not self.drawn or self.again.form is None:
-            return True
-        rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
-        try:
-            if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
-                return False  # before every tolerance is driven, which takes far longer
-            hidden = self.again.beside_tolerances(self.again.form)
-            lefts = [self.again.left(self.effects, rest) for rest in rests]
-        except BadInput as error:
-            raise _Unfit from error
-        return all(exceeds(left) and any(left[c] >= VISIBLE * hidden[c] for c in left) for left in lefts)
-
-    @cached_property
-    def aliases(self) -> dict[str, tuple[str, ...]]:
-        """What the recording cannot tell apart, the model's form being what it is."""
-        if not self.drawn:
-            return {}
-        car = self.stated
-        causes = {
-            name: Cause(entry.null, entry.at, entry.sizes(car.size, car.kind)[0], entry.sides)
-            for name, entry in VOCABULARY.items()
-            if name in self.family.effects and (name != "velocity_lever_arm" or car.measures_v_y)
-        }
-        alike = [other for name in self.drawn if name in OUTSIDE for other in OUTSIDE[name].resembles]
-        return indistinguishable(self.drawn, causes, self.again.views(), alike)
 
     def made(self) -> MadeCase:
         """The case with its answer."""
         held_out = self._recorded(self._driven(HELD_OUT, self.other_seed), self.other_seed)
-        try:
-            size, left = self.again.size(self.effects, {}), self.again.left(self.effects, {})
-        except BadInput as error:
-            raise _Unfit from error
-        answer = Answer(
-            case=self.planned.case,
-            kind=self.planned.kind,
-            tier=self.planned.tier,
-            effects=together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn),
-            nulls={name: ENTRIES[name].null for name in self.drawn},
-            aliases=self.aliases if self.shows else {},
-            size=size,
-            left=left,
-            seed=self.planned.seed,
-            car={"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
-                 "numbers": dict(self.numbers), "noise": dict(self.stated.noise)},
-            about={"family": self.planned.family, "rate": self.rate, "rows": len(self.recording),
-                   "held_out_rows": len(held_out), "drawn": self.effects, "form_error": self.form},
-        )  # fmt: skip
-        text = vehicle_file_text(self.stated, self.tolerances)
-        return MadeCase(self.recording, text, held_out, answer, columns(self.ride.linear_hold))
+        withheld = together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn)
+        car = {"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
+               "numbers": dict(self.numbers), "noise": dict(self.stated.noise)}  # fmt: skip
+        about = {"family": self.planned.family, "rate": self.rate, "form_error": self.form}
+        return self.case(held_out, withheld, car, about, columns(self.ride.linear_hold))
 
 
 def columns(linear_hold: bool) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from ...datasets.virtual_vehicle.compiled import Grid, Row
 from ...datasets.virtual_vehicle.loop import STEP
 from ...datasets.virtual_vehicle.scale import G
-from ...errors import BadInput
+from ..case import NotInstalled
 from .vehicles import Stepwise
 
 FASTEST_SERVO, SHORTEST = 1.5e-3, 0.8e-3
@@ -39,12 +39,12 @@ def slipx_module() -> Any:
 
     Raises
     ------
-    BadInput : it is not installed.
+    NotInstalled : it is not.
     """
     try:
         import slipx
     except ImportError as error:
-        raise BadInput(
+        raise NotInstalled(
             "Examinations of the family slipx need the package slipx; install it with pip install 'greybox-id[exam]'."
         ) from error
     return slipx
