@@ -252,6 +252,10 @@ class Recording:
         """Recorded time, s: the sum over runs, gaps at joins not counted."""
         return float(sum(self.time[stop - 1] - self.time[start] for start, stop in self.runs))
 
+    def has(self, *names: str) -> bool:
+        """Whether all of these signals are there, and not missing throughout."""
+        return all(name in self and bool(np.isfinite(self[name]).any()) for name in names)
+
     def require(self, names: Iterable[str], purpose: str) -> None:
         """Raise `BadInput` naming every signal of `names` that this recording lacks."""
         lacking = [name for name in names if name not in self.signals]

@@ -124,8 +124,7 @@ class FitResult(Fit):
         ------
         BadInput : `level` is no probability.
         """
-        if isinstance(level, bool) or not isinstance(level, int | float) or not 0 < level < 1:
-            raise BadInput(f"level: a number between 0 and 1 is needed, such as 0.95, not {level!r:.40}.")
+        given.must_be_share(level, "level")
         lower, upper = {}, {}
         for p in self.model.parameters:
             sd = np.full(p.shape, np.nan) if p.fixed else np.asarray(self.sd.get(p.name, np.full(p.shape, np.nan)))

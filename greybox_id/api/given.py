@@ -102,6 +102,12 @@ def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
     return several
 
 
+def must_be_share(value: object, argument: str) -> None:
+    """Raise `BadInput` for what is no number between 0 and 1, such as a level of confidence."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise BadInput(f"{argument}: a number between 0 and 1 is needed, such as 0.95, not {value!r:.40}.")
+
+
 def choices(
     fix: str | Iterable[str] | Numbers = (),
     free: str | Iterable[str] = (),

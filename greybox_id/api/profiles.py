@@ -148,8 +148,7 @@ def profile(
     """
     if not isinstance(parameter, str):
         raise BadInput(f"parameter: the name of one parameter is needed, not {parameter!r:.60}.")
-    if isinstance(confidence, bool) or not isinstance(confidence, int | float) or not 0 < confidence < 1:
-        raise BadInput(f"confidence: a number between 0 and 1 is needed, such as 0.95, not {confidence!r:.40}.")
+    given.must_be_share(confidence, "confidence")
     profiled(fit, [parameter])  # a wrong name is said before recordings are read
     read = given.seen_by(fit, recordings, columns)
     return profiles(fit, [parameter], read, confidence).found[parameter].profile

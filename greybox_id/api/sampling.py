@@ -126,8 +126,7 @@ class PosteriorResult(Posterior):
         BadInput : the posterior is of another fit, or a signal is missing.
         """
         must_be_horizon(horizon)
-        if isinstance(level, bool) or not isinstance(level, int | float) or not 0 < level < 1:
-            raise BadInput(f"level: a number between 0 and 1 is needed, such as 0.95, not {level!r:.40}.")
+        given.must_be_share(level, "level")
         own = given.recording(recording, columns)
         must_be_recorded(fit.model, [own])
         return banded_table(fit.model, own, predictive_band(fit, self, own, horizon, level=level))

@@ -191,7 +191,7 @@ def _blame(pair: Pair, gain: float, loosely: bool = False) -> str:
 def _limits(recording: Recording) -> list[Finding]:
     findings = []
     for name, (limit, why) in LIMITS.items():
-        if name in recording and np.isfinite(recording[name]).any():
+        if recording.has(name):
             size = float(np.nanquantile(np.abs(recording[name]), 0.99))
             if size > limit:
                 unit = recording.unit(name)

@@ -17,7 +17,7 @@ from ..recording import Recording
 from ..signals import ANGLES_AROUND
 from .agreement import CERTAIN, ENOUGH
 from .finding import Finding, FoundAt, Severity, listed
-from .relations import DRIVES, WHEELS, Relation, has, relations, thinned
+from .relations import DRIVES, WHEELS, Relation, relations, thinned
 
 HOLDS = 0.65
 """Agreement from which a relation counts as holding."""
@@ -169,9 +169,9 @@ def _faults(r: Recording) -> Iterator[Fault]:
     yield from _imu(r)
     yield from _velocities(r)
     for names in (("steer",), ("yaw",), ("sideslip",), ("yaw_rate", "steer"), *((name,) for name in DRIVES)):
-        if has(r, *names):
+        if r.has(*names):
             yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
-    if has(r, "x", "y"):
+    if r.has("x", "y"):
         yield Fault(
             "the positions are mirrored", "Turn the sign of y (or of x) in the column map.", ("y",), _scaled(-1.0, "y")
         )
@@ -186,15 +186,15 @@ def _faults(r: Recording) -> Iterator[Fault]:
 
 def _imu(r: Recording) -> Iterator[Fault]:
     """The four turns and four mirrorings of a pair of accelerometers, with the gyro's sign or without."""
-    if has(r, "a_x", "a_y"):
+    if r.has("a_x", "a_y"):
         for exchanged, along, across, turn in product((False, True), (1, -1), (1, -1), (1, -1)):
-            if (exchanged, along, across, turn) != (False, 1, 1, 1) and (turn == 1 or has(r, "yaw_rate")):
+            if (exchanged, along, across, turn) != (False, 1, 1, 1) and (turn == 1 or r.has("yaw_rate")):
                 yield _mounted(exchanged, along, across, turn)
         return
     for name in ("a_x", "a_y", "yaw_rate"):
-        if has(r, name):
+        if r.has(name):
             yield Fault(f"{name} has the wrong sign", _turn((name,)), (name,), _scaled(-1.0, name))
-    if has(r, "a_y", "yaw_rate"):
+    if r.has("a_y", "yaw_rate"):
         both = ("a_y", "yaw_rate")
         yield Fault("the IMU is upside down (turned about x)", _turn(both), both, _scaled(-1.0, *both))
 
@@ -228,9 +228,9 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
 
 
 def _velocities(r: Recording) -> Iterator[Fault]:
-    if has(r, "v_x"):
+    if r.has("v_x"):
         yield Fault("v_x has the wrong sign", _turn(("v_x",)), ("v_x",), _scaled(-1.0, "v_x"))
-    if not has(r, "v_x", "v_y"):
+    if not r.has("v_x", "v_y"):
         return
     yield Fault("v_y has the wrong sign", _turn(("v_y",)), ("v_y",), _scaled(-1.0, "v_y"))
     both = ("v_x", "v_y")
@@ -263,7 +263,7 @@ def _units(r: Recording) -> Iterator[Fault]:
         *(((name,), RPM, "rpm", "rad/s") for name in WHEELS),
     )
     for names, factor, small, large in kinds:
-        if has(r, *names):
+        if r.has(*names):
             for by, is_in, called in ((factor, small, large), (1 / factor, large, small)):
                 what = f"{listed(names)} {'are' if len(names) > 1 else 'is'} in {is_in} and called {called}"
                 remedy = f'Set unit = "{is_in}" in the column map (a factor of {factor:.3g}).'
@@ -293,9 +293,9 @@ def _have(names: Sequence[str]) -> str:
 def _upright(r: Recording) -> list[Finding]:
     """Accelerometers that read gravity."""
     findings = []
-    expected = {"a_x": np.zeros(len(r)), "a_y": r["v_x"] * r["yaw_rate"] if has(r, "v_x", "yaw_rate") else None}
+    expected = {"a_x": np.zeros(len(r)), "a_y": r["v_x"] * r["yaw_rate"] if r.has("v_x", "yaw_rate") else None}
     for name, due in expected.items():
-        if due is None or not has(r, name):
+        if due is None or not r.has(name):
             continue
         reads = r[name][np.isfinite(r[name])]
         left = (r[name] - due)[np.isfinite(r[name] - due)]
@@ -314,7 +314,7 @@ def _upright(r: Recording) -> list[Finding]:
 
 def _sideways(r: Recording) -> list[Finding]:
     """Vehicles that move sideways more than ahead."""
-    if not has(r, "v_x", "v_y"):
+    if not r.has("v_x", "v_y"):
         return []
     ahead, aside = np.abs(r["v_x"]), np.abs(r["v_y"])
     pace = np.hypot(ahead, aside)
@@ -407,7 +407,7 @@ def _unchecked(r: Recording, found: Sequence[Relation], findings: Sequence[Findi
         return []  # one fault is told; what else holds is told once it is mended
     lacking, still = [], []
     for name, what, does, needs in CHECKS:
-        if name != "time" and not has(r, name):
+        if name != "time" and not r.has(name):
             continue
         own = [relation for relation in found if does(relation)]
         if not own:

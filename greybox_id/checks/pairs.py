@@ -52,15 +52,12 @@ def pairs(recording: Recording) -> list[Pair]:
     r = recording
     found: list[Pair] = []
 
-    def has(*names: str) -> bool:
-        return all(name in r and np.isfinite(r[name]).any() for name in names)
-
-    if has("yaw_rate", "v_x", "steer"):
+    if r.has("yaw_rate", "v_x", "steer"):
         found.append(
             Pair("yaw_rate", "v_x · steer", ("yaw_rate", "steer"), ("yaw_rate", "v_x", "steer"),
                  r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
         )  # fmt: skip
-    if has("yaw_rate", "yaw"):
+    if r.has("yaw_rate", "yaw"):
         found.append(
             Pair(
                 "yaw_rate",
@@ -71,18 +68,18 @@ def pairs(recording: Recording) -> list[Pair]:
                 rate(r, r["yaw"], True),
             )
         )
-    if has("a_x", "v_x"):
-        turning = r["yaw_rate"] * r["v_y"] if has("yaw_rate", "v_y") else 0.0
-        right = "dv_x/dt - yaw_rate · v_y" if has("yaw_rate", "v_y") else "dv_x/dt"
+    if r.has("a_x", "v_x"):
+        turning = r["yaw_rate"] * r["v_y"] if r.has("yaw_rate", "v_y") else 0.0
+        right = "dv_x/dt - yaw_rate · v_y" if r.has("yaw_rate", "v_y") else "dv_x/dt"
         found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], rate(r, r["v_x"]) - turning))
-    if has("a_y", "v_x", "yaw_rate"):
-        sliding = rate(r, r["v_y"]) if has("v_y") else 0.0
-        right = "v_x · yaw_rate + dv_y/dt" if has("v_y") else "v_x · yaw_rate"
+    if r.has("a_y", "v_x", "yaw_rate"):
+        sliding = rate(r, r["v_y"]) if r.has("v_y") else 0.0
+        right = "v_x · yaw_rate + dv_y/dt" if r.has("v_y") else "v_x · yaw_rate"
         found.append(
             Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"),
-                 r["a_y"], r["v_x"] * r["yaw_rate"] + sliding, lag_smoothing=0.06 if has("v_y") else None)
+                 r["a_y"], r["v_x"] * r["yaw_rate"] + sliding, lag_smoothing=0.06 if r.has("v_y") else None)
         )  # fmt: skip
-    if has("sideslip", "v_x", "v_y"):
+    if r.has("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < 1.0
         angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
         found.append(
@@ -124,12 +121,12 @@ class Ground:
 def grounds(r: Recording) -> list[Ground]:
     """All positions of a recording."""
     found = []
-    if all(name in r and np.isfinite(r[name]).any() for name in ("latitude", "longitude")):
+    if r.has("latitude", "longitude"):
         north = np.radians(r["latitude"]) * EARTH
         east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
         # Receivers know their place to about a metre: the course needs a chord of several metres.
         found.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
-    if all(name in r and np.isfinite(r[name]).any() for name in ("x", "y")):
+    if r.has("x", "y"):
         found.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
     return found
 

@@ -133,12 +133,7 @@ class _Asked:
 
     def wants(self, *channels: str) -> bool:
         """Whether a relation between these channels can be formed, and is wanted."""
-        return has(self.recording, *channels) and (not self.touching or not self.touching.isdisjoint(channels))
-
-
-def has(r: Recording, *names: str) -> bool:
-    """Whether all of these channels are there and hold numbers."""
-    return all(name in r and np.isfinite(r[name]).any() for name in names)
+        return self.recording.has(*channels) and (not self.touching or not self.touching.isdisjoint(channels))
 
 
 def _turning(asked: _Asked) -> list[Relation | None]:
@@ -182,13 +177,13 @@ def _rear_axle(r: Recording) -> Relation | None:
 
 def _pushing(asked: _Asked) -> list[Relation | None]:
     r, found = asked.recording, list[Relation | None]()
-    turned = has(r, "yaw_rate", "v_y")
+    turned = r.has("yaw_rate", "v_y")
     involved: tuple[str, ...] = ("a_x", "v_x", "yaw_rate", "v_y") if turned else ("a_x", "v_x")
     if asked.wants(*involved):
         right = rate(r, r["v_x"]) - (r["yaw_rate"] * r["v_y"] if turned else 0.0)
         words = "dv_x/dt - yaw_rate · v_y" if turned else "dv_x/dt"
         found.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
-    slides = has(r, "v_y")
+    slides = r.has("v_y")
     involved = ("a_y", "v_x", "yaw_rate", "v_y") if slides else ("a_y", "v_x", "yaw_rate")
     if asked.wants(*involved):
         right = r["v_x"] * r["yaw_rate"] + (rate(r, r["v_y"]) if slides else 0.0)
@@ -206,7 +201,7 @@ def _pushing(asked: _Asked) -> list[Relation | None]:
 def _over_ground(asked: _Asked) -> list[Relation | None]:
     r, found = asked.recording, list[Relation | None]()
     for place in grounds(r):
-        beside = [name for name in ("yaw_rate", "v_x", "steer", "yaw") if has(r, name)]
+        beside = [name for name in ("yaw_rate", "v_x", "steer", "yaw") if r.has(name)]
         if not asked.wants(*place.channels, *beside):
             continue
         turn, speed = course_and_speed(r, place)
@@ -226,7 +221,7 @@ def _over_ground(asked: _Asked) -> list[Relation | None]:
             sides = ("|v_x|", f"the speed over ground ({place.words})")
             pace = smooth(r, np.abs(r["v_x"]), place.seconds)
             found.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
-        aside = ("v_y",) if has(r, "v_y") else ()
+        aside = ("v_y",) if r.has("v_y") else ()
         if place.words == "x, y" and asked.wants("x", "y", "yaw", "v_x", *aside):
             found += _heading(r)
     return found
@@ -236,7 +231,7 @@ def _heading(r: Recording) -> list[Relation | None]:
     """Velocity over ground, turned back by yaw, is v_x ahead and v_y to the left; yaw may count from any direction."""
     ground = rate(r, r["x"]) + 1j * rate(r, r["y"])
     ahead = np.exp(-1j * r["yaw"]) * ground
-    body = r["v_x"] + 1j * (r["v_y"] if has(r, "v_y") else 0.0)
+    body = r["v_x"] + 1j * (r["v_y"] if r.has("v_y") else 0.0)
     both = np.isfinite(ahead) & np.isfinite(body)
     if not both.any():
         return []
@@ -244,7 +239,7 @@ def _heading(r: Recording) -> list[Relation | None]:
     seen = ahead * np.exp(-1j * origin)
     found = [_ratio(r, ("v_x", "the velocity over ground (x, y) along yaw"), ("v_x", "x", "y", "yaw"),
                     smooth(r, r["v_x"], SMOOTHING), smooth(r, seen.real, SMOOTHING), TIGHT, True)]  # fmt: skip
-    if has(r, "v_y"):
+    if r.has("v_y"):
         found.append(_relation(r, ("v_y", "the velocity over ground (x, y) across yaw"), ("v_y", "x", "y", "yaw"),
                                r["v_y"], seen.imag, (0.02 * _usual(r["v_x"]),) * 2, SAME))  # fmt: skip
     return found
@@ -252,7 +247,7 @@ def _heading(r: Recording) -> list[Relation | None]:
 
 def _rolling(asked: _Asked) -> list[Relation | None]:
     r, found = asked.recording, list[Relation | None]()
-    wheels = [name for name in WHEELS if has(r, name)]
+    wheels = [name for name in WHEELS if r.has(name)]
     if not (asked.wants(*wheels) or asked.wants("v_x", *wheels)):
         return found
     speeds = {name: smooth(r, np.abs(r[name]), SMOOTHING) for name in wheels}

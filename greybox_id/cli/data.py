@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from ..checks import Finding, Severity, check, distrusted
@@ -21,6 +20,7 @@ from ..joining import join_files
 from ..processes import Pace
 from ..recording import Recording
 from ..reports.numbers import counted
+from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .options import columns_option, json_option, part_asked, read_part
 from .output import console, print_json, progress, working
@@ -165,9 +165,7 @@ def show(recording: Recording, findings: Sequence[Finding], out: Console) -> Non
     if not findings:
         out.print("nothing noteworthy found\n")
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("severity", "channel", "run", "finding"):
-        table.add_column(title, header_style="dim", overflow="fold")
+    table = plain_table("severity", "channel", "run", "finding", fold=True)
     for finding in findings:
         run = "all" if finding.where.run is None else str(finding.where.run)
         words = (finding.severity.value, finding.where.channel, run, finding.sentence)
@@ -235,9 +233,7 @@ def map_target(out: str) -> Path:
 
 def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     """Print the proposal as a table, with what is not sure and what to do next."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("signal", "column", "unit", "why"):
-        table.add_column(title, header_style="dim", overflow="fold")
+    table = plain_table("signal", "column", "unit", "why", fold=True)
     if proposal.time:
         table.add_row(*_row(proposal.time))
     for entry in sorted(proposal.entries, key=lambda own: not own.decided):

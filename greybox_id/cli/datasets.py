@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
 from ..datasets.made import MADE, make
 from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, public
+from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .completion import names
 from .options import json_option
@@ -44,9 +44,7 @@ def list_command(as_json: bool) -> None:
         ("to fetch", [(own.name, own.about, f"{own.source}; {own.licence}", _state(own)) for own in PUBLIC.values()]),
         ("to make", [(name, about, "from a seed", "") for name, (about, _) in MADE.items()]),
     ):
-        table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-        for heading in (title, "what", "source and licence", ""):
-            table.add_column(heading, header_style="dim", overflow="fold")
+        table = plain_table(title, "what", "source and licence", "", fold=True)
         for row in rows:
             table.add_row(*row)
         out.print(table)

@@ -16,7 +16,6 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,7 @@ import click
 from click.core import ParameterSource
 
 from ..errors import BadInput, near_or_all
-from ..files import near_file
-from ..guard import protect
+from ..toml_file import read_toml
 from .commands import COMMANDS
 from .options import MARK
 from .terminal import tell
@@ -50,7 +48,7 @@ def defaults_of(ctx: click.Context) -> dict[str, Any]:
     file = Path(named or FILE)
     if not named and not file.is_file():
         return {}
-    table = _read(file)
+    table = read_toml(file, "file of defaults")
     for name in table:
         if name not in COMMANDS:
             raise BadInput(f"{file}: there is no command {name!r}.{near_or_all(name, COMMANDS)}")
@@ -84,16 +82,6 @@ def _written(option: click.Option, value: Any) -> list[str]:
     if option.is_flag:
         return [name] if value else []
     return [word for own in (value if option.multiple else (value,)) for word in (name, str(own))]
-
-
-def _read(file: Path) -> Mapping[str, Any]:
-    protect(file)
-    try:
-        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise BadInput(f"{file}: the defaults cannot be read ({error.strerror}).{near_file(file)}") from error
-    except (ValueError, RecursionError) as error:  # ValueError: no UTF-8, no TOML, integers of thousands of digits
-        raise BadInput(f"{file}: not valid TOML: {error}. Mend that line.") from error
 
 
 def _of_command(ctx: click.Context, command: click.Command, table: Any, where: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from ..models.registry import MODELS, build
 from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..reports.numbers import pretty_unit
-from ..reports.text.screen import plain
+from ..reports.text.screen import plain, plain_table
 from ..signals import unit_of
 from .completion import names
 from .options import VEHICLES, json_option, named_effect, named_model, settings_of
@@ -52,7 +52,7 @@ def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_js
             }
         )
         return
-    table = _table("model", "parameters", "inputs", "outputs", "about")
+    table = plain_table("model", "parameters", "inputs", "outputs", "about")
     for known, model in built.items():
         table.add_row(known, str(model.size), " ".join(model.inputs), " ".join(model.outputs), model.about)
     console().print(table)
@@ -80,7 +80,7 @@ def effects(name: str | None, as_json: bool) -> None:
     if as_json:
         print_json({"effects": {known: _effect(e) | {"models": _applies_to(e)} for known, e in EFFECTS.items()}})
         return
-    table = _table("effect", "null", "unit", "group", "magnitude")
+    table = plain_table("effect", "null", "unit", "group", "magnitude")
     for known, effect in EFFECTS.items():
         own = effect.parameter
         table.add_row(known, plain(float(own.array)), pretty_unit(own.unit), effect.group, own.about)
@@ -103,7 +103,7 @@ def _show_model(model: Model) -> None:
         head.add_row(title, told)
     out.print(head)
     out.print()
-    table = _table("parameter", "value", "unit", "bounds", "prior", "", "about")
+    table = plain_table("parameter", "value", "unit", "bounds", "prior", "", "about")
     for p in model.parameters:
         value = plain(float(p.array)) if p.shape == () else " × ".join(map(str, p.shape))
         bounds = f"[{plain(p.bounds[0])}, {plain(p.bounds[1])}]"
@@ -192,10 +192,3 @@ def _prior(parameter: Parameter) -> str:
     if parameter.prior is None:
         return ""
     return f"± {plain(float(np.asarray(parameter.prior.sd)))}" if parameter.shape == () else "yes"
-
-
-def _table(*titles: str) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in titles:
-        table.add_column(title, header_style="dim")
-    return table

@@ -7,20 +7,19 @@ and names are turned into the project's (ISO 8855 axes, SI units).
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from ..errors import BadInput, near
-from ..files import near_file, small_file
 from ..recording import Array
 from ..signals import SIGNALS
+from ..toml_file import must_know, parse_toml, table_of, text_of
 from ..units import to_si
+from .shipped import named_text, shipped_files
 
 HOLDS = ("zero", "linear")
 SEPARATORS = (",", ";", "\t", "|")
@@ -148,8 +147,7 @@ class ColumnMap:
 
 def shipped_maps() -> tuple[str, ...]:
     """Names of the column maps that come with the package."""
-    folder = resources.files(__package__).joinpath("columns")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return shipped_files("columns")
 
 
 def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
@@ -162,20 +160,8 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
     """
     if isinstance(columns, ColumnMap):
         return columns
-    wanted = str(columns)
-    if wanted in shipped_maps():
-        text = resources.files(__package__).joinpath("columns", f"{wanted}.toml").read_text("utf-8")
-        return parse_column_map(text, f"{wanted}.toml")
-    if not wanted.lower().endswith(".toml"):
-        raise BadInput(
-            f'There is no column map "{wanted}".{near(wanted, shipped_maps()) or near_file(Path(wanted))} '
-            f"Shipped maps: {', '.join(shipped_maps())}; your own is named by the path of its .toml file."
-        )
-    try:
-        text = small_file(wanted, "column map").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{wanted}: this column map is not UTF-8 text; save it as UTF-8.") from error
-    return parse_column_map(text, wanted)
+    text, file = named_text(str(columns), "columns", "column map")
+    return parse_column_map(text, str(file))
 
 
 def parse_column_map(text: str, where: str) -> ColumnMap:
@@ -191,25 +177,21 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     BadInput
         The text is no TOML, or a key, a signal, a unit or a number in it cannot be used.
     """
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also integers of thousands of digits
-        raise BadInput(f"{where}: not valid TOML: {error}. Mend that line.") from error
-    _known(table, MAP_KEYS, where, "")
-    runs = _table(table, "runs", where)
-    _known(runs, ("column", "optional"), where, "[runs] ")
-    start = _table(table, "start", where)
-    _known(start, ("column", "optional"), where, "[start] ")
+    table = parse_toml(text, where)
+    must_know(table, MAP_KEYS, where)
+    runs, start = (table_of(table, key, where) for key in ("runs", "start"))
+    must_know(runs, ("column", "optional"), f"{where}: [runs]")
+    must_know(start, ("column", "optional"), f"{where}: [start]")
     if "time" not in table:
         raise BadInput(f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s".')
-    signals = _table(table, "signals", where)
+    signals = table_of(table, "signals", where)
     for name in signals:
         if name not in SIGNALS:
             raise BadInput(
                 f'{where}: [signals.{name}]: there is no signal "{name}".{near(name, SIGNALS)} '
                 f"A file's own further channel goes under [extra.{name}]."
             )
-    extra = _table(table, "extra", where)
+    extra = table_of(table, "extra", where)
     for name in extra:
         if name in SIGNALS or name == "time":
             raise BadInput(f"{where}: [extra.{name}]: {name} is a known signal; write [signals.{name}].")
@@ -222,15 +204,17 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     if chosen["separator"] == chosen["decimal"]:
         raise BadInput(f'{where}: decimal and separator are both ","; set separator = ";".')
     return ColumnMap(
-        name=_text(table, "name", where, "", Path(where).stem),
-        about=_text(table, "about", where, "", ""),
-        source=_text(table, "source", where, "", ""),
-        time=_time(_table(table, "time", where), f"{where}: [time]"),
-        signals={n: _column(_table(signals, n, where), n, SIGNALS[n].unit, f"{where}: [signals.{n}]") for n in signals},
-        extra={n: _column(_table(extra, n, where), n, None, f"{where}: [extra.{n}]") for n in extra},
-        run_column=_text(runs, "column", where, "[runs] ", ""),
+        name=text_of(table, "name", where, Path(where).stem),
+        about=text_of(table, "about", where),
+        source=text_of(table, "source", where),
+        time=_time(table_of(table, "time", where), f"{where}: [time]"),
+        signals={
+            n: _column(table_of(signals, n, where), n, SIGNALS[n].unit, f"{where}: [signals.{n}]") for n in signals
+        },
+        extra={n: _column(table_of(extra, n, where), n, None, f"{where}: [extra.{n}]") for n in extra},
+        run_column=text_of(runs, "column", f"{where}: [runs]"),
         run_column_optional=_truth(runs, "optional", f"{where}: [runs]"),
-        start_column=_text(start, "column", where, "[start] ", ""),
+        start_column=text_of(start, "column", f"{where}: [start]"),
         start_column_optional=_truth(start, "optional", f"{where}: [start]"),
         poses=_poses(table["poses"], signals, f"{where}: [poses]") if "poses" in table else (),
         hold="linear" if _choice(table, "hold", HOLDS, where) == "linear" else "zero",
@@ -240,16 +224,16 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
 
 def _time(entry: Mapping[str, Any], where: str) -> Column:
     column = _column({key: value for key, value in entry.items() if key != "nanoseconds"}, "time", "s", where)
-    return replace(column, nanoseconds=_text(entry, "nanoseconds", where, "", ""))
+    return replace(column, nanoseconds=text_of(entry, "nanoseconds", where))
 
 
 def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: str) -> Column:
-    _known(entry, COLUMN_KEYS, where, "")
+    must_know(entry, COLUMN_KEYS, where)
     if "unit" not in entry:
         raise BadInput(
             f'{where} has no unit; say in which unit the file holds it, for example unit = "{si_unit or 1}".'
         )
-    unit = _text(entry, "unit", where, "", "")
+    unit = text_of(entry, "unit", where)
     try:
         converted = to_si(unit, si_unit).unit
     except BadInput as error:
@@ -279,7 +263,7 @@ def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
     """The names a column may have."""
     names = entry.get("column", signal)
     if not isinstance(names, list):
-        return [_text(entry, "column", where, "", signal)]
+        return [text_of(entry, "column", where, signal)]
     if not names or not all(isinstance(name, str) and name.strip() for name in names):
         raise BadInput(f"{where}: column must be a name in quotes or a list of such, not {names!r:.60}.")
     return names
@@ -307,36 +291,14 @@ def _poses(entries: object, signals: Mapping[str, Any], where: str) -> tuple[Ref
     if not tables or len(tables) < len(given):
         raise BadInput(f"{where}: must be a table of {', '.join(POSES_KEYS)}, or several as [[poses]].")
     for table in tables:
-        _known(table, POSES_KEYS, where, "")
+        must_know(table, POSES_KEYS, where)
     return tuple(
         Reference(
             **{key: _number(table, key, 0.0, where) for key in POSES_KEYS[:3]},
-            if_column=_text(table, "if_column", where, "", ""),
+            if_column=text_of(table, "if_column", where),
         )
         for table in tables
     )
-
-
-def _known(table: Mapping[str, Any], keys: tuple[str, ...], where: str, prefix: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise BadInput(
-                f'{where}: {prefix}there is no setting "{key}".{near(key, keys)} Known are {", ".join(keys)}.'
-            )
-
-
-def _table(parent: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
-    value = parent.get(key, {})
-    if not isinstance(value, dict):
-        raise BadInput(f'{where}: "{key}" must be a table of settings, not {value!r:.60}.')
-    return value
-
-
-def _text(table: Mapping[str, Any], key: str, where: str, prefix: str, default: str) -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str) or (key in table and key in ("column", "name", "unit") and not value.strip()):
-        raise BadInput(f"{where}: {prefix}{key} must be text in quotes, not {value!r:.60}.")
-    return value
 
 
 def _choice(table: Mapping[str, Any], key: str, choices: tuple[str, ...], where: str) -> str:

@@ -1,4 +1,4 @@
-"""Recordings that come with the package.
+"""Recordings, vehicles and column maps that come with the package.
 
 `racer_train` and `racer_valid` are made by `greybox_id.datasets.synthetic_racer`: a synthetic 1:10 car in
 the columns and units of the RoboRacer recordings.
@@ -6,7 +6,9 @@ the columns and units of the RoboRacer recordings.
 
 from pathlib import Path
 
-from ..errors import BadInput
+from ..errors import BadInput, near
+from ..files import near_file
+from ..toml_file import small_text
 
 FOLDER = Path(__file__).parent / "shipped"
 
@@ -42,3 +44,33 @@ def shipped(name: str) -> Path:
     if not path.is_file():
         raise BadInput(f"{path} is missing from this installation of greybox-id; install the package again.")
     return path
+
+
+def shipped_files(folder: str) -> tuple[str, ...]:
+    """Names of the TOML files that come with the package in a folder of this one."""
+    return tuple(sorted(file.stem for file in (FOLDER.parent / folder).glob("*.toml")))
+
+
+def named_text(wanted: str, folder: str, what: str, suffixes: tuple[str, ...] = (".toml",)) -> tuple[str, Path]:
+    """The text of a shipped file of this name or of a user's own at this path, and what the file is called.
+
+    Parameters
+    ----------
+    folder : of the shipped ones, which people call so as well.
+    what : such a thing is called; its file is a "`what` file" unless it is a map.
+    suffixes : of a user's own.
+
+    Raises
+    ------
+    BadInput : there is no such file.
+    """
+    names = shipped_files(folder)
+    if wanted in names:
+        return (FOLDER.parent / folder / f"{wanted}.toml").read_text("utf-8"), Path(f"{wanted}.toml")
+    if Path(wanted).suffix.lower() not in suffixes:
+        raise BadInput(
+            f'There is no {what} "{wanted}".{near(wanted, names) or near_file(Path(wanted))} '
+            f"Shipped {what.split()[-1]}s: {', '.join(names)}; "
+            f"your own is named by the path of its {' or '.join(suffixes)} file."
+        )
+    return small_text(wanted, what if what.endswith("map") else f"{what} file"), Path(wanted)

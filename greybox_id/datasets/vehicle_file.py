@@ -28,19 +28,19 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Collection, Iterator, Mapping
-from importlib import resources
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
 from ..errors import BadInput, near
-from ..files import near_file, small_file, write_atomically
+from ..files import write_atomically
 from ..guard import VEHICLE_MARK
 from ..signals import SIGNALS
+from ..toml_file import must_know, parse_toml, table_of, text_of
 from ..vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
+from .shipped import named_text, shipped_files
 from .tyre_file import read_tyre_file
 
 KEYS = ("name", "about", "steer_max", "tyre_file", "parameters", "effects", "noise", "model_error", "model", "tracking")
@@ -52,8 +52,7 @@ STATED_KEYS = ("value", "sd", "min", "max", "source")
 
 def shipped_vehicles() -> tuple[str, ...]:
     """Names of the vehicles that come with the package."""
-    folder = resources.files(__package__).joinpath("vehicles")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return shipped_files("vehicles")
 
 
 def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
@@ -71,20 +70,8 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
     """
     if isinstance(wanted, Vehicle):
         return wanted
-    name = str(wanted)
-    if name in shipped_vehicles():
-        entry = resources.files(__package__).joinpath("vehicles", f"{name}.toml")
-        return parse_vehicle(entry.read_text("utf-8"), Path(f"{name}.toml"), parameters, effects)
-    if Path(name).suffix.lower() not in (".toml", ".json"):
-        raise BadInput(
-            f'There is no vehicle "{name}".{near(name, shipped_vehicles()) or near_file(Path(name))} Shipped vehicles: '
-            f"{', '.join(shipped_vehicles())}; your own is named by the path of its .toml or .json file."
-        )
-    try:
-        text = small_file(name, "vehicle file").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{name}: this vehicle file is not UTF-8 text; save it as UTF-8.") from error
-    return parse_vehicle(text, Path(name), parameters, effects)
+    text, file = named_text(str(wanted), "vehicles", "vehicle", (".toml", ".json"))
+    return parse_vehicle(text, file, parameters, effects)
 
 
 def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
@@ -99,32 +86,33 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
     table = _parsed(text, path)
     if misplaced := [key for key in table if key in parameters and key not in KEYS]:
         raise BadInput(f"{where}: {misplaced[0]} is a parameter and belongs under [parameters].")
-    _only(table, KEYS, where)
-    stated, tolerated, sensors = (_table(table, key, where) for key in ("parameters", "effects", "noise"))
+    must_know(table, KEYS, where)
+    stated, tolerated, sensors = (table_of(table, key, where) for key in ("parameters", "effects", "noise"))
     _all_known(stated, parameters, "parameter", f"{where}: [parameters]")
     _all_known(tolerated, effects, "effect", f"{where}: [effects]")
     _all_known(sensors, SIGNALS, "signal", f"{where}: [noise]")
     tyres = _tyres(table, path) if "tyre_file" in table else {}
     return Vehicle(
-        name=_text(table, "name", where, path.stem),
+        name=text_of(table, "name", where, path.stem),
         values=tyres | {key: _with_value(entry, f"{where}: [parameters] {key}") for key, entry in stated.items()},
         effects={key: _tolerance(entry, f"{where}: [effects] {key}") for key, entry in tolerated.items()},
         noise={key: _above_zero(entry, f"{where}: [noise] {key}") for key, entry in sensors.items()},
         steer_max=_above_zero(table["steer_max"], f"{where}: steer_max") if "steer_max" in table else None,
-        model=_model(_table(table, "model", where), effects, f"{where}: [model]") if "model" in table else None,
-        tracking=_tracking(_table(table, "tracking", where), f"{where}: [tracking]") if "tracking" in table else None,
-        model_error=_model_errors(_table(table, "model_error", where), f"{where}: [model_error]"),
-        about=_text(table, "about", where, ""),
+        model=_model(table_of(table, "model", where), effects, f"{where}: [model]") if "model" in table else None,
+        tracking=_tracking(table_of(table, "tracking", where), f"{where}: [tracking]") if "tracking" in table else None,
+        model_error=_model_errors(table_of(table, "model_error", where), f"{where}: [model_error]"),
+        about=text_of(table, "about", where),
         path=path,
     )
 
 
 def _parsed(text: str, path: Path) -> Mapping[str, Any]:
-    kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
+    if path.suffix.lower() != ".json":
+        return parse_toml(text, str(path))
     try:
-        table = json.loads(text, object_pairs_hook=_once) if kind == "JSON" else tomllib.loads(text)
+        table = json.loads(text, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:  # ValueError: also integers of thousands of digits
-        raise BadInput(f"{path}: not valid {kind}: {error}. Mend that line.") from error
+        raise BadInput(f"{path}: not valid JSON: {error}. Mend that line.") from error
     if not isinstance(table, dict):
         raise BadInput(f"{path}: a vehicle file is a table of keys, {', '.join(KEYS)}; this one is {table!r:.60}.")
     return table
@@ -150,18 +138,18 @@ def _tyres(table: Mapping[str, Any], path: Path) -> dict[str, Stated]:
 def _model(table: Mapping[str, Any], effects: Collection[str], where: str) -> ChosenModel:
     if "name" not in table:
         raise BadInput(f'{where} has no name; say which model it is, for example name = "single_track".')
-    added = _table(table, "effects", where)
+    added = table_of(table, "effects", where)
     _all_known(added, effects, "effect", f"{where} effects")
     return ChosenModel(
-        name=_text(table, "name", where, ""),
+        name=text_of(table, "name", where),
         settings={key: value for key, value in table.items() if key not in ("name", "effects")},
         effects={key: _with_value(entry, f"{where} effects {key}") for key, entry in added.items()},
     )
 
 
 def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
-    _only(table, TRACKING_KEYS, where)
-    sizes = _table(table, "noise", where)
+    must_know(table, TRACKING_KEYS, where)
+    sizes = table_of(table, "noise", where)
     return TrackingPlan(
         parameters=_names(table, "parameters", where),
         disturbances=_names(table, "disturbances", where),
@@ -171,10 +159,10 @@ def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
 
 def _model_errors(table: Mapping[str, Any], where: str) -> dict[str, StatedModelError]:
     found = dict[str, StatedModelError]()
-    _only(table, FORCES, where, "force")
+    must_know(table, FORCES, where, "force")
     for force in table:
-        own = _table(table, force, where)
-        _only(own, MODEL_ERROR_KEYS, f"{where} {force}")
+        own = table_of(table, force, where)
+        must_know(own, MODEL_ERROR_KEYS, f"{where} {force}")
         found[force] = StatedModelError(**{key: _above_zero(own[key], f"{where} {force} {key}") for key in own})
     return found
 
@@ -214,7 +202,7 @@ def _stated(entry: object, where: str) -> Stated:
     """A number, or a table of value, sd, min, max and source."""
     if not isinstance(entry, Mapping):
         return Stated(_number(entry, where))
-    _only(entry, STATED_KEYS, where)
+    must_know(entry, STATED_KEYS, where)
     given = {key: _number(entry[key], f"{where}: {key}", key) for key in STATED_KEYS[:-1] if key in entry}
     low, high, value, sd = given.get("min", -inf), given.get("max", inf), given.get("value"), given.get("sd")
     if sd is not None and sd <= 0:
@@ -224,7 +212,7 @@ def _stated(entry: object, where: str) -> Stated:
     if value is not None and not low <= value <= high:
         side, limit = ("below min", low) if value < low else ("above max", high)
         raise BadInput(f"{where}: value = {value:g} is {side} = {limit:g}; mend one of them.")
-    return Stated(**given, source=_text(entry, "source", where, ""))
+    return Stated(**given, source=text_of(entry, "source", where))
 
 
 def _number(value: object, where: str, key: str = "value") -> float:
@@ -239,32 +227,12 @@ def _number(value: object, where: str, key: str = "value") -> float:
     return float(value)
 
 
-def _only(table: Mapping[str, Any], keys: Collection[str], where: str, what: str = "key") -> None:
-    for key in table:
-        if key not in keys:
-            raise BadInput(f'{where}: there is no {what} "{key}".{near(key, keys)} Known are {", ".join(keys)}.')
-
-
 def _all_known(table: Mapping[str, Any], names: Collection[str], what: str, where: str) -> None:
     for key in table:
         if names and key not in names:
             raise BadInput(
                 f'{where} {key}: there is no {what} "{key}".{near(key, names)} Mend its name or take it out.'
             )
-
-
-def _table(parent: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
-    value = parent.get(key, {})
-    if not isinstance(value, dict):
-        raise BadInput(f'{where}: "{key}" must be a table, not {value!r:.60}.')
-    return value
-
-
-def _text(table: Mapping[str, Any], key: str, where: str, default: str) -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str) or (key == "name" and not value.strip()):
-        raise BadInput(f"{where}: {key} must be text in quotes, not {value!r:.60}.")
-    return value
 
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

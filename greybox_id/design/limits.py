@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from math import sqrt
@@ -11,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import BadInput, near_or_all
-from ..guard import protect
 from ..motion_model import MotionModel
+from ..toml_file import read_toml
 
 G = 9.81
 """Gravity, m/s^2."""
@@ -139,13 +138,7 @@ def read_limits(path: str | Path) -> dict[str, object]:
     ------
     BadInput : it cannot be read, or is no such file.
     """
-    try:
-        protect(path)
-        found = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"‹limits› {path} cannot be read: {error.strerror or error}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"‹limits› {path} is no TOML file: {error}. It has lines such as grip = 0.8.") from error
+    found = read_toml(path, "file of limits")
     for name, value in found.items():
         if isinstance(value, float) and not np.isfinite(value):
             raise BadInput(f"‹limits› {path}: {name} is not finite.")

@@ -113,7 +113,7 @@ class Tracker:
         for name in how.readings:
             if name not in model.outputs and name not in model.inputs and name not in READINGS:
                 raise BadInput(f"{model.name} has no output {name} to be read.{near_or_all(name, model.outputs)}")
-        self.readings = tuple(n for n in how.readings if n in model.outputs and _recorded(recording, n))
+        self.readings = tuple(n for n in how.readings if n in model.outputs and recording.has(n))
         if not self.readings:
             raise BadInput(
                 f"{recording.name} has none of {', '.join(how.readings)}, which the filter is to read; name "
@@ -303,7 +303,3 @@ def _absent(model: MotionModel, recording: Recording) -> list[str]:
 
 def _signals(model: MotionModel, name: str) -> tuple[str, ...]:
     return model.aliases.get(name, (name,))
-
-
-def _recorded(recording: Recording, name: str) -> bool:
-    return name in recording and bool(np.any(np.isfinite(recording[name])))

@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from ..errors import BadInput
-from .protocol import DIGEST, SIGNATURE, digest_of, signature
+from .protocol import DIGEST, SIGNATURE, Declined, digest_of, signature
 
 PATIENCE = 30.0
 """s to wait for an answer."""
@@ -17,19 +17,6 @@ PATIENCE = 30.0
 
 class Unanswered(BadInput):
     """Nobody answers, or not in time; what was asked may be asked again."""
-
-
-class Declined(BadInput):
-    """The server does not do what was asked.
-
-    Attributes
-    ----------
-    status : of HTTP.
-    """
-
-    def __init__(self, status: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.status = status
 
 
 class Client:

@@ -33,6 +33,19 @@ ARMS: Mapping[str, str] = {
 """What is made of rows, for a driver to learn on."""
 
 
+class Declined(BadInput):
+    """A request that is not done.
+
+    Attributes
+    ----------
+    status : of HTTP.
+    """
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
 def digest_of(body: bytes) -> str:
     """SHA-256, 64 hexadecimal digits."""
     return hashlib.sha256(body).hexdigest()

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from http import HTTPStatus
 from importlib import resources
 from ipaddress import ip_address
 from typing import Any, TypeAlias
@@ -22,7 +23,7 @@ from typing import Any, TypeAlias
 from .. import __version__
 from ..errors import BadInput
 from ..json_data import finite
-from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, digest_of, is_signed
+from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, Declined, digest_of, is_signed
 from .store import Busy, Full, Missing, ServerStore
 from .workers import Workers
 
@@ -75,29 +76,12 @@ CONNECTIONS = 64
 LINE = re.compile(r"([A-Z]{1,10}) (/[!-~]{0,300}) HTTP/1\.[01]")
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 """Names by which a browser of this machine calls it: a page elsewhere cannot read it through a name of its own."""
-REASONS = {
-    200: "OK", 400: "Bad Request", 401: "Unauthorized", 403: "Forbidden", 404: "Not Found", 405: "Method Not Allowed",
-    408: "Request Timeout", 409: "Conflict", 411: "Length Required", 413: "Content Too Large",
-    422: "Unprocessable Content", 431: "Request Header Fields Too Large", 500: "Internal Server Error",
-    503: "Service Unavailable", 507: "Insufficient Storage",
-}  # fmt: skip
+STATUSES = {Missing: 404, Busy: 409, Full: 507}
+"""What is wrong -> status; other bad input has 422."""
 JSON, BYTES, HTML = "application/json", "application/octet-stream", "text/html; charset=utf-8"
 
 Answer: TypeAlias = "tuple[str, bytes]"
 Handler: TypeAlias = "Callable[[tuple[str, ...], bytes], Awaitable[Answer]]"
-
-
-class Refused(Exception):
-    """A request that is not done.
-
-    Attributes
-    ----------
-    status : of HTTP.
-    """
-
-    def __init__(self, status: int, sentence: str) -> None:
-        super().__init__(sentence)
-        self.status = status
 
 
 class Server:
@@ -180,7 +164,7 @@ class Server:
         assert task is not None
         if len(self._connections) >= CONNECTIONS:
             with suppress(OSError):
-                await self._say(writer, Refused(503, "Too many are connected; try again in a moment."))
+                await self._say(writer, Declined(503, "Too many are connected; try again in a moment."))
             writer.close()
             return
         self._connections.add(task)
@@ -208,63 +192,59 @@ class Server:
                 return
             kind, held = await self._done(method, path, heads, reader)
             await self._write(writer, 200, kind, held)
-        except Refused as refused:
-            await self._say(writer, refused)
+        except Declined as declined:
+            await self._say(writer, declined)
             await self._drain(reader)
         except (OSError, asyncio.CancelledError):
             raise
         except Exception as error:  # a fault of ours ends this request alone
-            await self._say(writer, Refused(500, f"This server has a fault ({type(error).__name__}); nothing changed."))
+            await self._say(
+                writer, Declined(500, f"This server has a fault ({type(error).__name__}); nothing changed.")
+            )
             await self._drain(reader)
 
     async def _done(self, method: str, path: str, heads: Mapping[str, str], reader: asyncio.StreamReader) -> Answer:
         found = [(own, match, handler) for own, route, handler in self._routes if (match := route.fullmatch(path))]
         if not found:
-            raise Refused(404, "There is nothing here; the paths begin with /v1/, and GET /healthz.")
+            raise Declined(404, "There is nothing here; the paths begin with /v1/, and GET /healthz.")
         length = _length(method, heads)
         digest = heads.get(DIGEST.lower(), "")
         if not is_signed(self._token, method, path, digest, heads.get(SIGNATURE.lower(), "")):
-            raise Refused(401, f"{SIGNATURE} is not this server's token's signature of method, path and {DIGEST}.")
+            raise Declined(401, f"{SIGNATURE} is not this server's token's signature of method, path and {DIGEST}.")
         fitting = [(match, handler) for own, match, handler in found if own == method]
         if not fitting:
-            raise Refused(405, f"{method} does nothing here; {found[0][0]} does.")
+            raise Declined(405, f"{method} does nothing here; {found[0][0]} does.")
         body = await self._body(reader, length)
         if digest_of(body) != digest:
-            raise Refused(422, f"The body's SHA-256 is not that of {DIGEST}; send it again.")
+            raise Declined(422, f"The body's SHA-256 is not that of {DIGEST}; send it again.")
         match, handler = fitting[0]
         try:
             return await handler(match.groups(), body)
-        except Missing as error:
-            raise Refused(404, str(error)) from error
-        except Busy as error:
-            raise Refused(409, str(error)) from error
-        except Full as error:
-            raise Refused(507, str(error)) from error
         except BadInput as error:
-            raise Refused(422, str(error)) from error
+            raise Declined(STATUSES.get(type(error), 422), str(error)) from error
 
     async def _head(self, reader: asyncio.StreamReader) -> tuple[str, str, dict[str, str]]:
         try:
             async with asyncio.timeout(self._patience[0]):
                 head = await reader.readuntil(b"\r\n\r\n")
         except TimeoutError as error:
-            raise Refused(408, "The request's head did not come in time.") from error
+            raise Declined(408, "The request's head did not come in time.") from error
         except asyncio.LimitOverrunError as error:
-            raise Refused(431, f"The request's head is longer than {HEAD >> 10} kB.") from error
+            raise Declined(431, f"The request's head is longer than {HEAD >> 10} kB.") from error
         except asyncio.IncompleteReadError as error:
             if not error.partial:
                 raise ConnectionResetError from error
-            raise Refused(400, "The request's head is cut short.") from error
+            raise Declined(400, "The request's head is cut short.") from error
         lines = head.decode("latin-1").split("\r\n")
         line = LINE.fullmatch(lines[0])
         if line is None:
-            raise Refused(400, "This is no request of HTTP/1.1.")
+            raise Declined(400, "This is no request of HTTP/1.1.")
         heads: dict[str, str] = {}
         for own in lines[1:-2]:
             name, colon, value = own.partition(":")
             key = name.lower()
             if not colon or not re.fullmatch(r"[!#$%&'*+.^_`|~0-9a-z-]+", key) or key in heads:
-                raise Refused(400, "A header of this request is malformed, or there twice.")
+                raise Declined(400, "A header of this request is malformed, or there twice.")
             heads[key] = value.strip()
         return line[1], line[2], heads
 
@@ -273,15 +253,15 @@ class Server:
             async with asyncio.timeout(self._patience[1]):
                 return await reader.readexactly(length)
         except TimeoutError as error:
-            raise Refused(408, "The body did not come in time; send it again.") from error
+            raise Declined(408, "The body did not come in time; send it again.") from error
         except asyncio.IncompleteReadError as error:
-            raise Refused(400, f"The body is cut short: {len(error.partial)} of {length} bytes came.") from error
+            raise Declined(400, f"The body is cut short: {len(error.partial)} of {length} bytes came.") from error
 
     def _local(self, heads: Mapping[str, str]) -> None:
         """Refuse the page to whoever is not on this machine."""
         host = heads.get("host", "").rpartition(":")[0] or heads.get("host", "")
         if not is_loopback(self._host) or host not in LOCAL:
-            raise Refused(403, "The page is for this machine alone; serve on 127.0.0.1 and reach it through ssh -L.")
+            raise Declined(403, "The page is for this machine alone; serve on 127.0.0.1 and reach it through ssh -L.")
 
     def _health(self) -> dict[str, Any]:
         return {"status": "ok", "protocol": PROTOCOL, "version": __version__, "seconds": time.time() - self._began}
@@ -355,12 +335,12 @@ class Server:
         finally:
             gone.cancel()
 
-    async def _say(self, writer: asyncio.StreamWriter, refused: Refused) -> None:
-        await self._write(writer, refused.status, JSON, _json({"error": str(refused)}))
+    async def _say(self, writer: asyncio.StreamWriter, declined: Declined) -> None:
+        await self._write(writer, declined.status, JSON, _json({"error": str(declined)}))
 
     async def _write(self, writer: asyncio.StreamWriter, status: int, kind: str, held: bytes) -> None:
         head = (
-            f"HTTP/1.1 {status} {REASONS[status]}\r\nContent-Type: {kind}\r\nContent-Length: {len(held)}\r\n"
+            f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\nContent-Type: {kind}\r\nContent-Length: {len(held)}\r\n"
             "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
         )
         writer.write(head.encode() + held)
@@ -388,12 +368,12 @@ def is_loopback(host: str) -> bool:
 def _length(method: str, heads: Mapping[str, str]) -> int:
     """Bytes of the body."""
     if "transfer-encoding" in heads:
-        raise Refused(411, "Send the body in one piece, with Content-Length.")
+        raise Declined(411, "Send the body in one piece, with Content-Length.")
     told = heads.get("content-length", "0" if method == "GET" else "")
     if not re.fullmatch(r"\d{1,18}", told):
-        raise Refused(411, "Content-Length has to say how many bytes the body has.")
+        raise Declined(411, "Content-Length has to say how many bytes the body has.")
     if int(told) > LARGEST:
-        raise Refused(413, f"The body is larger than {LARGEST >> 20} MB; send it in parts.")
+        raise Declined(413, f"The body is larger than {LARGEST >> 20} MB; send it in parts.")
     return int(told)
 
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -34,6 +33,7 @@ from ..models.effects import EFFECTS
 from ..models.registry import motion_model_of, vehicle_parameters
 from ..motion_model import MotionModel
 from ..recording import Recording
+from ..toml_file import parse_toml
 from ..vehicle import Vehicle
 from .protocol import ARMS, digest_of
 from .state import of_bytes
@@ -296,11 +296,7 @@ def _wanted(wanted: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
 
 def vehicle_of(text: str) -> Vehicle:
     """A vehicle from the text of its file, which names no other file. Raises `BadInput`."""
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"The vehicle file is no valid TOML: {error}.") from error
-    if "tyre_file" in table:
+    if "tyre_file" in parse_toml(text, "vehicle.toml"):
         raise BadInput("tyre_file: a vehicle file that is sent names no other file; write the tyre's parameters in it.")
     found = parse_vehicle(text, Path("vehicle.toml"), vehicle_parameters(), EFFECTS)
     motion_model_of(found)

@@ -105,8 +105,12 @@ def assumed(model: Model, recording: Recording, start: Mapping[str, float]) -> l
         return []
     found = []
     for state in model.states:
-        read = state.name in recording and bool(np.any(np.isfinite(recording[state.name])))
-        if state.name in SIGNALS and not read and state.name not in start and not callable(state.start):
+        if (
+            state.name in SIGNALS
+            and not recording.has(state.name)
+            and state.name not in start
+            and not callable(state.start)
+        ):
             found.append(
                 f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
                 "hand over where it starts."

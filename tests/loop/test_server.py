@@ -17,8 +17,8 @@ from serving import TOKEN, serving
 from greybox_id.errors import BadInput
 from greybox_id.exam.make import write_recording
 from greybox_id.loop.adapting import world_of
-from greybox_id.loop.client import Client, Declined
-from greybox_id.loop.protocol import DIGEST, LARGEST, SIGNATURE, digest_of, read_token, signature
+from greybox_id.loop.client import Client
+from greybox_id.loop.protocol import DIGEST, LARGEST, SIGNATURE, Declined, digest_of, read_token, signature
 from greybox_id.loop.scene import Hands, Scene, driven
 from greybox_id.loop.store import QUEUED, TRAINING
 from greybox_id.models.registry import motion_model_of

@@ -109,7 +109,7 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
 
 def recorded_outputs(model: MotionModel, recording: Recording) -> tuple[str, ...]:
     """Outputs of the model that the recording holds."""
-    return tuple(name for name in model.outputs if name in recording and np.any(np.isfinite(recording[name])))
+    return tuple(name for name in model.outputs if recording.has(name))
 
 
 def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import JustifyMethod, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 
 from ...fit import Fit
@@ -168,12 +168,8 @@ def motion_errors_table(
     """
     protocols = list(dict.fromkeys(p for of_role in metrics.values() for p in of_role))
     protocols.sort(key=lambda name: name == FREE_RUN)
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("RMSE", header_style="dim")
-    for name in protocols:
-        table.add_column(name.removesuffix(" ahead"), header_style="dim", justify="right")
-    if noise:
-        table.add_column("residual sd", header_style="dim", justify="right")
+    shown = [*(name.removesuffix(" ahead") for name in protocols), *(["residual sd"] if noise else [])]
+    table = plain_table("RMSE", *shown, right=shown)
     for role, of_role in metrics.items():
         table.add_row((names or {}).get(role, role), style="dim")
         for output in dict.fromkeys(o for errors in of_role.values() for o in errors):
@@ -329,16 +325,7 @@ def _key(model: str, closed_loop: bool) -> str:
 
 def errors_table(metrics: Mapping[str, Any]) -> Table:
     """Errors by recording, protocol and output, each with its standard error and unit."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    titles: tuple[tuple[str, JustifyMethod], ...] = (
-        ("error", "left"),
-        ("protocol", "left"),
-        ("RMSE", "right"),
-        ("unit", "left"),
-        ("FVU", "right"),
-    )
-    for title, justify in titles:
-        table.add_column(title, header_style="dim", justify=justify)
+    table = plain_table("error", "protocol", "RMSE", "unit", "FVU", right=("RMSE", "FVU"))
     for role, protocols in metrics.items():
         for protocol, outputs in protocols.items():
             for name, error in outputs.items():

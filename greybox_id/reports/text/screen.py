@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from io import StringIO
 
-from rich.console import Console, ConsoleOptions, RenderableType
+from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
@@ -51,11 +51,12 @@ def as_text(parts: Iterable[RenderableType], width: int = WIDTH) -> str:
     return "\n".join(line.rstrip() for line in screen.file.getvalue().rstrip().splitlines())
 
 
-def plain_table(*titles: str) -> Table:
-    """A table without lines."""
+def plain_table(*titles: str, right: Collection[str] = (), fold: bool = False) -> Table:
+    """A table without lines; columns of these titles on the right, words that are too long cut or folded."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title in titles:
-        table.add_column(title, header_style="dim")
+        justify: JustifyMethod = "right" if title in right else "left"
+        table.add_column(title, header_style="dim", justify=justify, overflow="fold" if fold else "ellipsis")
     return table
 
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
-from rich.table import Table
 
 from ...filters import Track
 from ...signals import unit_of
 from ..numbers import counted, pretty_unit
 from ..numbers import number as decimal
 from ..track.digest import Digest
+from .screen import plain_table
 
 COVERED = 0.8
 """Share of the truth within two standard deviations, of 95 % that are due, below which bands mislead."""
@@ -24,10 +24,8 @@ def parts(found: Track, told: Digest) -> Iterator[RenderableType]:
     """What a track says, part by part."""
     how = f"{found.kind.upper()}{' and smoother' if found.smoothed else ''}"
     yield f"{how}: {counted(len(found.rows), 'row')} in {counted(len(np.unique(found.run)), 'run')}\n"
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("estimate", "5 %", "median", "95 %", "± median sd", "unit", "identifiable in"):
-        justify: Literal["left", "right"] = "left" if title in ("estimate", "unit") else "right"
-        table.add_column(title, header_style="dim", justify=justify)
+    quantiles = ("5 %", "median", "95 %", "± median sd")
+    table = plain_table("estimate", *quantiles, "unit", "identifiable in", right=(*quantiles, "identifiable in"))
     for name, values in found.values.items():
         low, middle, high = np.nanquantile(values, [0.05, 0.5, 0.95])
         share = f"{100 * found.told[name]:.0f} % of rows" if name in found.told else ""
@@ -35,18 +33,9 @@ def parts(found: Track, told: Digest) -> Iterator[RenderableType]:
         table.add_row(name, *numbers, f"{np.nanmedian(found.sds[name]):.2g}", pretty_unit(found.units[name]), share)
     yield table
     yield ""
-    checks = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in (
-        "reading",
-        "taken",
-        "innovation rms",
-        "unit",
-        "NIS (1)",
-        "windows within 95 %",
-        "next to next",
-        "gated",
-    ):
-        checks.add_column(title, header_style="dim", justify="left" if title in ("reading", "unit") else "right")
+    tests = ("NIS (1)", "windows within 95 %", "next to next", "gated")
+    counts = ("taken", "innovation rms")
+    checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
     for name, own in found.consistency.items():
         checks.add_row(
             name, str(own.count), f"{own.rms:.3g}", pretty_unit(unit_of(name)), f"{own.nis:.2f}",
