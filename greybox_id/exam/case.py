@@ -119,9 +119,9 @@ class Draw(ABC):
 
     def case(
         self, held_out: Recording, withheld: Mapping[str, float], car: dict[str, Any], about: dict[str, Any],
-        columns: str = "",
+        more: dict[str, Any], columns: str = "",
     ) -> MadeCase:  # fmt: skip
-        """The case with an answer of these effects, as truth has them."""
+        """The case with an answer of these effects, as truth has them; `about` and `more` are for people."""
         answer = Answer(
             case=self.planned.case,
             kind=self.planned.kind,
@@ -133,7 +133,7 @@ class Draw(ABC):
             left=self.again.left(self.effects, {}),
             seed=self.planned.seed,
             car=car,
-            about={"rows": len(self.recording), "held_out_rows": len(held_out), "drawn": self.effects, **about},
+            about={**about, "rows": len(self.recording), "held_out_rows": len(held_out), "drawn": self.effects, **more},
         )
         return MadeCase(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer, columns)
 

@@ -98,8 +98,8 @@ class _VirtualCase(Draw):
         """The case with its answer."""
         held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
         withheld = {name: self.truth.effects.get(name, own) for name, own in self.drawn.items()}
-        about = {"rate": self.rate, "forms": asdict(self.truth.forms), **self.spoilt}
-        return self.case(held_out, withheld, _plain(self.car), about)
+        more = {"forms": asdict(self.truth.forms), **self.spoilt}
+        return self.case(held_out, withheld, _plain(self.car), {"rate": self.rate}, more)
 
 
 def _plain(car: VirtualCar) -> dict[str, Any]:

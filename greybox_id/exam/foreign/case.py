@@ -215,8 +215,8 @@ class _ForeignCase(Draw):
         withheld = together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn)
         car = {"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
                "numbers": dict(self.numbers), "noise": dict(self.stated.noise)}  # fmt: skip
-        about = {"family": self.planned.family, "rate": self.rate, "form_error": self.form}
-        return self.case(held_out, withheld, car, about, columns(self.ride.linear_hold))
+        about, map_ = {"family": self.planned.family, "rate": self.rate}, columns(self.ride.linear_hold)
+        return self.case(held_out, withheld, car, about, {"form_error": self.form}, map_)
 
 
 def columns(linear_hold: bool) -> str:
