@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +18,7 @@ from ..errors import BadInput
 from ..files import ensure_writable, replacing, write_atomically
 from ..fitting import Say
 from ..json_data import read_json
+from ..processes import side_by_side
 from ..recording import Recording
 from ..signals import SIGNALS
 from .answers import Answer, Tier, read_answer, write_answer
@@ -93,9 +92,14 @@ def _made(folder: Path, asked: dict[str, Any], planned: Sequence[Planned], jobs:
     todo = [own for own, file in files.items() if not file.is_file()]
     if answers:
         say(f"{len(answers)}/{len(planned)} were made before")
-    for answer in _written(todo, folder, min(jobs, len(todo))):
+
+    def told(_: int, answer: Answer) -> bool:
         answers.append(answer)
         say(f"{len(answers)}/{len(planned)} made", passing=len(answers) % 20 > 0)
+        return True
+
+    if side_by_side(lambda number: _write(todo[number], folder), len(todo), jobs, told).interrupted:
+        raise KeyboardInterrupt
     exam = finish(folder, asked["tier"], asked["seed"], sorted(answers, key=lambda own: own.case))
     (folder / SEALED / UNFINISHED).unlink()
     return exam
@@ -116,19 +120,6 @@ def _begin(folder: Path, asked: dict[str, Any]) -> None:
         )
     prepare(folder)
     write_atomically(file, json.dumps(asked, indent=1) + "\n")
-
-
-def _written(planned: Sequence[Planned], folder: Path, jobs: int) -> Iterator[Answer]:
-    """Answers, as cases are written."""
-    if jobs <= 1:
-        yield from (_write(own, folder) for own in planned)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting = [pool.submit(_write, own, folder) for own in planned]
-        try:
-            yield from (done.result() for done in as_completed(waiting))
-        finally:  # also where the user interrupts
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def prepare(folder: Path) -> None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import partial
 from math import inf, isfinite, nan
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from ..errors import BadInput
 from ..files import write_atomically
 from ..fitting import Say
 from ..json_data import read_json, without_nan
+from ..processes import side_by_side
 from .answers import Answer, read_answer
 from .findings import ExamFinding, finding
 from .folder import CASES, DIAGNOSIS, SEALED, exam_of, unbroken
@@ -120,19 +118,16 @@ def _verified(
         for own in answers
         if diagnoses[own.case].get("applied") and (exam / SEALED / own.case / "held_out.csv").is_file()
     ]
-    one = partial(_verify, exam, verify)
-    told = [diagnoses[case] for case in wanted]
-    if jobs <= 1 or not wanted:
-        shares = [one(*own) for own in zip(wanted, told, strict=True)]
-    else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            shares = list(pool.map(one, wanted, told))
-    say(f"{len(shares)} closed models verified on what was held out")
-    return dict(zip(wanted, shares, strict=True))
 
+    def one(number: int) -> float:
+        case = wanted[number]
+        return verify(exam / CASES / case, exam / SEALED / case / "held_out.csv", diagnoses[case])
 
-def _verify(exam: Path, verify: Verify, case: str, diagnosis: Mapping[str, Any]) -> float:
-    return verify(exam / CASES / case, exam / SEALED / case / "held_out.csv", diagnosis)
+    done = side_by_side(one, len(wanted), jobs)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    say(f"{len(wanted)} closed models verified on what was held out")
+    return dict(zip(wanted, done.results, strict=True))
 
 
 SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
