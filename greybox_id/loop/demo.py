@@ -33,6 +33,7 @@ from ..racing.learner import Learned
 from ..racing.policy import Policy
 from ..racing.world import Observations, World
 from ..recording import Recording
+from ..reports.html import page
 from ..vehicle import Vehicle
 from .adapting import (
     TWIN_LANES,
@@ -45,7 +46,7 @@ from .adapting import (
     world_of,
 )
 from .arms import Twin, oracle, twin
-from .page import page
+from .demo_report import demo_report, lap_words
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
@@ -120,14 +121,14 @@ class Demo:
             swapped = "yes" if own["swapped"] else "no"
             lines.append(
                 f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {1e3 * own['path_error_rms']:7.1f} mm"
-                f"  {_s(own['lap_time']):>8}  {own['crashes']:7d}  {applied:24s} {swapped}"
+                f"  {lap_words(own['lap_time']):>8}  {own['crashes']:7d}  {applied:24s} {swapped}"
             )
         lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
         for name, own in self.arms.items():
             first, last = own["first"], own["last"]
             lines.append(
                 f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
-                f"  {_s(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
+                f"  {lap_words(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
             )
         return "\n".join([*lines, "", f"written  {self.folder / 'index.html'}"])
 
@@ -227,7 +228,7 @@ class _Running(Underway):
                 self.keep()
         arms = {name: own for name, own in self.state["arms"].items() if own is not None}
         found = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
-        write_atomically(self.folder / "index.html", page(found), continued=True)
+        write_atomically(self.folder / "index.html", page(demo_report(found)), continued=True)
         return found
 
     def _cycle(self, base: Learned) -> None:
@@ -362,7 +363,7 @@ class Watched(Hands):
     ) -> None:
         super().__init__(world, seat.act)
         period = world.rules.period
-        self._seat, self._good, self._cap, self._units, self._log = seat, good, cap, units, log
+        self._good, self._cap, self._units, self._log = good, cap, units, log
         self._limits = limits_of(world.steer_max, *world.drives, period)
         self._envelope = Envelope(world.track.half_width, worst, period)
         self._late, self._brake = False, world.drives[0]
@@ -430,7 +431,3 @@ def trace(drive: DrivenRows, points: int = 600) -> dict[str, list[float]]:
     own = drive.episodes[-1]
     every = max(len(own.s) // points, 1)
     return {"s": np.round(own.s[::every], 2).tolist(), "e_y": np.round(own.e_y[::every], 4).tolist()}
-
-
-def _s(seconds: float) -> str:
-    return f"{seconds:.2f} s" if np.isfinite(seconds) else "-"
