@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor, inf, isfinite, isnan, nan, sqrt
+from math import floor, inf, isfinite, isnan, nan
 
 import numpy as np
 from scipy import stats
@@ -13,8 +13,6 @@ from scipy import stats
 from .answers import Tier
 from .findings import ExamFinding, Size
 
-NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations."""
 BINS = 10
 
 
@@ -22,10 +20,8 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
     """95 % interval of a share (Wilson, Journal of the American Statistical Association 22, 1927); NaN of nothing."""
     if of == 0:
         return nan, nan
-    share, z = hits / of, NORMAL**2
-    middle = (share + z / (2 * of)) / (1 + z / of)
-    half = NORMAL / (1 + z / of) * sqrt(share * (1 - share) / of + z / (4 * of**2))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    low, high = stats.binomtest(hits, of).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def median(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
