@@ -32,6 +32,7 @@ from greybox_id.fitting.how import How
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.parameter import Prior
+from greybox_id.posterior.laplace import trusted
 from greybox_id.posterior.verb import SampleOptions, sample
 from greybox_id.recording import Recording
 from greybox_id.scores.prediction import simulate
@@ -55,7 +56,7 @@ def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
     ]
     model = model.with_parameters(*(replace(p, fixed=True) for p in model.parameters)).with_parameters(*free)
     ranks: dict[str, list[list[float]]] = {"laplace": [], "mcmc": []}
-    seconds, met, failed = {"laplace": 0.0, "mcmc": 0.0}, [], 0
+    seconds, met, tails, failed = {"laplace": 0.0, "mcmc": 0.0}, [], [], 0
     for k in range(sets):
         rng = np.random.default_rng((seed, k))
         truth = {name: _within(rng, *PRIORS[name], model[name].bounds) for name in PRIORS}
@@ -74,6 +75,8 @@ def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
             ranks[method].append(below)
             if method == "mcmc":
                 met.append(float(own.r_hat.max()))
+            else:
+                tails.append([own.pareto_k, own.worst[1], own.pareto_k > trusted(len(own))])
         if k % 10 == 9:
             say(f"{k + 1} of {sets}: r_hat median {np.median(met):.3f}")
     rows = []
@@ -88,7 +91,12 @@ def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
                     "within_90": float(np.mean((u >= 0.05) & (u <= 0.95))),
                 }
             )  # fmt: skip
-    return {"rows": rows, "cpu_seconds": seconds, "r_hat": np.quantile(met, [0.5, 0.9]).tolist(), "failed": failed}
+    k, worth, normal = np.array(tails).T
+    return {
+        "rows": rows, "cpu_seconds": seconds, "r_hat": np.quantile(met, [0.5, 0.9]).tolist(), "failed": failed,
+        "pareto_k": np.quantile(k, [0.5, 0.9]).tolist(), "normal": float(np.mean(normal)),
+        "ess": {"laplace": np.quantile(worth, [0.1, 0.5]).tolist()},
+    }  # fmt: skip
 
 
 def _within(rng: np.random.Generator, mean: float, sd: float, bounds: tuple[float, float]) -> float:

@@ -25,7 +25,7 @@ DRAWS = 500
 """Dots of a pair."""
 HEIGHT = 95.0
 HOW = {
-    "laplace": "the normal distribution of the fit's covariance",
+    "laplace": "the fit's normal distribution, weighted by the posterior",
     "mcmc": "the posterior, as wide about the fit as its covariance, by Markov chains",
     "abc-smc": "what comes near the recordings by a distance, without a likelihood",
 }
