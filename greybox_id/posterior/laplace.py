@@ -116,11 +116,13 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
     cut = np.exp(own[order[-tail - 1]]) if tail < len(own) else 0.0
     beyond = np.exp(own[largest]) - cut
     if tail >= SHORTEST_TAIL:
-        k = -np.inf
-        if beyond[0] > 0.0 or beyond[-1] > 10 * np.finfo(float).eps:
+        spread = int(np.sum(beyond > np.finfo(float).eps))
+        k = -np.inf if spread == 0 else np.inf  # all alike; a handful that count for all
+        if spread >= SHORTEST_TAIL:
             k, scale = pareto_shape(beyond[beyond > 0.0])
-            at = (np.arange(tail) + 0.5) / tail
-            expected = -scale * np.log1p(-at) if abs(k) < 1e-12 else scale * np.expm1(-k * np.log1p(-at)) / k
+            far = -np.log1p(-(np.arange(tail) + 0.5) / tail)
+            with np.errstate(over="ignore"):
+                expected = scale * (far if abs(k) < 1e-12 else np.expm1(k * far) / k)
             own[largest] = np.minimum(np.log(cut + expected), 0.0)
     return own - np.logaddexp.reduce(own), float(k)
 
@@ -137,7 +139,8 @@ def pareto_shape(beyond: Array) -> tuple[float, float]:
     )
     shape = np.mean(np.log1p(-at[:, None] * beyond), axis=1)
     log_likelihood = n * (np.log(-at / shape) - shape - 1.0)
-    weight = 1.0 / np.sum(np.exp(log_likelihood - log_likelihood[:, None]), axis=1)
+    with np.errstate(over="ignore"):
+        weight = 1.0 / np.sum(np.exp(log_likelihood - log_likelihood[:, None]), axis=1)
     middle = float(weight @ at / np.sum(weight))
     k = float(np.mean(np.log1p(-middle * beyond)))
     return (n * k + 5.0) / (n + 10.0), -k / middle

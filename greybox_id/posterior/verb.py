@@ -148,19 +148,10 @@ class _Run:
         self._problem, self._solution = problem, solution
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
-    def _covariance(self, independent: bool = False) -> Array:
-        """(d, d) of the fit; of the likelihood as the fit counts it, where residuals are taken as independent."""
-        told = uncertainty(self._problem, self._solution.x, self._solution.nodes)
-        whole, places = told.independent if independent else told.covariance, self.density.places
-        found = np.asarray(whole[np.ix_(places, places)])
-        if not independent:
-            return found
-        off = np.diag(found) <= 0  # at a bound, where only the covariance says how far it may be off
-        found[np.ix_(off, off)] = np.diag(np.diag(told.covariance)[places][off])
-        return found
-
     def _target(self) -> Target:
-        return Target(self.density, self._covariance(independent=True), self._covariance())
+        told = uncertainty(self._problem, self._solution.x, self._solution.nodes)
+        among = np.ix_(self.density.places, self.density.places)
+        return Target(self.density, told.released_independent[among], told.released[among])
 
     def laplace(self) -> Posterior:
         target, count = self._target(), self.how.draws
