@@ -152,7 +152,8 @@ def truck_fit(data: Path, options: SampleOptions) -> dict[str, Any]:
     sandwich = {p.name: float(found.sd[p.name]) for p in found.model.parameters if not p.fixed and p.shape == ()}
     return {
         "method": options.method, "evaluations": own.evaluations, "cpu_seconds": seconds, "acceptance": own.acceptance,
-        "table": {name: {"mean": row["mean"], "sd": row["sd"], "sandwich_sd": sandwich.get(str(name))}
+        "table": {name: {"mean": row["mean"], "sd": row["sd"], "sandwich_sd": sandwich.get(str(name)),
+                         "dof": float(found.dof.get(str(name), np.nan))}
                   for name, row in own.table.iterrows()},
         "combinations": {
             told.name: {"mean": mean, "sd": sd, "sandwich_sd": told.sd}

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from math import log10
 from typing import NamedTuple
 
 import numpy as np
@@ -99,7 +100,7 @@ def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, i
 
 def trusted(draws: int) -> float:
     """The largest k at which so many weighted draws can be trusted."""
-    return min(TRUSTED, 1.0 - 1.0 / np.log10(max(draws, 11)))
+    return min(TRUSTED, 1.0 - 1.0 / log10(max(draws, 11)))
 
 
 def smoothed(log_ratio: Array) -> tuple[Array, float]:

@@ -66,7 +66,7 @@ class Target:
         with np.errstate(over="ignore"):
             return np.asarray(np.where(self.logarithmic, np.exp(np.where(self.logarithmic, u, 0.0)), u))
 
-    def within(self, u: Array) -> Mask:
+    def within(self, u: Array) -> Array:
         """(n, d) -> (n,) whether points lie within the parameters' bounds."""
         return self.density.within(self.to_theta(u))
 
