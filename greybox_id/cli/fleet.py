@@ -16,7 +16,7 @@ from .output import console, print_json
 from .terminal import Screen, tell
 
 if TYPE_CHECKING:
-    from ..fleet.run import FleetProgress, Watch
+    from ..fleet.progress import FleetProgress, Watch
 
 EVERY = 10.0
 """s between plain lines of progress."""
@@ -102,7 +102,7 @@ def status_command(results: Path, as_json: bool) -> None:
     \b
     greybox fleet status results
     """
-    from ..fleet.run import status
+    from ..fleet.status import status
 
     _told(status(results), as_json)
 
@@ -161,7 +161,7 @@ def _watching() -> Iterator[Watch]:
         return
     from rich.live import Live
 
-    from ..fleet.run import live
+    from ..fleet.progress import live
 
     with Live(console=screen, refresh_per_second=4, transient=True) as table:
 

@@ -40,6 +40,8 @@ LOOK = 0.05
 """s between looks at a child's memory."""
 RESERVED = 4.0
 """How many times the memory that a unit may fill it may reserve: libraries reserve more than they use."""
+ENDS = ("done", "time", "clock", "memory")
+"""How units end that are not tried again."""
 TRIES = 3
 """A child that something from outside ended is tried so often."""
 PDEATHSIG = 1
@@ -53,7 +55,8 @@ class Ended:
     Attributes
     ----------
     told : what it told, in order.
-    how : "done"; "time" or "memory": a limit was met; else the signal or error that ended it, in words.
+    how : "done"; "time", "clock" or "memory", where a limit was met: of the processor's time, by the clock, of memory;
+        else the signal or error that ended it, in words.
     cpu_seconds : of the processor, its own children included.
     peak_mb : the most memory it held at a time, that of the imported modules included.
     """
@@ -94,7 +97,7 @@ class Nursery:
             ended = self._tried(json.dumps({"work": work, "job": job, "seconds": seconds, "memory": memory}), seconds)
             if ended.how == "broken":
                 raise Broken(f"No work can be done here: {ended.told[0]['broken']}")
-            if ended.how in ("done", "time", "memory") or self._over:
+            if ended.how in ENDS or self._over:
                 break
         return ended
 
@@ -129,7 +132,7 @@ class Nursery:
         except (OSError, EOFError, ValueError):
             late = watch.finished.is_set()
             self._end()
-            return Ended(how="time" if late else "its process was killed")
+            return Ended(how="clock" if late else "its process was killed")
         finally:
             watch.cancel()
         if not FORKS:
@@ -295,7 +298,7 @@ class _Watch:
                     select.select([ending], [], [], max(0.0, until - time.monotonic()))
                     return ""
                 if time.monotonic() > until:
-                    return "time"
+                    return "clock"
                 if _resident(str(self._child)) - self._base > self._memory:
                     return "memory"
         finally:

@@ -19,9 +19,10 @@ from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from ..reports.html import write_html
 from ..reports.numbers import counted, number, pretty_unit
+from . import BROKEN, NOT_TRUSTED, OK, WAITING
 from .changes import STEP
 from .estimate import FleetEstimate, estimate
-from .run import FleetStatus, status
+from .status import FleetStatus, status
 from .store import Store
 from .unit import MADE_BY
 
@@ -98,9 +99,9 @@ def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Ite
     if set_apart:
         yield "set apart", f"{counted(set_apart, 'recording')}, whose fit ended in another optimum, or of another car."
     counts = [how_far.vehicles[name] for name in names]
-    broken = sum(sum(own.get(state, 0) for state in ("failed", "timeout", "memory")) for own in counts)
-    distrusted = sum(own.get("not trusted", 0) for own in counts)
-    waiting = sum(own.get("waiting", 0) for own in counts)
+    broken = sum(sum(own.get(state, 0) for state in BROKEN) for own in counts)
+    distrusted = sum(own.get(NOT_TRUSTED, 0) for own in counts)
+    waiting = sum(own.get(WAITING, 0) for own in counts)
     all_of = sum(sum(own.values()) for own in counts)
     yield (
         "recordings",
@@ -170,7 +171,7 @@ def _states(how_far: FleetStatus, names: list[str]) -> Table:
     """Which vehicles have what is broken, the worst first."""
     states = sorted({state for name in names for state in how_far.vehicles[name]})
     worst = sorted(
-        names, key=lambda name: (how_far.vehicles[name].get("ok", 0) - sum(how_far.vehicles[name].values()), name)
+        names, key=lambda name: (how_far.vehicles[name].get(OK, 0) - sum(how_far.vehicles[name].values()), name)
     )
     rows = [(name, *(str(how_far.vehicles[name].get(state, "")) for state in states)) for name in worst[:MOST_ROWS]]
     return Table(("vehicle", *states), tuple(rows), "l" + "r" * len(states))
@@ -178,7 +179,7 @@ def _states(how_far: FleetStatus, names: list[str]) -> Table:
 
 def _broken(store: Store, names: list[str]) -> Iterator[Part]:
     rows = store.current()
-    rows = rows[rows["vehicle"].isin(names) & (rows["status"] != "ok")].sort_values(["status", "path"])
+    rows = rows[rows["vehicle"].isin(names) & (rows["status"] != OK)].sort_values(["status", "path"])
     if len(rows):
         listed = zip(rows["path"], rows["status"], rows["sentence"].fillna(""), strict=True)
         yield Section("Without a result, or not to be trusted", 2)
