@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
-from ..reports.numbers import number, pretty_unit
+from ..reports.numbers import counted, number, pretty_unit
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
 from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows
@@ -36,7 +36,7 @@ class FleetEstimate:
     Attributes
     ----------
     population : parameter -> mean and spread, as a table with the columns of the dataset.
-    vehicles : vehicle and parameter -> value today, interval, where the next estimate is going to lie.
+    vehicles : vehicle and parameter -> value today, interval, where the next recording has it, its fit's error aside.
     drift : vehicle and parameter -> whether it changed, how, by how much and since when.
     apart : recordings that are set apart, whose fits belong to another optimum or another car, and why.
     used, left_out : recordings; sentence -> how many were left out for it.
@@ -80,7 +80,8 @@ class FleetEstimate:
     def summary(self) -> str:
         """The same in lines."""
         names = self.vehicles["vehicle"].nunique()
-        lines = [f"fleet    {self.used} recordings of {names} vehicles"]
+        second = f", {self.refitted} by their second fits" if self.refitted else ""
+        lines = [f"fleet    {counted(self.used, 'recording')} of {counted(names, 'vehicle')}{second}"]
         lines += [f"omitted  {count}: {words}" for words, count in self.left_out.items()]
         for row in _records(self.population):
             unit = pretty_unit(row["unit"])
@@ -92,8 +93,9 @@ class FleetEstimate:
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
         if not said:
             tested = self.drift["vehicle"].nunique()
-            lines.append(f"changed  nothing found in {tested} vehicles with enough recordings")
-        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}"])
+            lines.append(f"changed  nothing found in {counted(tested, 'vehicle')} with enough recordings")
+        lines.append(f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}")
+        return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 
 
 def estimate(folder: str | Path) -> FleetEstimate:

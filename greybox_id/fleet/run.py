@@ -15,6 +15,7 @@ from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
 from ..processes import duration
+from ..reports.numbers import counted
 from . import BROKEN, FAILED, FIT, NOT_TRUSTED
 from .contained import Broken
 from .engines import engine as engine_of
@@ -64,9 +65,10 @@ class FleetRun:
     def summary(self) -> str:
         """The same in lines."""
         again = f"again    {self.refitted} fitted with the fleet's mean and spread as prior\n" if self.refitted else ""
+        why = f"why      greybox fleet status {self.folder}\n" if self.failed else ""
         return (
-            f"fleet    {self.recordings} recordings: {self.done} done, {self.skipped} were before; {self.failed} "
-            f"without a result, {self.not_trusted} not to be trusted\n{again}"
+            f"fleet    {counted(self.recordings, 'recording')}: {self.done} done, {self.skipped} done before; "
+            f"{self.failed} without a result, {self.not_trusted} not to be trusted\n{why}{again}"
             f"took     {duration(self.seconds)}, {self.cpu_seconds:.1f} CPU s\n"
             f"written  {self.folder}   next: greybox fleet estimate {self.folder}"
         )

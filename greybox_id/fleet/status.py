@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..reports.numbers import counted
 from . import BROKEN, WAITING
 from .store import Store
 
@@ -43,7 +44,9 @@ class FleetStatus:
     def summary(self) -> str:
         """The same in lines."""
         states = ", ".join(f"{count} {name}" for name, count in sorted(self.statuses.items()))
-        lines = [f"fleet    {self.recordings} recordings of {len(self.vehicles)} vehicles: {states}"]
+        lines = [
+            f"fleet    {counted(self.recordings, 'recording')} of {counted(len(self.vehicles), 'vehicle')}: {states}"
+        ]
         for own in self.broken[:MOST_SHOWN]:
             named = own["path"] in own["sentence"]
             lines.append(f"         {'' if named else own['path'] + ': '}{own['sentence']}")
@@ -77,6 +80,6 @@ def status(folder: str | Path) -> FleetStatus:
         statuses=dict(sum(rows.values(), Counter())),
         vehicles={name: dict(counts) for name, counts in sorted(rows.items())},
         broken=[{"path": str(path), "status": str(how), "sentence": str(words)} for path, how, words in shown],
-        cpu_seconds=float(recordings["cpu_s"].sum()),
+        cpu_seconds=float(recordings["cpu_s"].sum() + store.refits()["cpu_s"].sum()),
         folder=store.folder,
     )
