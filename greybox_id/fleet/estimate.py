@@ -181,11 +181,12 @@ def _vehicle_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     own = found.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
+    time_of = joined.rows["time"].to_numpy(dtype=float)
     wander = {(change.vehicle, change.parameter): change.wander for change in found.changes if change.drifts}
     for v, vehicle in enumerate(joined.vehicles):
         mean, covariance = found.today[v], found.covariance[v]
         mine = joined.order[v][~found.apart[joined.order[v]]]
-        times = joined.rows.iloc[joined.order[v]]["time"].to_numpy(dtype=float)
+        times = time_of[joined.order[v]]
         for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
             sd = math.sqrt(float(covariance[k, k]))
             walked = wander.get((v, k), 0.0) / max(len(joined.order[v]) - 1, 1)  # until the next recording

@@ -76,9 +76,10 @@ def joined_fits(
     numbers = {name: k for k, name in enumerate(vehicles)}
     of = np.array([numbers[own] for own in kept["vehicle"]], dtype=np.int64)
     order, x, over = [], [], []
+    along_of = kept[list(ORDERS[:2])]
     for k in range(len(vehicles)):
         rows = np.flatnonzero(of == k)
-        values, by = _along(kept.iloc[rows])
+        values, by = _along(along_of.iloc[rows])
         first = np.argsort(values, kind="stable")
         order.append(rows[first])
         along = values[first] - values.min()
