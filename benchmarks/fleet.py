@@ -58,36 +58,41 @@ def repr_of(found: pd.DataFrame) -> str:
 
 
 def throughput(folder: Path, args: argparse.Namespace) -> dict:
-    """Check and fit of recordings of 60 s at 50 Hz: by one job and by two, then again with nothing to do."""
+    """Check and fit of recordings of 60 s at 50 Hz, again, with nothing to do; a hundred by one job and by two."""
     count = args.recordings or 1000
     if not (folder / "class.toml").exists():
         laps(folder, count, 60.0, args.seed)
-    plan = folder / "fleet.toml"
+    plan, hundred = folder / "fleet.toml", folder / "hundred.toml"
     plan.write_text(LAP.format(steps='["check", "fit"]', seconds=60))
-    found = {}
+    hundred.write_text(plan.read_text().replace("data/*/*.*", "data/*/r000??.*"))
+    found = {"all, jobs 1": _timed(plan, folder / "R", count)}
+    for name, options in {"again": (), "again_only_changed": ("--only", "changed")}.items():
+        found[name] = _timed(plan, folder / "R", count, *options)
     for jobs in (1, 2):
-        began = time.monotonic()
-        body, cpu, peak = watched("fleet", "run", plan, "--out", folder / f"R{jobs}", "--jobs", jobs)
-        wall = time.monotonic() - began
-        units = body["cpu_seconds"]
-        found[f"jobs {jobs}"] = {
-            "failed": body["failed"], "units_cpu_s": units, "all_cpu_s": round(cpu, 1), "wall_s": round(wall, 1),
-            "cpu_s_per_recording": round(cpu / count, 3), "overhead_cpu_s": round(cpu - units, 2),
-            "overhead": round(cpu / units - 1.0, 4), "coordinator_peak_mb": round(peak, 1),
-        }  # fmt: skip
-    one, two = found["jobs 1"], found["jobs 2"]
+        found[f"hundred, jobs {jobs}"] = _timed(hundred, folder / f"R{jobs}", min(count, 100), "--jobs", jobs)
+    one, two = found["hundred, jobs 1"], found["hundred, jobs 2"]
     found["speed_up_by_the_clock"] = round(one["wall_s"] / two["wall_s"], 3)
     found["speed_up_if_cores_were_free"] = round(2.0 * one["all_cpu_s"] / two["all_cpu_s"], 3)
-    for name, options in {"again": (), "again_only_changed": ("--only", "changed")}.items():
-        began = time.monotonic()
-        _, cpu, peak = watched("fleet", "run", plan, "--out", folder / "R1", *options)
-        found[name] = {"wall_s": round(time.monotonic() - began, 2), "cpu_s": round(cpu, 2), "peak_mb": round(peak, 1)}
-    rows = pd.read_parquet(folder / "R1" / "recordings")
+    rows = pd.read_parquet(folder / "R" / "recordings")
     found |= {"worker_peak_mb": float(rows["peak_mb"].max()), "statuses": rows["status"].value_counts().to_dict()}
     found["bytes_read_per_recording"] = _bytes(folder / "data") / count
-    found["bytes_written_per_recording"] = _bytes(folder / "R1") / count
-    found["gap_cpu_s"] = _with_gap(folder, plan, args)
+    found["bytes_written_per_recording"] = _bytes(folder / "R") / count
+    print(json.dumps(found), file=sys.stderr, flush=True)
+    found["gap_cpu_s"] = _with_gap(folder)
     return found
+
+
+def _timed(plan: Path, out: Path, count: int, *options: object) -> dict:
+    """What a run takes, and how much of it is not in units of work."""
+    began = time.monotonic()
+    body, cpu, peak = watched("fleet", "run", plan, "--out", out, *options)
+    units = body["cpu_seconds"]
+    return {
+        "failed": body["failed"], "units_cpu_s": units, "all_cpu_s": round(cpu, 1),
+        "overhead_cpu_s": round(cpu - units, 2),
+        "overhead": round(cpu / units - 1.0, 4) if units else None, "cpu_s_per_recording": round(cpu / count, 3),
+        "wall_s": round(time.monotonic() - began, 2), "coordinator_peak_mb": round(peak, 1),
+    }  # fmt: skip
 
 
 def _bytes(folder: Path) -> int:
@@ -95,12 +100,17 @@ def _bytes(folder: Path) -> int:
 
 
 def memory(folder: Path, args: argparse.Namespace) -> dict:
-    """What the command itself holds with so many entries, of short recordings that are only checked."""
+    """What the command itself holds with so many entries, one in a hundred of which is there; others are rows too."""
     count = args.recordings or 10_000
     if not (folder / "class.toml").exists():
-        laps(folder, count, 4.0, args.seed, 100)
+        laps(folder, count // 100, 15.0, args.seed)
+    there = [str(own.relative_to(folder)) for own in sorted((folder / "data").rglob("*.parquet"))]
+    paths = [*there, *(f"data/V{k % 100:02d}/missing{k:06d}.parquet" for k in range(count - len(there)))]
+    pd.DataFrame({"path": paths, "vehicle": [own.split("/")[1] for own in paths]}).to_csv(
+        folder / "manifest.csv", index=False
+    )
     plan = folder / "fleet.toml"
-    plan.write_text(LAP.format(steps='["check"]', seconds=60).partition("[fit]")[0])
+    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=60).replace("data/*/*.*", "manifest.csv"))
     found = {}
     for name in ("first", "again"):
         began = time.monotonic()
@@ -113,10 +123,10 @@ def memory(folder: Path, args: argparse.Namespace) -> dict:
     return {**found, "worker_peak_mb": float(rows["peak_mb"].max()), "bytes_written": _bytes(folder / "R")}
 
 
-def _with_gap(folder: Path, plan: Path, args: argparse.Namespace) -> float:
-    few = folder / "few.toml"
-    few.write_text(LAP.format(steps='["check", "fit", "gap"]', seconds=120).replace("data/*/*.*", "data/*/r0000?.*"))
-    body, _ = called("fleet", "run", few, "--out", folder / "Rgap")
+def _with_gap(folder: Path) -> float:
+    ten = folder / "ten.toml"
+    ten.write_text(LAP.format(steps='["check", "fit", "gap"]', seconds=120).replace("data/*/*.*", "data/*/r0000?.*"))
+    body, _ = called("fleet", "run", ten, "--out", folder / "Rgap")
     return body["cpu_seconds"] / body["recordings"]
 
 

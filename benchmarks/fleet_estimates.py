@@ -23,6 +23,7 @@ from greybox_id.combined import Z
 from greybox_id.datasets.formats import write
 from greybox_id.datasets.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
 from greybox_id.fleet.hierarchy import Informed, population
+from greybox_id.fleet.joined import joined_fits
 from greybox_id.fleet.store import Store
 
 RATE = 50.0
@@ -247,8 +248,13 @@ def _changing_class(folder: Path, args: argparse.Namespace) -> dict:
 
 
 def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehicles: int) -> dict:
+    """Against what is true between the recordings that count: neither the first nor the last has to be one of them."""
     called("fleet", "estimate", results)
-    found = pd.read_parquet(results / "drift")
+    store = Store(results)
+    joined, _ = joined_fits(store, store.current())
+    places = joined.rows.groupby("vehicle")["odometer"].apply(lambda own: np.sort(own) / 1e6)
+    each = 1 + round(float(store.read("manifest")["odometer"].max()) / 1e6)
+    found = store.read("drift")
     hits = found[found["drifts"]]
     right = [v for v, (name, _, _) in truths.items() if ((hits["vehicle"] == v) & (hits["name"] == name)).any()]
     false = sorted(set(hits["vehicle"]) - set(truths))
@@ -259,11 +265,13 @@ def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehic
             continue
         row = own.iloc[0]
         if kind == "step":
+            first = float(np.min(places[v][places[v] >= value]))
             dated += bool(row["model"] == "step" and abs(row["at"] / 1e6 - value) <= 1)
-            within += bool(row["model"] == "step" and row["at_low"] / 1e6 <= value <= row["at_high"] / 1e6)
+            within += bool(row["model"] == "step" and row["at_low"] / 1e6 <= first <= row["at_high"] / 1e6)
         else:
             slopes += 1
-            held += bool(row["low"] <= -0.2 * value <= row["high"])
+            truth = -0.2 * value * (places[v][-1] - places[v][0]) / (each - 1)
+            held += bool(row["low"] <= truth <= row["high"])
     return {
         "changed": len(truths), "found_in_any": len(set(hits["vehicle"]) & set(truths)), "found": len(right),
         "steady": vehicles - len(truths), "false": false, "steps_dated": dated,
