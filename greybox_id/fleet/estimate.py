@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
-from ..reports.numbers import counted, number, pretty_unit
+from ..reports.numbers import counted, number, pretty_unit, with_interval
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
 from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.95
+SURE = 0.995
+"""Probability from which on it is said to be above 0.99."""
 FAR = 0.05
 """Rate of false outliers among vehicles."""
 
@@ -84,10 +86,8 @@ class FleetEstimate:
         lines = [f"fleet    {counted(self.used, 'recording')} of {counted(names, 'vehicle')}{second}"]
         lines += [f"omitted  {count}: {words}" for words, count in self.left_out.items()]
         for row in _records(self.population):
-            unit = pretty_unit(row["unit"])
             spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
-            interval = f"[{number(row['low'], 4)}, {number(row['high'], 4)}]"
-            lines.append(f"mean     {row['name']} {number(row['mean'], 4)} {interval} {unit}{spread}")
+            lines.append(f"mean     {row['name']} {_ranged(row['mean'], row['low'], row['high'], row['unit'])}{spread}")
         lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
         said = self.sentences()
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
@@ -220,8 +220,8 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, found: Drifte
         mean, log = means[row["name"]]
         typical = natural(float(mean), log)
         row["sentence"] = (
-            f"{row['vehicle']}: {row['name']} {number(row['value'], 3)} {pretty_unit(row['unit'])} "
-            f"[{number(row['low'], 3)}, {number(row['high'], 3)}], where the fleet has {number(typical, 3)}"
+            f"{row['vehicle']}: {row['name']} {_ranged(row['value'], row['low'], row['high'], row['unit'])}"
+            f", where the fleet has {number(typical, 3)}"
         )
 
 
@@ -238,7 +238,7 @@ def _drift_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
             size = natural(begin + own.change, log) - natural(begin, log)
             along = natural(begin + own.change, log)
             sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
-        sizes = [size, size - Z * sd, size + Z * sd]
+        sizes = (size, size - Z * sd, size + Z * sd)
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
         of = [int(order[k if stepped else 0]) for k in (own.at, own.earliest, own.latest)]
@@ -307,18 +307,25 @@ def _why_apart(
 
 
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], dates: Sequence[str]
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: tuple[float, float, float],
+    dates: Sequence[str],
 ) -> str:  # fmt: skip
-    interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
-    share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
-    size = f"{'+' if sizes[0] > 0 else ''}{number(sizes[0], 2)} {interval}{share}"
-    likely = f"probability {own.probability:.2f}"
+    percent = f"{100 * math.expm1(own.change):+.0f}".replace("-", "−")
+    share = f" ({percent} %)" if log else ""
+    size = f"{'+' if sizes[0] > 0 else ''}{_ranged(*sizes, unit)}{share}"
+    likely = "probability > 0.99" if own.probability >= SURE else f"probability {own.probability:.2f}"
     if own.kind != STEP:
         verb = "drifted" if own.kind == SLOPE else "wandered"
         return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
     since, early, late = dates
     between = f" [{early}, {late}]" if early != late else ""
     return f"{vehicle}: {name} {size} since {since}{between}, {likely}"
+
+
+def _ranged(value: float, low: float, high: float, unit: str) -> str:
+    """A value with its interval and unit."""
+    words = with_interval(value, low, high, (high - low) / (2.0 * Z))
+    return words if unit in ("", "1") else f"{words} {pretty_unit(unit)}"
 
 
 def _date(time: float, path: str) -> str:
