@@ -237,7 +237,7 @@ def _kill(pid: int) -> None:
 
 def _cluster(port: int) -> list[subprocess.Popen]:
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-    where = [f"tcp://127.0.0.1:{port}", "--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--death-timeout", "5"]
+    where = [f"tcp://127.0.0.1:{port}", "--nworkers", "2", "--nthreads", "1", "--no-dashboard", "--death-timeout", "60"]
     start = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port)]
     return [
         subprocess.Popen([*start, "--no-dashboard"], **quiet),

@@ -173,10 +173,10 @@ def _watching() -> Iterator[Watch]:
 
 
 class _Dashboard:
-    """Plain lines now and then, and the address of the dashboard once."""
+    """Plain lines now and then; the address of the dashboard, and what is waited for, once."""
 
     def __init__(self) -> None:
-        self._last, self._told, self._seen = 0.0, "", False
+        self._last, self._told, self._seen, self._lacked = 0.0, "", False, False
         self._progress: FleetProgress | None = None
 
     def plain(self, progress: FleetProgress) -> None:
@@ -191,6 +191,9 @@ class _Dashboard:
         if progress.dashboard and not self._seen:
             self._seen = True
             tell(f"dashboard {progress.dashboard}")
+        if progress.lacks and not self._lacked:
+            self._lacked = True
+            tell(progress.lacks)
 
     def end(self) -> None:
         if self._progress is not None and self._progress.line() != self._told:

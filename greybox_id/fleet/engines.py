@@ -36,6 +36,8 @@ class Engine(Protocol):
 
     address: str
     """Of its dashboard; "" where it has none."""
+    lacks: str
+    """What it waits for before it can begin, in a sentence; "" where there is nothing."""
 
     def results(self, jobs: Iterator[str]) -> Iterator[dict[str, Any]]:
         """What comes of jobs, as it comes."""
@@ -107,7 +109,7 @@ def _nursery() -> Nursery:
 class Local:
     """Units on this machine, in a few processes."""
 
-    address = ""
+    address = lacks = ""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
@@ -150,6 +152,10 @@ class Distributed:
         self._client, self._scheduler = client, scheduler
         self._asked, self._workers = -math.inf, 1
         self.address = str(client.dashboard_link or "")
+        idle = scheduler is not None and not client.nthreads()
+        self.lacks = (
+            f"No worker is at {scheduler} yet; start some: dask worker {scheduler} --nthreads 1" if idle else ""
+        )
 
     def results(self, jobs: Iterator[str]) -> Iterator[dict[str, Any]]:
         """What comes of jobs, as it comes."""

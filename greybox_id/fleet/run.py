@@ -191,7 +191,7 @@ def _work(
     try:
         if sound:
             with engine_of(*on[:2], on[2]) as hands:
-                shown.dashboard = hands.address
+                shown.dashboard, shown.lacks = hands.address, hands.lacks
                 watch(shown)
                 _drained(hands.results(_jobs(plan, sound)), take, journal)
     except Broken as error:
