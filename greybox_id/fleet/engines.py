@@ -152,10 +152,9 @@ class Distributed:
         self._client, self._scheduler = client, scheduler
         self._asked, self._workers = -math.inf, 1
         self.address = str(client.dashboard_link or "")
-        idle = scheduler is not None and not client.nthreads()
-        self.lacks = (
-            f"No worker is at {scheduler} yet; start some: dask worker {scheduler} --nthreads 1" if idle else ""
-        )
+        self.lacks = ""
+        if scheduler is not None and not client.nthreads():
+            self.lacks = f"No worker is at {scheduler} yet; start some: dask worker {scheduler}"
 
     def results(self, jobs: Iterator[str]) -> Iterator[dict[str, Any]]:
         """What comes of jobs, as it comes."""

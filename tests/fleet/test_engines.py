@@ -112,7 +112,9 @@ def test_workers_that_come_later_are_given_work_too(monkeypatch):
             yield json.dumps({"key": f"k{k}"})
 
     with distributed.LocalCluster(n_workers=1, **quiet) as cluster, distributed.Client(cluster) as client:
-        results = engines.Distributed(client, None).results(jobs())
+        own = engines.Distributed(client, cluster.scheduler_address)
+        assert own.lacks == ""
+        results = own.results(jobs())
         found = [next(results)["key"]]
         assert handed_out == engines.AHEAD
         cluster.scale(3)
@@ -121,6 +123,16 @@ def test_workers_that_come_later_are_given_work_too(monkeypatch):
         assert handed_out == 3 * engines.AHEAD + 2  # what was returned, and four for each worker
         found += [own["key"] for own in results]
     assert sorted(found) == sorted(f"k{k}" for k in range(60))
+
+
+def test_a_scheduler_without_workers_is_told():
+    distributed = pytest.importorskip("distributed")
+    quiet = {"processes": False, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=0, **quiet) as cluster, distributed.Client(cluster) as client:
+        where = cluster.scheduler_address
+        assert (
+            engines.Distributed(client, where).lacks == f"No worker is at {where} yet; start some: dask worker {where}"
+        )
 
 
 def slowly(job):
