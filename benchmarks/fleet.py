@@ -258,7 +258,7 @@ def damage(folder: Path, args: argparse.Namespace) -> dict:
     each = max(1, count // 100)
     for k in range(each):
         os.mkfifo(folder / "data" / "V00" / f"pipe{k}.csv")
-        long = pd.concat([sound] * 1500, ignore_index=True)  # six hours, which no fit does in 20 s
+        long = pd.concat([sound] * 1500, ignore_index=True)  # six hours, which no fit does in 8 s
         long["time"] = np.arange(len(long)) * 0.02 + k
         long.to_parquet(folder / "data" / "V00" / f"long{k}.parquet")
         greedy = pd.DataFrame({name: np.full(25_000_000, 0.1) for name in sound})
@@ -266,7 +266,7 @@ def damage(folder: Path, args: argparse.Namespace) -> dict:
         greedy.to_parquet(folder / "data" / "V00" / f"greedy{k}.parquet")
         del long, greedy
     plan = folder / "fleet.toml"
-    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=20))
+    plan.write_text(LAP.format(steps='["check", "fit"]', seconds=8))
     equal = _in_all_ways(folder, plan)
     rows = pd.read_parquet(folder / "R0" / "recordings")
     not_ok = rows[rows["status"] != "ok"]
