@@ -32,7 +32,17 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from greybox_id.datasets.synthetic_simrod import (
-    EFFECTS, FORMS, MANOEUVRES, RATE, Manoeuvre, Test, drive, make, simrod, steering, tyre_truth,
+    EFFECTS,
+    FORMS,
+    MANOEUVRES,
+    RATE,
+    Manoeuvre,
+    Test,
+    drive,
+    make,
+    simrod,
+    steering,
+    tyre_truth,
 )  # fmt: skip
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import steered
@@ -137,8 +147,8 @@ def alarm(found: Fit, seed: int) -> Iterator[Row]:
         for words, tyre in tyres().items()
     }
     for words, own in cases.items():
-        yield {"method": f"RMSSE over training's, {words}", "manoeuvre": f"{len(own)} of 10 s", "least": float(own.min()),
-               "median": float(np.median(own)), "largest": float(own.max()),
+        yield {"method": f"RMSSE over training's, {words}", "manoeuvre": f"{len(own)} of 10 s",
+               "least": float(own.min()), "median": float(np.median(own)), "largest": float(own.max()),
                "above 1.5, %": 100.0 * float(np.mean(own > 1.5))}  # fmt: skip
 
 

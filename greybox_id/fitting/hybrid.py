@@ -22,6 +22,10 @@ from .how import How, Say, quiet
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""
+ANCHOR = 0.3
+"""Pull of weights to where they were, where training is carried on: with less, a model learned one manoeuvre by heart
+and spun in others. Chosen among 1e-5 to 3 on cars with less grip and with tyres that lag, driven otherwise than those
+that `benchmarks/hybrid_checks.py` scores."""
 PIECES = 5
 """Of so many pieces one says when to stop where training is carried on: a fifth, as of manoeuvres, all along a run."""
 WARM_UP, STEPS, PATIENCE = 60, 300, 60
@@ -82,8 +86,9 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
 def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
     """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
 
-    Training begins at the model's own weights. Every fifth piece of two windows is not trained on and says when to stop;
-    a model that fits these best as it is stays as it is. The recordings that it was trained on before are not needed.
+    Training begins at the model's own weights. Every fifth piece of two windows is not trained on and says when to
+    stop; a model that fits these best as it is stays as it is. The recordings that it was trained on before are not
+    needed.
 
     Parameters
     ----------
@@ -106,7 +111,8 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
         )
     held_out = pieces[PIECES // 2 :: PIECES]
     sd = read_noise(model, [one for _, one in named], how)
-    problem = HybridProblem(model, [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2], sd)
+    train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
+    problem = HybridProblem(model, train, sd, anchor=ANCHOR)
     outside = WindowErrors(model, held_out, sd)
     best, stage = trained_best(
         model, replace(how, starts=1), say, clock,
@@ -120,8 +126,9 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
 
 
 def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:
-    """Root mean square error over windows in units of noise, the paper's RMSSE: above one, the model or the car is off."""
-    return float(np.sqrt(WindowErrors(model, [one for _, one in manoeuvres(model, [recording])], noise)(model.values)))
+    """Root mean square error over windows in units of noise, the paper's RMSSE."""
+    found = [one for _, one in manoeuvres(model, [recording])]
+    return float(np.sqrt(WindowErrors(model, found, noise)(model.values)))
 
 
 def trained_best(
