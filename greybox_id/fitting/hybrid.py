@@ -83,6 +83,20 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     return Trained(model.with_values(p), stage, names, errors)
 
 
+@dataclass(frozen=True)
+class TrainedBefore:
+    """A hybrid model whose training is carried on.
+
+    Attributes
+    ----------
+    model : trained.
+    source : the file it comes from, for people.
+    """
+
+    model: HybridModel
+    source: str = ""
+
+
 def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
     """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
 
@@ -94,12 +108,14 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     ----------
     model : trained.
     recordings : of the changed vehicle.
-    how : known noise.
+    how : known noise; one start.
 
     Raises
     ------
-    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces.
+    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts.
     """
+    if how.starts > 1:
+        raise BadInput(f"Carried on, the training of {model.name} starts at the weights it has; omit ‹starts›.")
     clock = time.process_time()
     named = manoeuvres(model, recordings)
     length = 2 * model.window - model.warm_up
@@ -115,7 +131,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     problem = HybridProblem(model, train, sd, anchor=ANCHOR)
     outside = WindowErrors(model, held_out, sd)
     best, stage = trained_best(
-        model, replace(how, starts=1), say, clock,
+        model, how, say, clock,
         lambda seed, own: _descent(problem, outside, model, seed, own, model.values),
         lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
     )  # fmt: skip
