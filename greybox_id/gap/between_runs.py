@@ -17,14 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..parameter import Array
+from .calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
-
-STEPS, SETTLED = 8, 0.3
-"""Gauss-Newton steps at most; a step that gains less, in log-likelihood, is the last."""
-FIRMER = (0.0, 0.5, 5.0, 50.0)
-"""Damping of steps, tried one after the other, over the Hessian's diagonal (Marquardt)."""
-FIRST = 2
-"""Steps before scatter is learned: numbers are nowhere yet."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +188,7 @@ def common(
         return own + 0.5 * float(np.sum((u[n:] / np.tile(scatter, runs)) ** 2))
 
     H = np.eye(len(u))
-    for step in range(STEPS):
+    for step in range(CAL.between_steps):
         told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
         precision = np.concatenate([sd**-2.0, np.tile(scatter**-2.0, runs)])
         H, g = np.diag(precision), precision * (u - np.concatenate([mean, np.zeros(runs * m)]))
@@ -217,18 +211,18 @@ def common(
         outside = np.concatenate([u[:n] <= bounds[:, 0], (at_run <= bounds[:, 0])[:, varying].ravel()])
         held = outside & (g > 0)
         gained = 0.0
-        for firm in FIRMER:
+        for firm in CAL.damping:
             there = np.clip(u - _step(H, g, firm, held), low, high)
             cost = sum(weigher.cost(ride, run_of(there, k)) for k, ride in enumerate(rides)) + charge(there)
             if cost < before:
                 u, gained = there, before - cost
                 break
-        if step >= FIRST - 1:
+        if step >= CAL.before_scatter - 1:
             spread = np.diag(np.linalg.inv(H))[n:].reshape(runs, m)
             squares = np.sum(u[n:].reshape(runs, m) ** 2 + spread, axis=0)
             counted = np.where(learned, runs_of, 1.0)
             scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
-        if gained < SETTLED and step >= FIRST:
+        if gained < CAL.between_settled and step >= CAL.before_scatter:
             break
     full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
     full[varying] = scatter
@@ -287,11 +281,11 @@ def explained(
         return Told(sum(own.cost for own in each), g, H, scores)
 
     told = told_at(x)
-    for _ in range(STEPS):
+    for _ in range(CAL.between_steps):
         cost = told.cost + 0.5 * float((x - mean) @ precision @ (x - mean))
         H, g = told.H + precision, told.g + precision @ (x - mean)
         gained = 0.0
-        for firm in FIRMER:
+        for firm in CAL.damping:
             there = np.clip(x - _step(H, g, firm, (x <= low) & (g > 0) | (x >= high) & (g < 0)), low, high)
             then = cost_at(there)
             if then < cost:
@@ -300,7 +294,7 @@ def explained(
         if gained == 0.0:
             break
         told = told_at(x)
-        if gained < SETTLED:
+        if gained < CAL.between_settled:
             break
     off = x - mean
     return RunExplained(x, told.cost + 0.5 * float(off @ precision @ off), told.H + precision, told)

@@ -27,19 +27,11 @@ from ..recording import Recording
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, explained, values_of
-from .calibration import CALIBRATION
-from .closing import DRAWS, LEAST_GAP
+from .calibration import CAL
 from .gap import Budget, Closure, Gap, Ranked, Share, Where
 from .innovations import FollowedRun, Follower
 from .kinds import Diagnosed
 from .usual import SPECIFIED, USUAL, acts, numbers_of, usual
-
-REFITTED, LEAST = 3, 1.0
-"""Effects that are refitted: those that promise most, the first in any case, others at least so much."""
-REACH = (-1.2, -0.6, 0.6, 1.2)
-"""Magnitudes tried first, in widths of a widened prior."""
-MATTERS = 0.3
-"""Information over what is believed already: numbers of which an after tells less are not searched on it."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +121,7 @@ class Change:
     @property
     def least(self) -> float:
         """The smaller of both gains, each over what is asked of it."""
-        return min(self.gain - CALIBRATION["cost"], self.held_out - CALIBRATION["cost_held_out"])
+        return min(self.gain - CAL.cost, self.held_out - CAL.cost_held_out)
 
 
 def diagnose_change(
@@ -174,7 +166,7 @@ def diagnose_change(
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, effects, vehicle, read)
         alike = filtered_alike([*after, *held_out, *since])
-        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CALIBRATION["filters"])
+        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CAL.filters)
         known = usual(Follower(full, read), numbers, [FollowedRun.of(one, read) for one in since], tell, scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         rides = [FollowedRun.of(one, read) for one in after]
@@ -217,7 +209,7 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     good as a sensor's gain.
     """
     steps = [one.sample_time for one in recordings if one.sample_time > 0]
-    return not steps or max(steps) < CALIBRATION["rates"] * min(steps)
+    return not steps or max(steps) < CAL.rates * min(steps)
 
 
 def changes(
@@ -239,7 +231,7 @@ def changes(
     """
     weigher, V = known.weigher, known.of_a_run
     told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > MATTERS]
+    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > CAL.matters]
 
     def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
         return explained(weigher, rides, start, mean, V, moved)
@@ -250,7 +242,9 @@ def changes(
     found = list[Change]()
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
     promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
-    for own in [each for k, each in enumerate(promised[:REFITTED]) if k == 0 or each.gain > LEAST]:
+    for own in [
+        each for k, each in enumerate(promised[: CAL.changed_refitted]) if k == 0 or each.gain > CAL.changed_least
+    ]:
         best, shift = _refitted(known, rides, own, moved)
         occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
         L = best.told.H
@@ -283,7 +277,7 @@ def _refitted(
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
     """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
     number, V = known.numbers[place], known.of_a_run
-    width = CALIBRATION["widened"] * USUAL[number.name]
+    width = CAL.widened * USUAL[number.name]
     wide = V.copy()
     wide[place, place] += width**2
     precision = np.linalg.inv(wide)
@@ -295,7 +289,7 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
     g = base.told.g + precision @ (base.x - known.x)
     tried = [base.x, base.x - np.linalg.solve(base.told.H + precision, g)]
     for others in (base.x, known.x):  # the base has bent others in its place
-        for reach in REACH:
+        for reach in CAL.changed_starts:
             x = others.copy()
             x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
             tried.append(x)
@@ -361,7 +355,7 @@ def _answer(
         rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
         budget = Budget((Share(applied[0], judged.closed, low, high),), rest, judged.recordings, bool(held_out))
     loud = _loudness(known, rides, base)
-    odds = CALIBRATION["unnamed_slope"] * log(loud / CALIBRATION["unnamed_share"])
+    odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
     channels = _channels(known, rides)
     gap = Gap(
@@ -439,13 +433,13 @@ def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tu
     def share(total: Array) -> float:
         before, after = total[:2] / total[2]
         floor = min(1.0, before, after)
-        return float((before - after) / max(before - floor, LEAST_GAP))
+        return float((before - after) / max(before - floor, CAL.least_gap))
 
     total = np.sum(each, axis=0)
     before, after = (float(own) for own in total[:2] / total[2])
     if np.array_equal(mean, known.x):
         return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
-    low, high = (float(end) for end in resampled(each, share, DRAWS))
+    low, high = (float(end) for end in resampled(each, share, CAL.draws))
     return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
 
 
@@ -482,7 +476,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         information = float(np.sum(weights * about**2))
         trend = float(np.sum(weights * about * own)) / information
         if (
-            abs(trend) * np.sqrt(information) > CALIBRATION["drifts"]
+            abs(trend) * np.sqrt(information) > CAL.drifts
             and abs(trend) > 2 * USUAL[effects[known.numbers[place].name]]
         ):
             said.append(

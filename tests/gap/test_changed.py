@@ -8,7 +8,7 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap.between_runs import VaryingNumber
-from greybox_id.gap.calibration import CALIBRATION
+from greybox_id.gap.calibration import CAL
 from greybox_id.gap.changed import Change, diagnose_change, drifting, filtered_alike
 from greybox_id.gap.closed_vehicle import closed_vehicle
 from greybox_id.gap.usual import USUAL
@@ -68,7 +68,7 @@ def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
 
 
 def test_a_change_counts_by_the_smaller_of_what_it_gains_where_it_was_chosen_and_elsewhere():
-    cost, elsewhere = CALIBRATION["cost"], CALIBRATION["cost_held_out"]
+    cost, elsewhere = CAL.cost, CAL.cost_held_out
     assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
     assert Change(0, (1.0, 0.1), cost + 2.0, elsewhere + 90.0).least == pytest.approx(2.0)
 

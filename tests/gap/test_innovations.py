@@ -5,7 +5,8 @@ import pytest
 from gap_cases import CAR, lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap.innovations import APART, FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
+from greybox_id.gap.calibration import CAL
+from greybox_id.gap.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
 
 READ = ("v_x", "yaw_rate")
 ROWS = 10
@@ -27,7 +28,7 @@ def test_readings_are_kept_a_while_apart_and_in_motion_alone():
     ride = FollowedRun.of(own, READ)
     taken = np.isfinite(ride.recording["yaw_rate"])
     steps = np.diff(ride.recording.time[taken])
-    assert np.min(steps) == pytest.approx(APART, abs=0.5 * own.sample_time)
+    assert np.min(steps) == pytest.approx(CAL.apart, abs=0.5 * own.sample_time)
     assert len(ride.recording) <= len(own)
     assert np.all(np.isfinite(ride.recording["steer"]))
 
