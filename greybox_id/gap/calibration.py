@@ -8,7 +8,7 @@ the derivations and says how far verdicts depend on the numbers of the search.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import TypeVar, cast
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -24,7 +24,7 @@ DEFINED = "by definition: says what the words of an answer mean"
 
 def _known(value: T, how: str, data: str = "") -> T:
     """A number: what it is and how it was derived, and on which cases; "" where it follows from something else."""
-    return cast(T, field(default=value, metadata={"how": how, "data": data}))
+    return field(default=value, metadata={"how": how, "data": data})
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,12 @@ class Calibration:
     form_sd_stated: float = _known(0.35, "the same where a vehicle file states it: half as much is open")
     floor: float = _known(0.02, "median of model error beside that, m/s^2: nulls leave 0.005 to 0.03", DRAWN)
     memory: float = _known(0.5, "median correlation time of model error, s: nulls leave 0.1 to 1.6", DRAWN)
-    memory_sd: float = _known(0.7, "sd of its logarithm")
+    memory_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
     noise_sd: float = _known(0.03, "sd of the logarithm of stated noise: specifications hold to some per cent")
     noise_sd_estimated: float = _known(1.0, "the same where noise is estimated from second differences")
     colour: float = _known(0.3, "median of the slow part of readings' errors over the white one", DRAWN)
     colour_exact: float = _known(0.02, "the same where every number is exact")
-    colour_sd: float = _known(0.7, "sd of its logarithm")
+    colour_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
     sensor_memory: float = _known(0.1, "median correlation time of readings' errors, s")
     unknown_start: float = _known(0.3, "sd of a state's start that no sensor reads, over its scale: any usual value")
 
@@ -73,7 +73,7 @@ class Calibration:
     alike: float = _known(3.0, "nats, tempered, below which two explanations are not told apart: a factor of 20")
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
     varies: float = _known(0.12, "spread of a magnitude between thirds of driving: causes 0 to .05, others .2", DRAWN)
-    varies_width: float = _known(0.02, "width of that threshold")
+    varies_width: float = _known(0.02, "width of that threshold", DRAWN)
     surely_varies: float = _known(1e-3, "p of a spread from noise alone below which it counts", DEFINED)
     parts: int = _known(3, "of a drive over which a magnitude must be one: two tell no curvature")
     part_least: float = _known(1e-4, "of a magnitude's information, below which a part says nothing of it")
