@@ -105,10 +105,11 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
         asked = [(own, case) for own in changes for case in cases]
         said = list(pool.map(_diagnosed, *zip(*((own, case, diagnoser) for own, case in asked), strict=True)))
     usual, rest = said[: len(cases)], said[len(cases) :]
-    rows = []
+    rows = list[dict[str, Any]]()
     for k, change in enumerate(changes[1:]):
         for case, before, then in zip(cases, usual, rest[k * len(cases) :], strict=False):
-            rows.append({"draw": k, "case": case.name, **_differs(before, then)})
+            answer = read_answer(case.parents[1] / SEALED / case.name / "answer.json")
+            rows.append({"draw": k, "case": case.name, **_differs(before, then, answer)})
         rows[-1]["numbers"] = change
     moved = [own["moved"] for own in rows if own["moved"] is not None]
     return {
@@ -162,9 +163,10 @@ def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[st
     }
 
 
-def _differs(before: Mapping[str, Any], then: Mapping[str, Any]) -> dict[str, Any]:
-    """Whether a verdict differs, and by how much of half its interval a magnitude does at most."""
-    same = before["applied"] == then["applied"] and before["gap"] == then["gap"]
+def _differs(before: Mapping[str, Any], then: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
+    """Whether a verdict differs, up to names of one cause, and by how much of half its interval a magnitude does."""
+    names = [{min(answer.alike(name)) for name in own["applied"]} for own in (before, then)]
+    same = names[0] == names[1] and before["gap"] == then["gap"]
     there = {own["effect"]: own for own in then["ranking"]}
     moved = [0.0]
     for own in before["ranking"]:
