@@ -111,17 +111,28 @@ class Change:
     place : of its number.
     shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
     gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
+    apart : whether the latter is of other recordings, and no part of what chose it.
+    beyond : how far it moved, over what a change may be.
     """
 
     place: int
     shift: tuple[float, float]
     gain: float
     held_out: float
+    apart: bool = True
+    beyond: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Evidence of all recordings: what one foretells of another multiplies its odds."""
+        return self.gain + (self.held_out if self.apart else 0.0)
 
     @property
     def least(self) -> float:
-        """The smaller of both gains, each over what is asked of it."""
-        return min(self.gain - CAL.cost, self.held_out - CAL.cost_held_out)
+        """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
+        if self.beyond > CAL.tolerated_sd:
+            return -np.inf
+        return min(self.total - CAL.cost_of_change, self.held_out - CAL.cost_held_out)
 
 
 def diagnose_change(
@@ -239,15 +250,16 @@ def changes(
     base = without(rides, known.x, known.x)
     judges = [[ride] for ride in others] or halves
     plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
-    found = list[Change]()
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
     promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
-    for own in [
-        each for k, each in enumerate(promised[: CAL.changed_refitted]) if k == 0 or each.gain > CAL.changed_least
-    ]:
-        best, shift = _refitted(known, rides, own, moved)
+    tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
+    refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
+    nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
+    base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)  # it must have had the same chance
+    found = list[Change]()
+    for own, best, shift in refits:
         occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        L = best.told.H
+        L = best.told
         sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
         sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
         shifts = [shift] * len(judges)
@@ -258,9 +270,14 @@ def changes(
         for judge, alone, by in zip(judges, plain, shifts, strict=True):
             mean = known.x.copy()
             mean[own.place] += by
-            held += alone.cost - without(judge, mean, alone.x + mean - known.x).cost
-        found.append(Change(own.place, (shift, sd), base.cost - best.cost - occam, held))
-    return base, sorted(found, key=lambda own: -own.least)
+            there = without(judge, mean, alone.x + mean - known.x).cost
+            if there > alone.cost:  # it may have got stuck where it began
+                there = min(there, without(judge, mean, alone.x).cost)
+            held += alone.cost - there
+        width = CAL.widened * USUAL[known.numbers[own.place].name]
+        gain = base.cost - best.cost - occam
+        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width))
+    return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 
 def _refitted(
@@ -286,8 +303,8 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
         off = x - known.x
         return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
 
-    g = base.told.g + precision @ (base.x - known.x)
-    tried = [base.x, base.x - np.linalg.solve(base.told.H + precision, g)]
+    g = base.pull + precision @ (base.x - known.x)
+    tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
     for others in (base.x, known.x):  # the base has bent others in its place
         for reach in CAL.changed_starts:
             x = others.copy()
@@ -347,7 +364,9 @@ def _answer(
         number = known.numbers[one.place]
         name, size = effects[number.name], number.value(known.x[one.place] + one.shift[0])
         reason = reasons.get(one.place, "")
-        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.gain, reason))
+        if one.beyond > CAL.tolerated_sd:
+            reason = "it would be further off than ever changes: a symptom of something else, no size"
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.total, reason))
     applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
     budget = None
     if applied:
@@ -402,7 +421,7 @@ def _by_chance(found: Sequence[Change], tried: int) -> float:
     """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
     mean of a ratio of evidences is one.
     """
-    return float(min(1.0, tried * exp(-max((one.gain for one in found), default=0.0))))
+    return float(min(1.0, tried * exp(-max((one.total for one in found), default=0.0))))
 
 
 def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
 
 from ..engine.motion.runs import Index
 from ..errors import BadInput
@@ -138,14 +141,30 @@ class InnovationNoise:
         return np.where(own.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
 
     def scales(self, own: FilterInnovations) -> Array:
-        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own."""
-        found = np.ones(self.channels)
-        for _ in range(CAL.scale_rounds):  # over the mean weight, which ends at one: converges where weights are small
-            white = self.white(own, found)
-            weights = self._weights(own, white)[:, None]
-            mean = self._by_channel(weights * white**2) / np.maximum(self._by_channel(weights * own.there), 1e-300)
-            found = np.maximum(found * np.sqrt(mean), CAL.least_scale)
-        return found
+        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own.
+
+        Nothing less than the minimum will do: only there do derivatives of the cost not depend on them.
+        """
+        columns = np.arange(own.white.shape[1]) % self.channels
+        parts = [np.where(columns == c, own.white, 0.0) for c in range(self.channels)]
+        parts = [solve_triangular(self.root, part.T, lower=True).T * own.there for part in parts]
+        products = np.array([[np.sum(one * other, axis=1) for other in parts] for one in parts])  # of each block
+        count, read = np.sum(own.there, axis=1), self._by_channel(own.there)
+
+        def cost(logarithms: Array) -> tuple[float, Array]:
+            u = np.exp(-logarithms)
+            each = u[:, None] * np.einsum("cdb,d->cb", products, u)
+            energy = np.sum(each, axis=0)
+            weights = (self.degrees + count) / (self.degrees + energy)
+            value = 0.5 * np.sum((self.degrees + count) * np.log1p(energy / self.degrees)) + read @ logarithms
+            return float(value), read - each @ weights
+
+        bounds = [(log(CAL.least_scale), None)] * self.channels
+        start = np.zeros(self.channels)
+        found: Any = minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-7}
+        )
+        return np.asarray(np.exp(found.x))
 
     def cost(self, own: FilterInnovations) -> float:
         """Negative log-likelihood, up to a constant."""
