@@ -293,16 +293,21 @@ def descended(
 
     Gauss-Newton steps, damped where they lead too far. What the Hessian lacks (how foreseen variances bend, how scales
     of noise follow) is learned from gradients on the way, as of structured quasi-Newton methods (Dennis, Gay & Welsch,
-    ACM Trans. Math. Softw. 7, 1981, with the update of Broyden, Fletcher, Goldfarb and Shanno).
+    ACM Trans. Math. Softw. 7, 1981, with the damped update of Broyden, Fletcher,
+    Goldfarb and Shanno).
     """
     u = np.clip(start, low, high)
     here, lacking = curve(u), np.zeros((len(u), len(u)))
     still = 0
     for _ in range(CAL.between_steps):
+        if np.any(np.linalg.eigvalsh(here.H + lacking) <= 0):  # what was learned elsewhere does not hold here
+            lacking = np.zeros_like(lacking)
         B = here.H + lacking
+        held = ((u <= low) & (here.g > 0)) | ((u >= high) & (here.g < 0))
+        if 0.5 * float(here.g @ _step(B, here.g, 0.0, held)) < CAL.between_settled:
+            break  # that is what is left to be gained
         there, gained = u, 0.0
         for firm in CAL.damping:
-            held = ((u <= low) & (here.g > 0)) | ((u >= high) & (here.g < 0))
             there = np.clip(u - _step(B, here.g, firm, held), low, high)
             gained = here.cost - cost(there)
             if gained > 0:
@@ -311,8 +316,11 @@ def descended(
             break
         then, step = curve(there), there - u
         bend, expected = then.g - here.g, (then.H + lacking) @ step
-        if bend @ step > CAL.least_bend * (step @ expected):
-            lacking += np.outer(bend, bend) / (bend @ step) - np.outer(expected, expected) / (step @ expected)
+        least, own = CAL.least_bend * (step @ expected), float(bend @ step)
+        if own < least:  # a Hessian stays positive (Powell, 1978)
+            share = (step @ expected - least) / (step @ expected - own)
+            bend = share * bend + (1 - share) * expected
+        lacking += np.outer(bend, bend) / (bend @ step) - np.outer(expected, expected) / (step @ expected)
         u, here = there, then
         still = still + 1 if gained < CAL.between_settled else 0
         if still == CAL.between_still:

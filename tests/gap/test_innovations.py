@@ -54,6 +54,24 @@ def test_a_channel_that_is_louder_leaves_the_others_their_word():
     assert noise.scales(own) == pytest.approx(noise.scales(quiet) * [5.0, 1.0], rel=1e-3)
 
 
+def test_scales_are_where_a_recording_costs_least():
+    correlated = noise_of([drawn(2, 1500, memory=0.6)], 2)
+    heavy = drawn(7, 60)
+    heavy.white[::5] *= 6.0  # moments in which something happened
+    found = correlated.scales(heavy)
+
+    def cost(scales):
+        louder = np.sum(heavy.there.reshape(-1, 2), axis=0) @ np.log(scales)
+        energy = np.sum(correlated.white(heavy, scales) ** 2, axis=1)
+        count = np.sum(heavy.there, axis=1)
+        return 0.5 * np.sum((correlated.degrees + count) * np.log1p(energy / correlated.degrees)) + louder
+
+    for beside in ([1.01, 1.0], [0.99, 1.0], [1.0, 1.01], [1.0, 0.99], [1.01, 0.99]):
+        assert cost(found * beside) > cost(found)
+    quiet = FilterInnovations(0.1 * heavy.white, heavy.there, heavy.spread, heavy.runs)
+    assert correlated.scales(quiet) == pytest.approx(CAL.least_scale)
+
+
 def test_the_covariance_of_blocks_is_that_of_their_series():
     found = noise_of([drawn(2, 1500, memory=0.6)], 2)
     covariance = found.root @ found.root.T
