@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..parameter import Array
 from .calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
+from .refit import bounded_step
 
 
 @dataclass(frozen=True)
@@ -297,18 +297,19 @@ def descended(
     Goldfarb and Shanno).
     """
     u = np.clip(start, low, high)
-    here, lacking = curve(u), np.zeros((len(u), len(u)))
+    here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.zeros(len(u), dtype=bool)
     still = 0
     for _ in range(CAL.between_steps):
         if np.any(np.linalg.eigvalsh(here.H + lacking) <= 0):  # what was learned elsewhere does not hold here
             lacking = np.zeros_like(lacking)
         B = here.H + lacking
-        held = ((u <= low) & (here.g > 0)) | ((u >= high) & (here.g < 0))
-        if 0.5 * float(here.g @ _step(B, here.g, 0.0, held)) < CAL.between_settled:
+        step = bounded_step(B, here.g, low - u, high - u, free)
+        if -float(step @ (here.g + 0.5 * B @ step)) < CAL.between_settled:
             break  # that is what is left to be gained
         there, gained = u, 0.0
         for firm in CAL.damping:
-            there = np.clip(u - _step(B, here.g, firm, held), low, high)
+            step = bounded_step(B + firm * np.diag(np.diag(B)), here.g, low - u, high - u, free)
+            there = np.clip(u + step, low, high)
             gained = here.cost - cost(there)
             if gained > 0:
                 break
@@ -326,11 +327,3 @@ def descended(
         if still == CAL.between_still:
             break
     return u, here
-
-
-def _step(H: Array, g: Array, firm: float, held: NDArray[np.bool_]) -> Array:
-    """A damped Gauss-Newton step; what would leave its bounds is held."""
-    found, free = np.zeros(len(g)), ~held
-    own = H[np.ix_(free, free)]
-    found[free] = np.linalg.solve(own + firm * np.diag(np.diag(own)), g[free])
-    return found

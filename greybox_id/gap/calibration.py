@@ -150,7 +150,9 @@ class Calibration:
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")
-    cost_of_change: float = _known(6.0, "log-odds against a change: one of eight, in one of fifty pairs of recordings")
+    cost_of_change: float = _known(
+        6.0, "log-odds against a change of all recordings: one of eight numbers, in one of fifty cases"
+    )
     cost_held_out: float = _known(3.0, "log-likelihood that a change gains where it was not chosen: a factor of 20")
     least_scale: float = _known(0.8, "least noise of a recording over that of those before it: sensors stay")
     apart: float = _known(0.1, "between readings that a filter takes, s: motion, not noise", RUNS)
@@ -239,7 +241,9 @@ class Calibration:
     amplitude_steps: int = _known(8, "of the search for amplitudes", SEARCHED)
     coefficient_rows: int = _known(20, "rows that a coefficient of residuals' colour needs", SEARCHED)
     smooth: float = _known(0.2, "s that regimes are smoothed over: noise tells none", DEFINED)
-    damping: tuple[float, ...] = _known((0.0, 0.5, 5.0, 50.0, 500.0, 5000.0), "of such steps, over the Hessian's diagonal")
+    damping: tuple[float, ...] = _known(
+        (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0), "of such steps, over the Hessian's diagonal"
+    )
     scatter_rounds: int = _known(4, "times that scatter is learned, numbers found anew for each")
     scatter_settled: float = _known(0.03, "of a scatter, below which a change of it asks for no more")
     most_rows: int = _known(24_000, "rows that are examined, four minutes at 100 Hz: time goes with them")

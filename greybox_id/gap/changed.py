@@ -111,7 +111,8 @@ class Change:
     place : of its number.
     shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
     gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
-    apart : whether the latter is of other recordings, and no part of what chose it.
+    apart : whether the latter is of other recordings, and no part of what chose it. Gains of sensors are none: below
+        one they make quieter whatever predictions err by, in one recording as in the other.
     beyond : how far it moved, over what a change may be.
     """
 
@@ -132,7 +133,8 @@ class Change:
         """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
         if self.beyond > CAL.tolerated_sd:
             return -np.inf
-        return min(self.total - CAL.cost_of_change, self.held_out - CAL.cost_held_out)
+        asked = CAL.cost_of_change if self.apart else CAL.cost
+        return min(self.total - asked, self.held_out - CAL.cost_held_out)
 
 
 def diagnose_change(
@@ -275,8 +277,8 @@ def changes(
                 there = min(there, without(judge, mean, alone.x).cost)
             held += alone.cost - there
         width = CAL.widened * USUAL[known.numbers[own.place].name]
-        gain = base.cost - best.cost - occam
-        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width))
+        gain, apart = base.cost - best.cost - occam, bool(others) and known.numbers[own.place].name not in SPECIFIED
+        found.append(Change(own.place, (shift, sd), gain, held, apart, abs(shift) / width))
     return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 

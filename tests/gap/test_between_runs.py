@@ -104,6 +104,6 @@ def test_a_hessian_that_is_wrong_by_a_factor_in_some_directions_leads_to_the_min
     bound = best + wide
     bound[0] = best[0] - 0.2
     u, found = descended(cost, curve, best - 0.5, -wide, bound)
-    assert u[0] == pytest.approx(bound[0])
+    assert u[0] == pytest.approx(bound[0], abs=0.01)
     rest = np.linalg.solve(true[1:, 1:], true[1:, 0] * 0.2)  # where the first is held at its bound
     assert found.cost - cost(best + np.concatenate([[-0.2], rest])) < 0.5
