@@ -32,7 +32,7 @@ from ..gap.calibration import CAL, SEARCHED, Calibration
 from ..json_data import read_json
 from ..parameter import Array
 from .answers import Answer, read_answer
-from .folder import CASES, DIAGNOSIS, SEALED, exam_of
+from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
 
 RARE = 0.02
 """Share of vehicles without a gap that may be given a name."""
@@ -99,7 +99,7 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
     jobs : processes at a time.
     diagnoser : "module:function", as of `exam.run`.
     """
-    cases = [case for folder in folders for case in sorted((exam_of(folder) / CASES).iterdir())]
+    cases = [case for folder in folders for case in case_folders(exam_of(folder))]
     changes = [{}, *_drawn(draws, seed)]
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         asked = [(own, case) for own in changes for case in cases]

@@ -31,7 +31,7 @@ def _known(value: T, how: str, data: str = "") -> T:
 class Calibration:
     """Numbers of a diagnosis; `provenance` says of each what it is and where it comes from."""
 
-    # ---- what is believed of model error and of noise
+    # ---- prior of model error and of noise
     form: float = _known(0.01, "median of model error over the force, 1: nulls leave 0.2 to 1.5 %", DRAWN)
     form_exact: float = _known(0.001, "the same where a file states every number as exact: a tenth of it")
     form_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
@@ -47,7 +47,7 @@ class Calibration:
     sensor_memory: float = _known(0.1, "median correlation time of readings' errors, s")
     unknown_start: float = _known(0.3, "sd of a state's start that no sensor reads, over its scale: any usual value")
 
-    # ---- what is believed of parameters beside what a file states
+    # ---- prior of parameters beside what a file states
     indifference: float = _known(0.05, "zone about a null over the usual size: a tenth hid true effects", DRAWN)
     timing: float = _known(0.15, "of a row: zone of delays and lags; commands and readings are no nearer to stamps")
     of_wheelbase: float = _known(0.15, "usual size of lengths over the wheelbase: 0.4 m of 2.7 m")
@@ -70,7 +70,7 @@ class Calibration:
     rough_reading: float = _known(1.2e-3, "log-likelihood a reading that misfits gain unseen; models without forces")
     misfit_share: float = _known(0.02, "the same where they show, as a share of what they cost")
     untempered: float = _known(10.0, "gains are taken as they are where misfits gain well below so much")
-    alike: float = _known(3.0, "nats, tempered, below which two explanations are not told apart: a factor of 20")
+    alike: float = _known(3.0, "nats, tempered, below which two explanations are not distinguished: a factor of 20")
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
     varies: float = _known(0.12, "spread of a magnitude between thirds of driving: causes 0 to .05, others .2", DRAWN)
     varies_width: float = _known(0.02, "width of that threshold", DRAWN)
@@ -97,7 +97,7 @@ class Calibration:
     of_small_signal: float = _known(0.05, "the same of v_y, which is the small difference of what is large")
     far_off: float = _known(30.0, "mean square of nominal errors over noise's from which on simulations may spin")
     far_reading: float = _known(4.5, "robust sds from those about it, beyond which a reading tells of no closure")
-    spike: float = _known(6.0, "robust sds of an outlier, where noise is told by it")
+    spike: float = _known(6.0, "robust sds of an outlier, where noise is estimated")
     too_large: float = _known(0.8, "of stated noise, below which residuals say that it is stated too large")
 
     # ---- what words mean
@@ -150,9 +150,7 @@ class Calibration:
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")
-    cost_of_change: float = _known(
-        6.0, "log-odds against a change: one of eight numbers, in one of fifty cases"
-    )
+    cost_of_change: float = _known(6.0, "log-odds against a change: one of eight numbers, in one of fifty cases")
     cost_held_out: float = _known(3.0, "log-likelihood that a change gains where it was not chosen: a factor of 20")
     least_scale: float = _known(0.8, "least noise of a recording over that of those before it: sensors stay")
     apart: float = _known(0.1, "between readings that a filter takes, s: motion, not noise", RUNS)
@@ -166,10 +164,10 @@ class Calibration:
     floor_of_weight: float = _known(0.1, "unknown forces that a filter follows, over the weight, before tuning")
     followed: float = _known(60.0, "s of a recording that are followed at most: time goes with them")
     tuned_on: float = _known(20.0, "s of it that sizes of noise are tuned on")
-    changed_refitted: int = _known(3, "effects that are refitted: those that promise most")
-    changed_least: float = _known(1.0, "nats that the second and third of them must promise")
+    changed_refitted: int = _known(3, "effects that are refitted: those expected to gain most")
+    changed_least: float = _known(1.0, "nats that the second and third of them are expected to gain")
     changed_starts: tuple[float, ...] = _known((-1.2, -0.6, 0.6, 1.2), "sizes tried first, in widths of what may be")
-    matters: float = _known(0.3, "information over what is believed: numbers of which an after tells less stay")
+    matters: float = _known(0.3, "information over the prior: numbers of which an after tells less stay")
 
     # ---- what is searched
     starts: tuple[float, ...] = _known(
@@ -178,12 +176,12 @@ class Calibration:
     )  # fmt: skip
     delay_starts: tuple[float, ...] = _known((0.47, 1.9), "the same for delays: none a usual sample time", SEARCHED)
     gradual_start: float = _known(0.3, "the same of what a small magnitude does tells of a larger one", SEARCHED)
-    few_starts: int = _known(3, "starts of a candidate that promises nothing alone: beside another it may", SEARCHED)
+    few_starts: int = _known(3, "starts of a candidate not expected to gain alone: beside another it may", SEARCHED)
     between: float = _known(1.1, "of the factor between starts, by which a better one may lie beside one", SEARCHED)
     start_near: float = _known(1.2, "factor within which a start stays where it is", SEARCHED)
     doubt: float = _known(0.3, "share of a gain that is doubted at the furthest from a start", SEARCHED)
     powers: tuple[float, float] = _known((0.5, 3.0), "of its size that an effect may grow with, as two starts tell it")
-    singles: int = _known(8, "single effects that are refitted: those that promise most", SEARCHED)
+    singles: int = _known(8, "single effects that are refitted: those expected to gain most", SEARCHED)
     pairs: int = _known(3, "of the best singles that pairs are about", SEARCHED)
     partners: int = _known(4, "that each of them is given", SEARCHED)
     triples: int = _known(3, "effects that are tried beside the best pair", SEARCHED)
@@ -192,12 +190,12 @@ class Calibration:
     rivals: int = _known(3, "more are refitted there", SEARCHED)
     near: float = _known(30.0, "times what an effect must gain: so near to the best are rivals", SEARCHED)
     close: float = _known(10.0, "the same about the next best", SEARCHED)
-    partner_least: float = _known(1.0, "nats that a partner of the best single must promise", SEARCHED)
+    partner_least: float = _known(1.0, "nats that a partner of the best single is expected to gain", SEARCHED)
     replacing: int = _known(4, "effects that are tried in each place of the best pair", SEARCHED)
-    nearly: float = _known(0.5, "of what the best pair gains, that one must promise: promises are linear", SEARCHED)
-    fewest: int = _known(4, "singles that are refitted whatever they promise", SEARCHED)
-    hope: float = _known(0.1, "of what the best promises: singles of less are not refitted", SEARCHED)
-    late: int = _known(3, "of the best are refitted from where lags are believed to be", SEARCHED)
+    nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)
+    fewest: int = _known(4, "singles that are refitted whatever their expected gain", SEARCHED)
+    hope: float = _known(0.1, "of the best expected gain: singles of less are not refitted", SEARCHED)
+    late: int = _known(3, "of the best are refitted from the mean of the prior of lags", SEARCHED)
     rough_singles: int = _known(6, "singles refitted while noise is not known yet", SEARCHED)
     much: float = _known(0.01, "of a cost that a second effect must explain there", SEARCHED)
     rather: float = _known(2.0, "times as much a good explanation costs where an observer stays firm", SEARCHED)
@@ -206,7 +204,7 @@ class Calibration:
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
     enough: float = _known(1.0, "nats that are worth once more", SEARCHED)
-    trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, beliefs first", SEARCHED)
+    trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, the prior first", SEARCHED)
 
     # ---- how numbers are found
     iterations: int = _known(10, "steps of a refit", SEARCHED)
