@@ -151,7 +151,7 @@ def drawings(found: Found) -> tuple[Drawing, ...]:
             f"of all readings of {traces['split']}: {held}.",
             "Measured and predicted lateral velocity and yaw rate over time.",
         ))  # fmt: skip
-    if found["learning_curves"]:
+    if len({own["share"] for own in found["learning_curves"]}) > 1:
         seeds = min(own["seeds"] for own in found["learning_curves"])
         made.append(Drawing(
             "learning_curves", learning_curves(found["learning_curves"]),
