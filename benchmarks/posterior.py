@@ -1,6 +1,6 @@
 """Is `greybox sample` calibrated, and what does it cost?
 
-    python benchmarks/posterior.py [--part sbc|cost|laplace|abc] [--sets 200] [--seed 0] [--data DIR] [--json]
+    python benchmarks/posterior.py [--part sbc|cost|laplace|abc|pyabc] [--sets 200] [--seed 0] [--data DIR] [--json]
 
 sbc: simulation-based calibration. Parameters are drawn from their priors, recordings are simulated with noise, fitted
 and sampled; the rank of every true value among its draws is uniform where the posterior is right. Eight parameters of
@@ -10,6 +10,7 @@ compare with the covariance corrected for lasting errors; readings of val within
 laplace: the same of 2 000 weighted draws.
 abc: the published schedule of ABC-SMC on the truck, 1 000 particles, with distances over the whole 10 s; the fifteen of
 least distance are scored on val as in Table II.
+pyabc: ABC-SMC beside pyabc, 500 particles, the lateral model.
 
 Source: Talts et al., Validating Bayesian inference algorithms with simulation-based calibration (2018).
 """
@@ -26,7 +27,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, kstest
+from scipy.stats import chi2, kstest, wasserstein_distance
 from threadpoolctl import threadpool_limits
 
 from greybox_id.datasets.vehicle_file import vehicle
@@ -34,10 +35,14 @@ from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.errors import GreyboxError
 from greybox_id.fit import Fit
 from greybox_id.fitting.how import How
+from greybox_id.fitting.restated import restated
 from greybox_id.fitting.verb import fit
 from greybox_id.model import Combination
 from greybox_id.models.registry import build
+from greybox_id.motion_model import MotionModel
 from greybox_id.parameter import Prior
+from greybox_id.posterior import abc_smc
+from greybox_id.posterior.density import PosteriorDensity
 from greybox_id.posterior.laplace import trusted
 from greybox_id.posterior.posterior import Posterior
 from greybox_id.posterior.verb import SampleOptions, sample
@@ -52,18 +57,15 @@ PRIORS = {
 NOISE = {"v_y": 0.02, "yaw_rate": 0.005, "a_y": 0.1}
 SECONDS, DT, RUNS = 8.0, 0.04, 2
 BINS = 10
+PARTICLES, POPULATIONS = 500, 8
+"""Beside pyabc: down to an acceptance of 5 %."""
 BEST = 15
 """Particles of least distance, which the publication scores."""
 
 
 def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
     """Ranks of the truth by method and parameter, uniform where the posterior is right."""
-    model = build("lateral", None, {"steering_offset": 0.0}, vehicle("full_size_car"))
-    free = [
-        replace(model[name], fixed=False, prior=Prior(sd, mean=mean), value=np.array(mean))
-        for name, (mean, sd) in PRIORS.items()
-    ]
-    model = model.with_parameters(*(replace(p, fixed=True) for p in model.parameters)).with_parameters(*free)
+    model = _stated()
     ranks: dict[str, list[list[float]]] = {"laplace": [], "mcmc": []}
     seconds, met, tails, failed = {"laplace": 0.0, "mcmc": 0.0}, [], [], 0
     for k in range(sets):
@@ -106,6 +108,17 @@ def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
         "pareto_k": np.quantile(k, [0.5, 0.9]).tolist(), "normal": float(np.mean(normal)),
         "ess": {"laplace": np.quantile(worth, [0.1, 0.5]).tolist()},
     }  # fmt: skip
+
+
+def _stated() -> MotionModel:
+    """The lateral model with eight free parameters at the means of their priors."""
+    model = build("lateral", None, {"steering_offset": 0.0}, vehicle("full_size_car"))
+    assert isinstance(model, MotionModel)
+    free = [
+        replace(model[name], fixed=False, prior=Prior(sd, mean=mean), value=np.array(mean))
+        for name, (mean, sd) in PRIORS.items()
+    ]
+    return model.with_parameters(*(replace(p, fixed=True) for p in model.parameters)).with_parameters(*free)
 
 
 def _within(rng: np.random.Generator, mean: float, sd: float, bounds: tuple[float, float]) -> float:
@@ -170,6 +183,59 @@ def truck_fit(data: Path, options: SampleOptions) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def beside_pyabc(seed: int) -> dict[str, Any]:
+    """ABC-SMC beside pyabc: the same priors, distance, thresholds and number of particles, on one synthetic fit.
+
+    pyabc is no dependency: install it where Python finds it.
+    """
+    try:
+        import pyabc
+    except ImportError as error:
+        raise GreyboxError("--part pyabc compares with pyabc, which is not installed.") from error
+    model, rng = _stated(), np.random.default_rng((seed, 5))
+    drives = [_driven(model, rng, j) for j in range(RUNS)]
+    problem, solution = restated(fit(model, drives, how=How(solver="gauss-newton")), drives)
+    density = PosteriorDensity(problem, solution)
+    priors, distances = abc_smc.priors_of(density), abc_smc.Distances(density, "pooled")
+    clock = time.process_time()
+    ours = abc_smc.first(distances, priors, PARTICLES, seed)
+    thresholds = [ours.threshold]
+    for _ in range(POPULATIONS):
+        begun = abc_smc.begin(distances, ours, priors, seed)
+        grown = abc_smc.grow(distances, begun, priors, seed, lambda _: False)
+        assert isinstance(grown, abc_smc.ParticleSet)
+        ours = grown
+        thresholds.append(ours.threshold)
+    seconds, names = time.process_time() - clock, [own.name for own in density.coordinates]
+    simulated = density.evaluations
+
+    def away(values: Any) -> dict[str, float]:
+        at = np.array([[values[name] for name in names]])
+        return {"distance": float(distances(at)[0]) if density.within(at)[0] else np.inf}
+
+    clock = time.process_time()
+    rivals = pyabc.ABCSMC(
+        away,
+        pyabc.Distribution(**{n: pyabc.RV("norm", own.mean, own.sd) for n, own in zip(names, priors, strict=True)}),
+        lambda x, _: x["distance"], population_size=PARTICLES, sampler=pyabc.SingleCoreSampler(),
+        eps=pyabc.ListEpsilon(thresholds),
+    )  # fmt: skip
+    rivals.new("sqlite://", {"distance": 0.0})
+    theirs, weight = rivals.run(max_nr_populations=len(thresholds)).get_distribution()
+    theirs_seconds = time.process_time() - clock
+    parted = {}
+    for k, name in enumerate(names):
+        own = ours.at[:, k]
+        sd = np.sqrt(ours.weight @ (own - ours.weight @ own) ** 2)
+        parted[name] = float(wasserstein_distance(own, theirs[name], ours.weight, weight) / sd)
+    return {
+        "particles": PARTICLES, "thresholds": thresholds, "wasserstein_over_sd": parted, "cpu_seconds": seconds,
+        "pyabc_cpu_seconds": theirs_seconds, "evaluations": simulated,
+        "pyabc_evaluations": density.evaluations - simulated, "ess": float(1 / np.sum(ours.weight**2)),
+        "pyabc_ess": float(1 / np.sum(weight**2)),
+    }  # fmt: skip
+
+
 def _of_draws(own: Posterior, found: Fit, combination: Combination) -> tuple[float, float]:
     """Mean and standard deviation of a combination over weighted draws."""
     values = []
@@ -183,7 +249,7 @@ def _of_draws(own: Posterior, found: Fit, combination: Combination) -> tuple[flo
 def main() -> int:
     """Run; 2 on bad input."""
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--part", choices=["sbc", "cost", "laplace", "abc"], default="sbc")
+    arguments.add_argument("--part", choices=["sbc", "cost", "laplace", "abc", "pyabc"], default="sbc")
     arguments.add_argument("--sets", type=int, default=200)
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--data", type=Path)
@@ -193,6 +259,8 @@ def main() -> int:
         with threadpool_limits(1):
             if given.part == "sbc":
                 found = calibration(given.sets, given.seed, lambda line: sys.stderr.write(f"{line}\n"))
+            elif given.part == "pyabc":
+                found = beside_pyabc(given.seed)
             elif given.data is None:
                 raise GreyboxError("--part cost, laplace and abc need --data DIR, the folder of the truck's files.")
             else:

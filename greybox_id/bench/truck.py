@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..fitting.how import Say, quiet
 from ..motion_model import MotionModel
@@ -27,7 +28,7 @@ from ..parameter import Array
 from ..recording import Recording
 from .kept import KeptBench
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
-from .truck_inputs import SPLITS, Chunks, raw, splits
+from .truck_inputs import SPLITS, Chunks, by_speed, raw, splits
 from .truck_networks import (
     BICYCLE,
     LESSONS,
@@ -51,7 +52,9 @@ SHARES = (0.1, 0.25, 0.5, 1.0)
 """Of the training recordings, for learning curves."""
 TAUGHT_ON = (0.1, 1.0)
 """Shares on which several lessons before training are compared."""
-AS_PUBLISHED, BY_RECORDING = "as published", "by recording"
+SLOW, FAST = 60 / 3.6, 70 / 3.6
+"""m/s: trajectories that stay below the one are trained on, those with a mean above the other scored, out of range."""
+AS_PUBLISHED, BY_RECORDING, BY_SPEED = "as published", "by recording", "by speed"
 LEVEL = 1.96
 """Standard deviations to a side of a 95 % band."""
 
@@ -64,7 +67,7 @@ class TruckOptions:
     ----------
     quick : the smallest networks at 1 s from one seed; a few CPU minutes in place of hours.
     seeds : trainings of every network.
-    curves_alone : learning curves and lessons, and no other networks.
+    curves_alone : learning curves, lessons and networks beyond the speeds they saw, and no other networks.
     """
 
     quick: bool = False
@@ -86,8 +89,8 @@ def truck_tables(
 
     Returns
     -------
-    Plain data: `rows`, `comparisons`, `durations`, `learning_curves`, `lessons`, `traces`, `identified`, `paper`,
-    `left_out`, `cpu_seconds`.
+    Plain data: `rows`, `comparisons`, `durations`, `learning_curves`, `lessons`, `out_of_range`, `traces`,
+    `identified`, `paper`, `left_out`, `cpu_seconds`.
 
     Raises
     ------
@@ -127,6 +130,7 @@ def truck_tables(
         result = {
             "rows": rows, "comparisons": comparisons, "durations": durations,
             "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
+            "out_of_range": _out_of_range(found, sets),
             "traces": _traces(on[AS_PUBLISHED], sets), "identified": told, "paper": PAPER, "quick": how.quick,
             "seeds": 1 if how.quick else how.seeds, "left_out": store.left_out,
             "cpu_seconds": time.process_time() - clock,
@@ -153,10 +157,12 @@ class TruckSets:
         return {split: own.recording for split, own in self.chunks(name).items()}
 
     def _chunks(self, name: str) -> dict[str, Chunks]:
-        """Of "as published", "by recording" or a share of the training recordings, 0.1."""
+        """Of "as published", "by recording", "by speed" or a share of the training recordings, 0.1."""
         if name in (AS_PUBLISHED, BY_RECORDING):
             return splits(self._data, raw, name == BY_RECORDING)
         found = self.chunks(AS_PUBLISHED)
+        if name == BY_SPEED:
+            return by_speed(found, SLOW, FAST)
         train = found["train"]
         order = np.random.default_rng(77).permutation(np.unique(train.piece_of))
         some = order[: max(2, round(float(name) * len(order)))]
@@ -217,6 +223,7 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
         NetworkCell(AS_PUBLISHED if share == 1.0 else f"{share:g}", "transfer", smallest, last, taught)
         for share in TAUGHT_ON for taught in LESSONS if taught != BICYCLE
     ]  # fmt: skip
+    curves += [NetworkCell(BY_SPEED, method, smallest, last) for method in METHODS]
     if how.curves_alone:
         return curves
     wanted = [NetworkCell(AS_PUBLISHED, method, units, last) for units in SIZES for method in METHODS]
@@ -232,7 +239,7 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
 
 def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> list[NetworkTraining]:
     """All cells from one seed before any from the next; those of which there is a training."""
-    cells = _cells(how)
+    cells = [cell for cell in _cells(how) if sets.chunks(cell.data)]
     found: dict[NetworkCell, list[Mapping[str, Any]]] = {cell: [] for cell in cells}
     for seed in range(1 if how.quick else how.seeds):
         for cell in cells:
@@ -259,7 +266,7 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
 
 
 def _of_data(data: str) -> str:
-    return data if data in (AS_PUBLISHED, BY_RECORDING) else f"{100 * float(data):g} % of train"
+    return data if data in (AS_PUBLISHED, BY_RECORDING, BY_SPEED) else f"{100 * float(data):g} % of train"
 
 
 def _rows(one: NetworkTraining, sets: TruckSets) -> list[dict[str, Any]]:
@@ -394,6 +401,29 @@ def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str
                     for pair in _pairs(one, base, "val", pieces)
                 ]
     return lessons
+
+
+def _out_of_range(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+    """Trained on slow trajectories, scored on fast ones: everything over learning from measurements alone."""
+    own = {one.cell.method: one for one in found if one.cell.data == BY_SPEED}
+    if "learning" not in own:
+        return []
+    fast, bicycle = sets.chunks(BY_SPEED)["fast"], sets.bicycle(BY_SPEED)
+    alone = deviations(Simulator(bicycle), fast.recording, bicycle.values)
+    scores = {one.cell.name: (np.mean(one.runs["fast"], axis=0), one.seeds) for one in own.values()}
+    scores["bicycle"] = (np.sqrt([np.mean(each**2, axis=0) for each in alone]), 1)
+    base, _ = scores[own["learning"].cell.name]
+    rows = []
+    for name, (each, seeds) in scores.items():
+        drawn = _redrawn(np.column_stack([base, each]), fast.piece_of)
+        low, high = np.quantile(drawn[:, len(OUTPUTS) :] / drawn[:, : len(OUTPUTS)], [0.025, 0.975], axis=0)
+        error, of = np.mean(each, axis=0), np.mean(base, axis=0)
+        rows += [
+            {"model": name, "output": output, "error": float(error[k]), "ratio": float(error[k] / of[k]),
+             "low": float(low[k]), "high": float(high[k]), "seeds": seeds, "trajectories": len(each)}
+            for k, output in enumerate(OUTPUTS)
+        ]  # fmt: skip
+    return rows
 
 
 def _traces(found: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]:

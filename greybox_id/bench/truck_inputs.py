@@ -142,6 +142,22 @@ def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:
     return found
 
 
+def by_speed(found: dict[str, Chunks], slow: float, fast: float) -> dict[str, Chunks]:
+    """Trajectories no faster than `slow` [m/s] of train and val, and "fast": those of both whose mean is above `fast`.
+
+    Of a recording that has a fast trajectory no slow one is taken. Empty where one of the three would be.
+    """
+    both = _joined(found["train"], found["val"])
+    speed = [both.recording["v_x"][a:b] for a, b in both.recording.runs]
+    quick = np.array([np.mean(own) > fast for own in speed])
+    calm = np.array([np.max(own) <= slow for own in speed]) & ~np.isin(both.piece_of, both.piece_of[quick])
+    of_train = np.arange(len(calm)) < len(found["train"].piece_of)
+    taken = {"train": calm & of_train, "val": calm & ~of_train, "fast": quick}
+    if not all(np.any(which) for which in taken.values()):
+        return {}
+    return {split: both.of(which, f"{split}, by speed") for split, which in taken.items()}
+
+
 def _joined(one: Chunks, other: Chunks) -> Chunks:
     a, b = one.recording, other.recording
     shift = len(a)

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from greybox_id.bench import truck as bench
 from greybox_id.bench.kept import KeptBench
 from greybox_id.bench.truck import TruckOptions, _redrawn, _spread, truck_tables
-from greybox_id.bench.truck_inputs import Chunks, chunks, raw, splits
+from greybox_id.bench.truck_inputs import Chunks, by_speed, chunks, raw, splits
 from greybox_id.errors import BadInput
 from greybox_id.fitting import networks, pretraining
 from greybox_id.json_data import finite
@@ -33,6 +33,20 @@ def test_chunks_are_told_by_their_first_second(real_data):
     own = chunks(real_data / "truck" / "train.parquet")
     assert len(own.piece_of) == 86
     assert list(own.piece_of[:4]) == [0, 2, 2, 2]  # numbers 0, 2, 5, 6, begun at 0, 0, 30, 40 s
+
+
+def test_a_split_by_speed_trains_on_slow_recordings_alone():
+    speed = np.repeat([5.0, 9.0, 5.0, 5.0, 9.0, 5.0], 3)
+    runs = tuple((k, k + 3) for k in range(0, 18, 3))
+    whole = Chunks(Recording("all", np.arange(18.0), {"v_x": speed}, runs=runs), np.array([0.0, 0, 1, 2, 3, 4]))
+    first = np.arange(6) < 3
+    found = {"train": whole.of(first, "train"), "val": whole.of(~first, "val")}
+    own = by_speed(found, 6.0, 8.0)
+    assert {split: each.piece_of.tolist() for split, each in own.items()} == {
+        "train": [1.0], "val": [2.0, 4.0], "fast": [0.0, 3.0]
+    }  # fmt: skip
+    assert set(own["fast"].recording["v_x"]) == {9.0}
+    assert by_speed(found, 6.0, 10.0) == {}
 
 
 def test_some_chunks_keep_their_rows():
@@ -151,6 +165,8 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
 def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
     monkeypatch.setattr(bench, "TAUGHT_ON", (0.5,))
+    monkeypatch.setattr(bench, "SLOW", 12.6)
+    monkeypatch.setattr(bench, "FAST", 12.6)
     page = tmp_path / "page"
     told = greybox(
         "bench", "truck", "--data", made_up, "--curves", "--seeds", 2, "--report", page, "--out", tmp_path / "own.json",
@@ -160,6 +176,9 @@ def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypat
     assert told["report"] == [str(page / "truck.html"), str(page / "truck.pdf")]
     assert {own["share"] for own in told["learning_curves"]} == {0.5, 1.0}
     assert {own["taught"] for own in told["lessons"]} == set(bench.LESSONS)
+    beyond = [own for own in told["out_of_range"] if own["output"] == "v_y"]
+    assert [own["ratio"] == 1.0 for own in beyond] == [True, False, False, False]
+    assert all(own["low"] <= own["ratio"] <= own["high"] for own in beyond)
     assert all(0 <= share <= 1 for own in told["traces"]["lines"] for share in own["coverage"])
     text = (page / "truck.html").read_text()
     for words in ("As Fig. 3", "As Fig. 4", "Table IV", "a passenger car", "Seeds: 2", "tyres half as stiff"):
