@@ -10,7 +10,8 @@ update   : relaxation length 0.25 m, stiffness x 0.8 and x 1.2 (the peak stays):
            training was carried on with 10, 20 and 40 s of the new ones.
 alarm    : root mean square error over windows in units of noise (RMSSE) of single manoeuvres over that of training: old
            tyres, ten seeds of noise, and the new ones; above 1.5 a model is to be updated.
-noise    : sensors with twice and four times the noise, and with coloured noise; 50 and 200 rows a second.
+noise    : every other manoeuvre; sensors with twice and four times the noise, and with coloured noise; 50 and 200 rows
+           a second.
 imu      : trained on a_y and yaw rate alone.
 bands    : five trainings; how often mean +- 2 standard deviations of their spread hold the force.
 """
@@ -154,6 +155,7 @@ def alarm(found: Fit, seed: int) -> Iterator[Row]:
 
 def noise(seed: int) -> Iterator[Row]:
     for words, more in {
+        "noise x 1": {},
         "noise x 2": {"noise": 2.0}, "noise x 4": {"noise": 4.0}, "coloured noise": {"colour": 0.8},
         "50 Hz": {"rate": 50.0}, "200 Hz": {"rate": 200.0},
     }.items():  # fmt: skip
