@@ -176,7 +176,7 @@ def sample(
     fit : of equations of motion.
     recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
     method : "mcmc" draws from the likelihood and the priors that the fit counted (needs the extra `sample`); "laplace"
-        from the normal distribution of the fit's covariance, free of cost; "abc-smc" by distances alone.
+        near the fit's normal distribution, weighted by the same; "abc-smc" by distances alone.
     draws : how many; of "abc-smc" particles.
     seed : of everything random.
     distance : of "abc-smc", "pooled" over all rows or "trajectories", the mean of each one's.

@@ -16,7 +16,7 @@ from .output import console, print_json
 from .terminal import Screen, tell
 
 if TYPE_CHECKING:
-    from ..fleet.run import FleetProgress, Watch
+    from ..fleet.progress import FleetProgress, Watch
 
 EVERY = 10.0
 """s between plain lines of progress."""
@@ -102,7 +102,7 @@ def status_command(results: Path, as_json: bool) -> None:
     \b
     greybox fleet status results
     """
-    from ..fleet.run import status
+    from ..fleet.status import status
 
     _told(status(results), as_json)
 
@@ -161,7 +161,7 @@ def _watching() -> Iterator[Watch]:
         return
     from rich.live import Live
 
-    from ..fleet.run import live
+    from ..fleet.progress import live
 
     with Live(console=screen, refresh_per_second=4, transient=True) as table:
 
@@ -173,10 +173,10 @@ def _watching() -> Iterator[Watch]:
 
 
 class _Dashboard:
-    """Plain lines now and then, and the address of the dashboard once."""
+    """Plain lines now and then; the address of the dashboard, and what is waited for, once."""
 
     def __init__(self) -> None:
-        self._last, self._told, self._seen = 0.0, "", False
+        self._last, self._told, self._seen, self._lacked = 0.0, "", False, False
         self._progress: FleetProgress | None = None
 
     def plain(self, progress: FleetProgress) -> None:
@@ -191,6 +191,9 @@ class _Dashboard:
         if progress.dashboard and not self._seen:
             self._seen = True
             tell(f"dashboard {progress.dashboard}")
+        if progress.lacks and not self._lacked:
+            self._lacked = True
+            tell(progress.lacks)
 
     def end(self) -> None:
         if self._progress is not None and self._progress.line() != self._told:

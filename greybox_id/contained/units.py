@@ -35,6 +35,8 @@ LOOK = 0.05
 """s between looks at a child's memory."""
 RESERVED = 4.0
 """How many times the memory that a unit may fill it may reserve: libraries reserve more than they use."""
+ENDS = ("done", "time", "clock", "memory")
+"""How units end that are not tried again."""
 TRIES = 3
 """A child that something from outside ended is tried so often."""
 PDEATHSIG = 1
@@ -48,7 +50,8 @@ class Ended:
     Attributes
     ----------
     told : what it told, in order.
-    how : "done"; "time" or "memory": a limit was met; else the signal or error that ended it, in words.
+    how : "done"; "time", "clock" or "memory", where a limit was met: of the processor's time, by the clock, of memory;
+        else the signal or error that ended it, in words.
     cpu_seconds : of the processor, its own children included.
     peak_mb : the most memory it held at a time, that of the imported modules included.
     """
@@ -95,7 +98,7 @@ class Nursery:
             if self._over:
                 break
             ended = self._tried((work, dict(job), seconds, memory), told)
-            if ended.how in ("done", "time", "memory"):
+            if ended.how in ENDS:
                 break
         return ended
 
@@ -126,7 +129,7 @@ class Nursery:
             end, _ = held.ask("unit", *unit, patience=PATIENCE * unit[2] + SLACK, told=hear)
         except Lost as error:
             self._end()
-            return Ended(heard, TIME if error.how == TIME else "its process was killed")
+            return Ended(heard, "clock" if error.how == TIME else "its process was killed")
         except (Broken, Failed) as error:
             raise Broken(f"No work can be done here: {error}") from error
         if not FORKS:
@@ -237,7 +240,7 @@ def _followed(child: int, reading: int, patience: float, memory: float) -> Gener
                 select.select([ending], [], [], max(0.0, until - time.monotonic()))
                 return end
             elif time.monotonic() > until:
-                return {"how": TIME}
+                return {"how": "clock"}
             elif _resident(str(child)) - base > memory:
                 return {"how": "memory"}
     finally:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import atexit
 import json
+import math
 import os
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from itertools import islice
 from multiprocessing import active_children
 from queue import SimpleQueue
 from typing import Any, Protocol
 
-from ..contained.units import Nursery
+from ..contained.units import PATIENCE, Nursery
 from ..engine.compiler import CannotCompile, compiler
 from ..errors import BadInput
 from . import FAILED, MEMORY, TIMEOUT
@@ -24,6 +27,8 @@ RETRIES = 2
 """How often a unit is given to another worker when its own one died."""
 AHEAD = 4
 """Units handed out per worker: enough that none waits, few enough that a long list takes no memory."""
+ASKED = 2.0
+"""s after which it is asked again how many workers of Dask there are; it costs a message."""
 WORK = "greybox_id.fleet.unit:worked"
 
 _held = threading.local()
@@ -34,6 +39,8 @@ class Engine(Protocol):
 
     address: str
     """Of its dashboard; "" where it has none."""
+    lacks: str
+    """What it waits for before it can begin, in a sentence; "" where there is nothing."""
 
     def results(self, jobs: Iterator[str]) -> Iterator[dict[str, Any]]:
         """What comes of jobs, as it comes."""
@@ -72,6 +79,10 @@ def _not_done(how: str, job: Mapping[str, Any], found: Mapping[str, Any]) -> dic
     if how == "time":
         allowed = f"{job['seconds']:g} s of the processor's time"
         return {"status": TIMEOUT, "sentence": f"{at} took more than {allowed}; raise limits.seconds, or crop it."}
+    if how == "clock":
+        allowed = f"{PATIENCE * job['seconds']:g} s by the clock"
+        why = "it hangs, or the machine is busy"
+        return {"status": TIMEOUT, "sentence": f"{at} took more than {allowed}: {why}; raise limits.seconds."}
     if how == "memory":
         allowed = f"{job['memory'] / 1e6:.0f} MB"
         return {
@@ -111,7 +122,7 @@ def _compiled() -> dict[str, str]:
 class Local:
     """Units on this machine, in a few processes."""
 
-    address = ""
+    address = lacks = ""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
@@ -150,23 +161,37 @@ def _submit(pool: ThreadPoolExecutor, jobs: Iterator[str], waiting: set[Future[s
 class Distributed:
     """Units on workers of Dask: of a cluster of this machine's, or of one that is there."""
 
-    def __init__(self, client: Any, scheduler: str | None, workers: int) -> None:
-        self._client, self._scheduler, self._workers = client, scheduler, workers
+    def __init__(self, client: Any, scheduler: str | None) -> None:
+        self._client, self._scheduler = client, scheduler
+        self._asked, self._workers = -math.inf, 1
         self.address = str(client.dashboard_link or "")
+        self.lacks = ""
+        if scheduler is not None and not client.nthreads():
+            self.lacks = f"No worker is at {scheduler} yet; start some: dask worker {scheduler}"
 
     def results(self, jobs: Iterator[str]) -> Iterator[dict[str, Any]]:
         """What comes of jobs, as it comes."""
         from distributed import as_completed
 
-        order = iter(jobs)
-        first = [own for own in (next(order, None) for _ in range(AHEAD * self._workers)) if own is not None]
-        waiting: Any = as_completed([self._handed_out(own) for own in first], raise_errors=False)
+        waiting: Any = as_completed(raise_errors=False)
+
+        def hand_out() -> None:
+            for job in islice(jobs, max(AHEAD * self._at_a_time() - waiting.count(), 0)):
+                waiting.add(self._handed_out(job))
+
+        hand_out()
         for own in waiting:
             yield self._taken(own)
             own.release()
-            job = next(order, None)
-            if job is not None:
-                waiting.add(self._handed_out(job))
+            hand_out()
+
+    def _at_a_time(self) -> int:
+        """How many units its workers do at a time; they come and go, so it is asked now and then."""
+        if time.monotonic() - self._asked > ASKED:
+            with suppress(OSError, TimeoutError):  # a scheduler that is gone cancels what was handed out, which is told
+                self._workers = max(1, sum(int(own) for own in self._client.nthreads().values()))
+            self._asked = time.monotonic()
+        return self._workers
 
     def _handed_out(self, job: str) -> Any:
         key = json.loads(job)["key"]
@@ -223,10 +248,11 @@ def engine(name: str, jobs: int, scheduler: str | None = None) -> Iterator[Engin
     with dask.config.set(quiet):
         if scheduler is not None:
             with _client(Client, scheduler) as client:
-                yield Distributed(client, scheduler, _workers(client, scheduler))
+                _must_be_alike(client, scheduler)
+                yield Distributed(client, scheduler)
             return
         with _cluster(LocalCluster, jobs) as cluster, Client(cluster) as client:
-            yield Distributed(client, None, jobs)
+            yield Distributed(client, None)
 
 
 @contextmanager
@@ -262,15 +288,14 @@ def _client(kind: Any, scheduler: str) -> Iterator[Any]:
         client.close(timeout=5)
 
 
-def _workers(client: Any, scheduler: str) -> int:
-    """How many units the workers of a scheduler do at a time; those that come later are given work too."""
+def _must_be_alike(client: Any, scheduler: str) -> None:
+    """Refuse workers that would compute something else."""
     told = client.run(_version)
     others = {version for version in told.values() if version != MADE_BY}
     if others:
         raise BadInput(
             f"Workers of {scheduler} run greybox-id {', '.join(sorted(others))}, not {MADE_BY}; install the same."
         )
-    return max(1, sum(int(own) for own in client.nthreads().values()))
 
 
 def _version() -> str:

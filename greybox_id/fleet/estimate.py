@@ -13,14 +13,11 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
-from ..files import write_atomically
-from ..parameter import Array
-from ..reports.numbers import number, pretty_unit
-from . import OK
+from ..reports.numbers import counted, number, pretty_unit, with_interval
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
-from .hierarchy import marginal
 from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows
+from .prior import PRIOR, write_prior
 from .store import ESTIMATED, Store
 from .unit import unpacked
 
@@ -28,9 +25,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.95
+SURE = 0.995
+"""Probability from which on it is said to be above 0.99."""
 FAR = 0.05
 """Rate of false outliers among vehicles."""
-PRIOR = "prior.toml"
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class FleetEstimate:
     Attributes
     ----------
     population : parameter -> mean and spread, as a table with the columns of the dataset.
-    vehicles : vehicle and parameter -> value today, interval, where the next estimate is going to lie.
+    vehicles : vehicle and parameter -> value today, interval, where the next recording has it, its fit's error aside.
     drift : vehicle and parameter -> whether it changed, how, by how much and since when.
     apart : recordings that are set apart, whose fits belong to another optimum or another car, and why.
     used, left_out : recordings; sentence -> how many were left out for it.
@@ -84,74 +82,20 @@ class FleetEstimate:
     def summary(self) -> str:
         """The same in lines."""
         names = self.vehicles["vehicle"].nunique()
-        lines = [f"fleet    {self.used} recordings of {names} vehicles"]
+        second = f", {self.refitted} by their second fits" if self.refitted else ""
+        lines = [f"fleet    {counted(self.used, 'recording')} of {counted(names, 'vehicle')}{second}"]
         lines += [f"omitted  {count}: {words}" for words, count in self.left_out.items()]
         for row in _records(self.population):
-            unit = pretty_unit(row["unit"])
             spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
-            interval = f"[{number(row['low'], 4)}, {number(row['high'], 4)}]"
-            lines.append(f"mean     {row['name']} {number(row['mean'], 4)} {interval} {unit}{spread}")
+            lines.append(f"mean     {row['name']} {_ranged(row['mean'], row['low'], row['high'], row['unit'])}{spread}")
         lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
         said = self.sentences()
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
         if not said:
             tested = self.drift["vehicle"].nunique()
-            lines.append(f"changed  nothing found in {tested} vehicles with enough recordings")
-        return "\n".join([*lines, f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}"])
-
-
-@dataclass(frozen=True)
-class SecondPass:
-    """What is fitted again, and with which priors.
-
-    Attributes
-    ----------
-    keys : of recordings, whose own fit knows a parameter less well than the fleet does, lies apart or is not confirmed.
-    priors : as `greybox fit --prior` takes them.
-    """
-
-    keys: frozenset[str]
-    priors: tuple[str, ...]
-
-    def beside(self, own: Any) -> list[str]:
-        """The priors of a plan that these do not replace."""
-        texts = [f"{name}={value}" for name, value in own.items()] if isinstance(own, Mapping) else own
-        taken = {text.partition("=")[0].strip() for text in self.priors}
-        several = [texts] if isinstance(texts, str) else texts
-        return [text for text in several if text.partition("=")[0].strip() not in taken]
-
-
-def second_pass(store: Store) -> SecondPass:
-    """Which recordings gain by a second fit, with what first fits say of the fleet as prior."""
-    recordings = store.current()
-    joined, _ = joined_fits(store, recordings, refits=False)
-    if joined is None:
-        return SecondPass(frozenset(), ())
-    found = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
-    width = _widths(joined, found)
-    _, covariance = marginal(joined.seen)
-    free = np.diagonal(joined.seen.information, axis1=1, axis2=2) > 0
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    poor = found.apart | np.any(free & (sd > width), axis=1)
-    good = {key for key, own in zip(joined.keys, poor, strict=True) if not own}
-    fitted = recordings[recordings["status"] == OK]["key"]
-    texts = []
-    for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
-        mean = natural(float(found.population.mean[k]), log)
-        texts.append(_prior_text(name, mean, float(width[k]) * (mean if log else 1.0), unit))
-    return SecondPass(frozenset(str(key) for key in fitted if key not in good), tuple(texts))
-
-
-def _widths(joined: JoinedFits, found: Drifted) -> Array:
-    """Standard deviation of what a recording of a vehicle that is not known has, in the coordinates of estimates."""
-    own = found.population
-    spread = own.spread if len(joined.vehicles) > 1 else 0.0
-    width: Array = np.sqrt(spread + own.scatter + np.diag(own.mean_covariance))
-    return width
-
-
-def _prior_text(name: str, mean: float, width: float, unit: str) -> str:
-    return f"{name}={mean:.6g}±{width:.3g} {'' if unit == '1' else unit}".rstrip()
+            lines.append(f"changed  nothing found in {counted(tested, 'vehicle')} with enough recordings")
+        lines.append(f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}")
+        return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 
 
 def estimate(folder: str | Path) -> FleetEstimate:
@@ -196,7 +140,7 @@ def estimate(folder: str | Path) -> FleetEstimate:
         over = dict(zip(joined.vehicles, joined.over, strict=True))
     for name, rows in tables.items():
         store.replace(name, rows)
-    _write_prior(store.folder, tables["population"], joined, found)
+    write_prior(store.folder, tables["population"], joined, found)
     return FleetEstimate(
         population=store.read("population"),
         vehicles=store.read("vehicles"),
@@ -237,11 +181,12 @@ def _vehicle_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
     own = found.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
+    time_of = joined.rows["time"].to_numpy(dtype=float)
     wander = {(change.vehicle, change.parameter): change.wander for change in found.changes if change.drifts}
     for v, vehicle in enumerate(joined.vehicles):
         mean, covariance = found.today[v], found.covariance[v]
         mine = joined.order[v][~found.apart[joined.order[v]]]
-        times = joined.rows.iloc[joined.order[v]]["time"].to_numpy(dtype=float)
+        times = time_of[joined.order[v]]
         for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
             sd = math.sqrt(float(covariance[k, k]))
             walked = wander.get((v, k), 0.0) / max(len(joined.order[v]) - 1, 1)  # until the next recording
@@ -275,8 +220,8 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, found: Drifte
         mean, log = means[row["name"]]
         typical = natural(float(mean), log)
         row["sentence"] = (
-            f"{row['vehicle']}: {row['name']} {number(row['value'], 3)} {pretty_unit(row['unit'])} "
-            f"[{number(row['low'], 3)}, {number(row['high'], 3)}], where the fleet has {number(typical, 3)}"
+            f"{row['vehicle']}: {row['name']} {_ranged(row['value'], row['low'], row['high'], row['unit'])}"
+            f", where the fleet has {number(typical, 3)}"
         )
 
 
@@ -293,7 +238,7 @@ def _drift_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
             size = natural(begin + own.change, log) - natural(begin, log)
             along = natural(begin + own.change, log)
             sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
-        sizes = [size, size - Z * sd, size + Z * sd]
+        sizes = (size, size - Z * sd, size + Z * sd)
         order, by = joined.order[own.vehicle], joined.over[own.vehicle]
         stepped = own.kind == STEP
         of = [int(order[k if stepped else 0]) for k in (own.at, own.earliest, own.latest)]
@@ -362,12 +307,13 @@ def _why_apart(
 
 
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: Sequence[float], dates: Sequence[str]
+    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: tuple[float, float, float],
+    dates: Sequence[str],
 ) -> str:  # fmt: skip
-    interval = f"[{number(sizes[1], 2)}, {number(sizes[2], 2)}] {pretty_unit(unit)}".strip()
-    share = f" ({100 * math.expm1(own.change):+.0f} %)" if log else ""
-    size = f"{'+' if sizes[0] > 0 else ''}{number(sizes[0], 2)} {interval}{share}"
-    likely = f"probability {own.probability:.2f}"
+    percent = f"{100 * math.expm1(own.change):+.0f}".replace("-", "−")
+    share = f" ({percent} %)" if log else ""
+    size = f"{'+' if sizes[0] > 0 else ''}{_ranged(*sizes, unit)}{share}"
+    likely = "probability > 0.99" if own.probability >= SURE else f"probability {own.probability:.2f}"
     if own.kind != STEP:
         verb = "drifted" if own.kind == SLOPE else "wandered"
         return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
@@ -376,24 +322,14 @@ def _told(
     return f"{vehicle}: {name} {size} since {since}{between}, {likely}"
 
 
+def _ranged(value: float, low: float, high: float, unit: str) -> str:
+    """A value with its interval and unit."""
+    words = with_interval(value, low, high, (high - low) / (2.0 * Z))
+    return words if unit in ("", "1") else f"{words} {pretty_unit(unit)}"
+
+
 def _date(time: float, path: str) -> str:
     return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%d}" if math.isfinite(time) else f"recording {path}"
-
-
-def _write_prior(
-    folder: Path, rows: Sequence[Mapping[str, Any]], joined: JoinedFits | None, found: Drifted | None
-) -> None:  # fmt: skip
-    """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
-    lines = [
-        "# Prior for a vehicle of this fleet that has no recordings yet, as defaults of a fit.",
-        "[fit]",
-        "prior = [",
-    ]
-    for k, row in enumerate(rows):
-        if joined is not None and found is not None and math.isfinite(row["spread"]):
-            width = float(_widths(joined, found)[k]) * (row["mean"] if row["logarithm"] else 1.0)
-            lines.append(f'    "{_prior_text(row["name"], row["mean"], width, row["unit"])}",')
-    write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -21,9 +21,9 @@ from scipy.sparse import csr_matrix
 
 from ..parameter import Array
 
-STEPS, ENOUGH, FARTHEST = 60, 1e-4, 10.0
-"""Most steps; the relative change of standard deviations below which they end; by which factor one moves a variance at
-most."""
+MOST_TURNS, ENOUGH, FARTHEST = 60, 1e-4, 10.0
+"""Most steps of scoring; the relative change of standard deviations below which they end; by which factor one moves a
+variance at most."""
 SMALL = 1e-4
 """T and W are not let fall below this share of a usual fit's variance, a hundredth of its standard deviation: it makes
 no difference to anything, and at zero steps would never leave it again."""
@@ -157,7 +157,7 @@ def population(seen: Informed, start: Population | None = None) -> Population:
     least = np.tile(SMALL * _noise(seen), 2)
     at = np.maximum(np.concatenate([first, typical] if start is None else [start.spread, start.scatter]), least)
     given = _given(seen, at)
-    for _ in range(STEPS):
+    for _ in range(MOST_TURNS):
         slope, curvature = _scored(seen, given, at)
         new = np.clip(at + _step(slope, curvature, at, least), at / FARTHEST, at * FARTHEST)
         new = np.maximum(new, least)

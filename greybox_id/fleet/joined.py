@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..parameter import Array
-from . import OK
+from . import NOT_TRUSTED, OK
 from .apart import Flags
 from .hierarchy import Informed, informed
 from .store import Store
@@ -19,7 +19,7 @@ from .unit import unpacked
 
 if TYPE_CHECKING:
     import pandas as pd
-MOST = 12
+TOGETHER = 12
 """Parameters that are estimated together: those that most recordings inform."""
 ORDERS = ("odometer", "time", "order")
 """What recordings of a vehicle are put in order by: the first that all of them have, else how they are listed."""
@@ -53,7 +53,7 @@ def joined_fits(
     covariances, again = store.read("covariances"), 0
     if refits:
         recordings, covariances, again = _with_refits(store, recordings, covariances)
-    kept = recordings[recordings["status"] != "not trusted"].merge(covariances, on="key")
+    kept = recordings[recordings["status"] != NOT_TRUSTED].merge(covariances, on="key")
     missing = int((recordings["status"] == OK).sum()) - int((kept["status"] == OK).sum())
     if missing:
         left_out["no fit, or its optimum is not confirmed"] = missing
@@ -76,9 +76,10 @@ def joined_fits(
     numbers = {name: k for k, name in enumerate(vehicles)}
     of = np.array([numbers[own] for own in kept["vehicle"]], dtype=np.int64)
     order, x, over = [], [], []
+    along_of = kept[list(ORDERS[:2])]
     for k in range(len(vehicles)):
         rows = np.flatnonzero(of == k)
-        values, by = _along(kept.iloc[rows])
+        values, by = _along(along_of.iloc[rows])
         first = np.argsort(values, kind="stable")
         order.append(rows[first])
         along = values[first] - values.min()
@@ -110,7 +111,7 @@ def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
         counts.update(zip(map(str, row["names"]), map(str, row["units"]), map(bool, row["logarithm"]), strict=True))
     chosen: dict[str, tuple[str, bool]] = {}
     for (name, unit, log), _ in counts.most_common():
-        if len(chosen) < MOST:
+        if len(chosen) < TOGETHER:
             chosen.setdefault(name, (unit, log))
     return list(chosen), [unit for unit, _ in chosen.values()], [log for _, log in chosen.values()]
 

@@ -19,9 +19,10 @@ from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from ..reports.html import write_html
 from ..reports.numbers import counted, number, pretty_unit
+from . import BROKEN, NOT_TRUSTED, OK, WAITING
 from .changes import STEP
 from .estimate import FleetEstimate, estimate
-from .run import FleetStatus, status
+from .status import FleetStatus, status
 from .store import Store
 from .unit import MADE_BY
 
@@ -71,10 +72,10 @@ def _document(store: Store, how_far: FleetStatus, found: FleetEstimate, vehicle:
     parts += titled("What changed, and who lies apart", Points(tuple(said)), *_changes(store, found, names))
     if vehicle is None:
         parts += titled("Population", _population(found), *_ranks(found))
-    parts += titled("Vehicles", _vehicles(found, names))
+    parts += titled("Vehicles", _vehicles(found, names), *_more(found.vehicles[found.vehicles["vehicle"].isin(names)]))
     parts += titled("Recordings set apart", _apart(found, names))
     parts += titled("Gaps", _gaps(store, names))
-    parts += titled("Recordings", _states(how_far, names), *_broken(store, names))
+    parts += titled("Recordings", *_states(how_far, names), *_broken(store, names))
     parts += titled("How it was made", _made(store, found))
     about = f"{how_far.recordings} recordings of {counted(len(how_far.vehicles), 'vehicle')}"
     title = f"Vehicle {vehicle}" if vehicle is not None else "Fleet"
@@ -93,14 +94,15 @@ def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Ite
         )
     else:
         yield "changed", "No vehicle has enough recordings to say."
-    yield "apart", f"{counted(apart['vehicle'].nunique(), 'vehicle')} from the rest of the fleet."
+    listed = counted(found.vehicles[found.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle")
+    yield "apart", f"{apart['vehicle'].nunique()} of {listed}, further from the mean than the fleet's spread explains."
     set_apart = int(found.apart["vehicle"].isin(names).sum())
     if set_apart:
         yield "set apart", f"{counted(set_apart, 'recording')}, whose fit ended in another optimum, or of another car."
     counts = [how_far.vehicles[name] for name in names]
-    broken = sum(sum(own.get(state, 0) for state in ("failed", "timeout", "memory")) for own in counts)
-    distrusted = sum(own.get("not trusted", 0) for own in counts)
-    waiting = sum(own.get("waiting", 0) for own in counts)
+    broken = sum(sum(own.get(state, 0) for state in BROKEN) for own in counts)
+    distrusted = sum(own.get(NOT_TRUSTED, 0) for own in counts)
+    waiting = sum(own.get(WAITING, 0) for own in counts)
     all_of = sum(sum(own.values()) for own in counts)
     yield (
         "recordings",
@@ -140,6 +142,13 @@ def _vehicles(found: FleetEstimate, names: list[str]) -> Table:
     return Table(head, tuple(rows), "llrlllrr")
 
 
+def _more(table: pd.DataFrame) -> Iterator[Text]:
+    """What a table of vehicles leaves out."""
+    left = table["vehicle"].nunique() - MOST_ROWS
+    if left > 0:
+        yield Text(f"And {counted(left, 'vehicle')} nearer to the mean, in the dataset vehicles.")
+
+
 def _apart(found: FleetEstimate, names: list[str]) -> Points:
     """Which recordings do not count, and why."""
     own = found.apart[found.apart["vehicle"].isin(names)]
@@ -166,19 +175,23 @@ def _gaps(store: Store, names: list[str]) -> Table:
     return Table(("effect", "recordings", "vehicles", "median magnitude", "unit"), tuple(rows), "lrrrl")
 
 
-def _states(how_far: FleetStatus, names: list[str]) -> Table:
+def _states(how_far: FleetStatus, names: list[str]) -> Iterator[Part]:
     """Which vehicles have what is broken, the worst first."""
     states = sorted({state for name in names for state in how_far.vehicles[name]})
-    worst = sorted(
-        names, key=lambda name: (how_far.vehicles[name].get("ok", 0) - sum(how_far.vehicles[name].values()), name)
-    )
-    rows = [(name, *(str(how_far.vehicles[name].get(state, "")) for state in states)) for name in worst[:MOST_ROWS]]
-    return Table(("vehicle", *states), tuple(rows), "l" + "r" * len(states))
+    not_ok = {name: sum(how_far.vehicles[name].values()) - how_far.vehicles[name].get(OK, 0) for name in names}
+    worst = sorted((name for name in names if not_ok[name]), key=lambda name: (-not_ok[name], name))
+    if worst:
+        rows = [(name, *(str(how_far.vehicles[name].get(state, "")) for state in states)) for name in worst[:MOST_ROWS]]
+        yield Table(("vehicle", *states), tuple(rows), "l" + "r" * len(states))
+    if len(worst) > MOST_ROWS:
+        yield Text(f"And {counted(len(worst) - MOST_ROWS, 'vehicle')} more with recordings that are not ok.")
+    elif worst and len(names) > len(worst):
+        yield Text(f"All recordings of the other {counted(len(names) - len(worst), 'vehicle')} are ok.")
 
 
 def _broken(store: Store, names: list[str]) -> Iterator[Part]:
     rows = store.current()
-    rows = rows[rows["vehicle"].isin(names) & (rows["status"] != "ok")].sort_values(["status", "path"])
+    rows = rows[rows["vehicle"].isin(names) & (rows["status"] != OK)].sort_values(["status", "path"])
     if len(rows):
         listed = zip(rows["path"], rows["status"], rows["sentence"].fillna(""), strict=True)
         yield Section("Without a result, or not to be trusted", 2)
@@ -194,6 +207,7 @@ def _made(store: Store, found: FleetEstimate) -> Pairs:
         ("results", str(store.folder)),
         ("greybox-id", ", ".join(sorted(set(rows["version"].dropna())))),
         ("joined", f"{counted(found.used, 'recording')}, whose fits are confirmed"),
+        *([("second fits", f"{found.refitted}, with the fleet as prior")] if found.refitted else []),
         *(("omitted", f"{count}: {words}") for words, count in found.left_out.items()),
         ("processor", f"{rows['cpu_s'].sum() / 3600:.3g} h, {rows['cpu_s'].mean():.2f} s a recording"),
     ]
@@ -275,7 +289,12 @@ def _axis(x: Array, over: str, begin: float) -> tuple[Array, str]:
 def _ranks(found: FleetEstimate) -> Iterator[Part]:
     """The vehicles of every parameter side by side, lowest first, over the population's spread."""
     for own in found.population.to_dict("records"):
-        table = found.vehicles[found.vehicles["name"] == own["name"]].sort_values("value").head(MOST_ROWS)
+        table = found.vehicles[found.vehicles["name"] == own["name"]].sort_values("value")
+        whose = "every vehicle"
+        if len(table) > MOST_ROWS:
+            half = MOST_ROWS // 2
+            table = table.iloc[[*range(half), *range(len(table) - half, len(table))]]
+            whose = f"the {half} vehicles with the lowest and the {half} with the highest value"
         if len(table) < 3 or math.isnan(own["tau"]):
             continue
         x, value = np.arange(len(table), dtype=float), table["value"].to_numpy(float)
@@ -294,7 +313,7 @@ def _ranks(found: FleetEstimate) -> Iterator[Part]:
         yield Drawing(
             f"vehicles_{own['name']}",
             sheet,
-            f"{own['name']} of every vehicle with its standard error, drawn together where it is not well known; the "
+            f"{own['name']} of {whose} with its standard error, drawn together where it is not well known; the "
             "band is one standard deviation of the fleet about its mean.",
             f"{own['name']} of all vehicles.",
         )

@@ -7,24 +7,22 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
-
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from ..contained.process import Broken
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
 from ..processes import duration
-from . import FAILED, FIT, MEMORY, OK, STATUSES, TIMEOUT
+from ..reports.numbers import counted
+from . import BROKEN, FAILED, FIT, NOT_TRUSTED
 from .engines import engine as engine_of
-from .estimate import second_pass
 from .manifest import FleetEntry, entries
 from .plan import FleetPlan, plan_of
+from .prior import second_pass
+from .progress import FleetProgress, Watch
 from .store import OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 
@@ -32,64 +30,6 @@ ENGINES = ("local", "dask")
 ONLY = ("all", "changed")
 SETTLE = 30.0
 """s between parts, while results come."""
-BROKEN = (FAILED, TIMEOUT, MEMORY)
-"""What another try may mend."""
-
-
-@dataclass
-class FleetProgress:
-    """How far a run is.
-
-    Attributes
-    ----------
-    todo : recordings that are to be done.
-    skipped : that were done before.
-    counts : status -> how many of this run ended so.
-    vehicles : vehicle -> status -> how many.
-    cpu_seconds : of the processor, in units.
-    last : sentence of the last recording that was not done; "" where there was none.
-    dashboard : address of the engine's dashboard; "" where it has none.
-    began : of the clock.
-    """
-
-    todo: int = 0
-    skipped: int = 0
-    counts: Counter[str] = field(default_factory=Counter)
-    vehicles: dict[str, Counter[str]] = field(default_factory=dict)
-    cpu_seconds: float = 0.0
-    last: str = ""
-    dashboard: str = ""
-    began: float = field(default_factory=time.monotonic)
-
-    @property
-    def done(self) -> int:
-        """How many recordings of this run have ended."""
-        return sum(self.counts.values())
-
-    @property
-    def seconds(self) -> float:
-        """s since it began."""
-        return time.monotonic() - self.began
-
-    def line(self) -> str:
-        """The same in a line."""
-        states = ", ".join(f"{count} {status}" for status, count in sorted(self.counts.items()))
-        left = ""
-        if 0 < self.done < self.todo:
-            left = f", about {duration(self.seconds / self.done * (self.todo - self.done))} left"
-        return f"{self.done} of {self.todo} recordings{f' ({states})' if states else ''}{left}"
-
-    def took(self, vehicle: str, result: Mapping[str, Any]) -> None:
-        """Count a recording that has ended."""
-        self.counts[result["status"]] += 1
-        self.vehicles.setdefault(vehicle, Counter())[result["status"]] += 1
-        self.cpu_seconds += result.get("cpu_s") or 0.0
-        if result["status"] != OK:
-            self.last = str(result.get("sentence", ""))
-
-
-Watch = Callable[[FleetProgress], None]
-"""Is handed the progress when it begins and after every recording."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +65,10 @@ class FleetRun:
     def summary(self) -> str:
         """The same in lines."""
         again = f"again    {self.refitted} fitted with the fleet's mean and spread as prior\n" if self.refitted else ""
+        why = f"why      greybox fleet status {self.folder}\n" if self.failed else ""
         return (
-            f"fleet    {self.recordings} recordings: {self.done} done, {self.skipped} were before; {self.failed} "
-            f"without a result, {self.not_trusted} not to be trusted\n{again}"
+            f"fleet    {counted(self.recordings, 'recording')}: {self.done} done, {self.skipped} done before; "
+            f"{self.failed} without a result, {self.not_trusted} not to be trusted\n{why}{again}"
             f"took     {duration(self.seconds)}, {self.cpu_seconds:.1f} CPU s\n"
             f"written  {self.folder}   next: greybox fleet estimate {self.folder}"
         )
@@ -215,7 +156,7 @@ def run(
         recordings=len(fleet),
         done=shown.done,
         failed=sum(statuses[status] for status in BROKEN),
-        not_trusted=statuses["not trusted"],
+        not_trusted=statuses[NOT_TRUSTED],
         skipped=shown.skipped,
         refitted=second.done,
         cpu_seconds=round(shown.cpu_seconds + second.cpu_seconds, 3),
@@ -250,7 +191,7 @@ def _work(
     try:
         if sound:
             with engine_of(*on[:2], on[2]) as hands:
-                shown.dashboard = hands.address
+                shown.dashboard, shown.lacks = hands.address, hands.lacks
                 watch(shown)
                 _drained(hands.results(_jobs(plan, sound)), take, journal)
     except Broken as error:
@@ -347,105 +288,3 @@ def _origin(plan: FleetPlan) -> str:
 
 def _unseen(progress: FleetProgress) -> None:
     del progress
-
-
-def status(folder: str | Path) -> FleetStatus:
-    """How far a fleet is: what came of its recordings, in all and by vehicle.
-
-    Parameters
-    ----------
-    folder : of the results.
-
-    Raises
-    ------
-    BadInput : it holds none, or they are damaged.
-    """
-    store = Store.existing(folder)
-    manifest, recordings = store.read("manifest"), store.current()
-    waiting = _in_journal(store)
-    ended = dict(zip(recordings["key"], recordings["status"], strict=True)) | waiting
-    rows: dict[str, Counter[str]] = {}
-    for key, vehicle in zip(manifest["key"], manifest["vehicle"], strict=True):
-        rows.setdefault(str(vehicle), Counter())[ended.get(key, "waiting")] += 1
-    broken = recordings[recordings["status"].isin(BROKEN)]
-    shown = zip(broken["path"], broken["status"], broken["sentence"], strict=True)
-    return FleetStatus(
-        recordings=len(manifest),
-        statuses=dict(sum(rows.values(), Counter())),
-        vehicles={name: dict(counts) for name, counts in sorted(rows.items())},
-        broken=[{"path": str(path), "status": str(how), "sentence": str(words)} for path, how, words in shown],
-        cpu_seconds=float(recordings["cpu_s"].sum()),
-        folder=store.folder,
-    )
-
-
-@dataclass(frozen=True)
-class FleetStatus:
-    """How far a fleet is.
-
-    Attributes
-    ----------
-    recordings : that it has.
-    statuses : status -> how many; "waiting" are not done.
-    vehicles : vehicle -> status -> how many.
-    broken : path, status and sentence of those without a result.
-    cpu_seconds : that they took.
-    folder : of the results.
-    """
-
-    recordings: int
-    statuses: Mapping[str, int]
-    vehicles: Mapping[str, Mapping[str, int]]
-    broken: list[dict[str, str]]
-    cpu_seconds: float
-    folder: Path
-
-    def to_json(self) -> dict[str, Any]:
-        """The same as plain data."""
-        return {**vars(self), "folder": str(self.folder)}
-
-    def summary(self) -> str:
-        """The same in lines."""
-        states = ", ".join(f"{count} {name}" for name, count in sorted(self.statuses.items()))
-        lines = [f"fleet    {self.recordings} recordings of {len(self.vehicles)} vehicles: {states}"]
-        for own in self.broken[:MOST_SHOWN]:
-            named = own["path"] in own["sentence"]
-            lines.append(f"         {'' if named else own['path'] + ': '}{own['sentence']}")
-        if len(self.broken) > MOST_SHOWN:
-            lines.append(f"         and {len(self.broken) - MOST_SHOWN} more without a result")
-        return "\n".join(lines)
-
-
-MOST_SHOWN = 10
-"""Recordings without a result that a summary lists."""
-
-
-def _in_journal(store: Store) -> dict[str, str]:
-    """Key -> status of results that are not parts yet."""
-    found = {}
-    for file in (store.folder / "journal").glob("*.jsonl"):
-        for line in file.read_bytes().split(b"\n")[:-1]:
-            row = json.loads(line)["recordings"][0]
-            found[row["key"]] = row["status"]
-    return found
-
-
-MOST = 12
-"""Vehicles shown: those with most recordings that did not end well."""
-
-
-def live(progress: FleetProgress) -> RenderableType:
-    """The table: a row for each vehicle, the worst first, and a line for all."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("vehicle", header_style="dim")
-    for name in STATUSES:
-        table.add_column(name, header_style="dim", justify="right")
-    worst = sorted(progress.vehicles.items(), key=lambda own: (own[1][OK] - sum(own[1].values()), own[0]))
-    for name, counts in worst[:MOST]:
-        table.add_row(Text(name), *(str(counts[status] or "") for status in STATUSES))
-    if len(worst) > MOST:
-        table.add_row(Text(f"and {len(worst) - MOST} more", style="dim"))
-    lines: list[RenderableType] = [table, Text(f"{progress.line()}  {duration(progress.seconds)}")]
-    if progress.last:
-        lines.append(Text(progress.last, style="yellow", no_wrap=True, overflow="ellipsis"))
-    return Group(*lines)

@@ -12,7 +12,7 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,7 +116,7 @@ class Store:
             lock = (self.folder / LOCK).open("a")
         with lock:
             _hold(lock.fileno(), self.folder)
-            for left in sorted((self.folder / JOURNAL).glob("*.jsonl")):
+            for left in self._journals():
                 self._settle(left)
             for name in OF_RESULTS:  # readers find every dataset, with no rows if need be
                 if not self.parts(name):
@@ -183,15 +183,19 @@ class Store:
         seen = [int(file.stem.split("-")[-1]) for name in OF_RESULTS for file in self.parts(name)]
         return Journal(self, max(seen, default=0) + 1)
 
+    def waiting(self) -> dict[str, str]:
+        """Key -> status of what is done and is no part yet."""
+        ended = [own["recordings"][0] for file in self._journals() for own in _results(file)]
+        return {own["key"]: own["status"] for own in ended}
+
+    def _journals(self) -> list[Path]:
+        return sorted((self.folder / JOURNAL).glob("*.jsonl"))
+
     def _settle(self, file: Path) -> None:
-        """Make parts of a journal's lines, then remove it; a line that was not finished is none."""
+        """Make parts of a journal's lines, then remove it."""
         rows: dict[str, list[Mapping[str, Any]]] = {name: [] for name in OF_RESULTS}
         seen = set[str]()
-        for line in file.read_bytes().split(b"\n")[:-1]:
-            try:
-                result = json.loads(line)
-            except ValueError:
-                continue
+        for result in _results(file):
             if result["recordings"][0]["key"] in seen:
                 continue
             seen.add(result["recordings"][0]["key"])
@@ -235,6 +239,14 @@ class Journal:
         self._file, self._held = None, 0
         self._number += 1
         self._store._settle(name)
+
+
+def _results(journal: Path) -> Iterator[dict[str, Any]]:
+    """The results of a journal; a line that was not finished is none, and one that became a part meanwhile has none."""
+    with suppress(FileNotFoundError):
+        for line in journal.read_bytes().split(b"\n")[:-1]:
+            with suppress(ValueError):
+                yield json.loads(line)
 
 
 def schema(name: str) -> pa.Schema:

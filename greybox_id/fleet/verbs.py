@@ -12,6 +12,7 @@ Examples
 
 from .estimate import estimate
 from .report import report
-from .run import run, status
+from .run import run
+from .status import status
 
 __all__ = ["estimate", "report", "run", "status"]

@@ -1,18 +1,10 @@
 """Markov chains of many walkers, all simulated side by side in lanes.
 
-What they draw from is the posterior as wide as the fit's covariance has it. Errors of a model last, for a whole run at
-times, and a likelihood that counts readings as independent then is too narrow along some directions, by different
-factors. Deviations from the fit are mapped so that its second derivatives there are those of the covariance that errors
-which last have widened; bends and priors are mapped along. No direction gets narrower than the likelihood has it.
-
 Three kinds of steps take turns. Most lead towards a Student t distribution about the middle, at first the fit's, later
 that of the walkers themselves, and are accepted by how the posterior differs from it: where it hardly does, one step
-forgets all. The others go by the differences between walkers, which know how the posterior is bent. Positive numbers
-but lengths, times, masses and inertias move by their logarithm: valleys along which a product stays the same are
-straight there.
+forgets all. The others go by the differences between walkers, which know how the posterior is bent.
 
-Sources: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012),
-Sec. 2.3, the curvature adjustment; Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
+Sources: Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
 (2013), preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems
 40 (2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
 chains, Statistics and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
@@ -32,7 +24,7 @@ import numpy as np
 from ..datasets.formats.contents import needed
 from ..errors import BadInput
 from ..parameter import Array
-from .density import RIDGE, PosteriorDensity, whitening
+from .target import RIDGE, Target
 
 FEWEST_WALKERS = 16
 BURN_IN = 20
@@ -75,48 +67,6 @@ class Ensemble:
 def walkers_for(dimensions: int) -> int:
     """How many walkers: an even number, at least twice the dimensions."""
     return max(FEWEST_WALKERS, 2 * (dimensions + 1))
-
-
-class Target:
-    """The density in the coordinates in which walkers move, u = log(theta) or theta, as `laplace.whitening` tells.
-
-    Parameters
-    ----------
-    density : in theta.
-    independent : (d, d) covariance of theta about the fit, as the density has it.
-    lasting : (d, d) that covariance with what errors that last add.
-    """
-
-    def __init__(self, density: PosteriorDensity, independent: Array, lasting: Array) -> None:
-        self.density = density
-        unit, factor, self.logarithmic = whitening(density, independent)
-        size = np.where(self.logarithmic, density.centre, 1.0)
-        self.centre = self.to_u(density.centre[None])[0]
-        L = factor * (unit / size)[:, None]
-        inward = np.linalg.inv(L)
-        wider, Q = np.linalg.eigh(inward @ (lasting / np.outer(size, size)) @ inward.T)
-        growth = np.sqrt(np.maximum(wider, 1.0))
-        self.factor = L @ (Q * growth)
-        """(d, d) of the covariance about the fit, in u."""
-        self.narrowed = L @ (Q / growth) @ Q.T @ inward
-        """(d, d) deviations from the fit to those at which the density is looked up."""
-
-    def to_u(self, theta: Array) -> Array:
-        """(n, d) -> (n, d)."""
-        return np.asarray(np.where(self.logarithmic, np.log(np.where(self.logarithmic, theta, 1.0)), theta))
-
-    def to_theta(self, u: Array) -> Array:
-        """(n, d) -> (n, d)."""
-        with np.errstate(over="ignore"):
-            return np.asarray(np.where(self.logarithmic, np.exp(np.where(self.logarithmic, u, 0.0)), u))
-
-    def __call__(self, u: Array) -> Array:
-        """(n, d) -> (n,) logarithm of the density of u."""
-        found = np.full(len(u), -np.inf)
-        inside = self.density.within(self.to_theta(u))
-        looked_up = self.centre + (u[inside] - self.centre) @ self.narrowed.T
-        found[inside] = self.density(self.to_theta(looked_up)) + np.sum(looked_up[:, self.logarithmic], axis=1)
-        return np.asarray(np.where(np.isfinite(found), found, -np.inf))
 
 
 class TowardsMiddle:

@@ -29,6 +29,7 @@ from ..guard import protect
 from ..json_data import checksum, plain
 from ..parameter import Array
 from .density import DrawnNumber, entry_names
+from .laplace import trusted
 
 FEWEST = 4
 """Draws of a chain below which nothing can be said."""
@@ -132,6 +133,7 @@ class Posterior:
     options : further choices of the method.
     state : what an unfinished run goes on from.
     source : the text of the fit's file, so that draws can be simulated by whoever has no other file.
+    pareto_k : of laplace, the shape of the tail of the draws' weights; NaN where it is not known.
     """
 
     method: Method
@@ -150,6 +152,12 @@ class Posterior:
     options: Mapping[str, Any] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
     source: str = field(default="", repr=False)
+    pareto_k: float = float("nan")
+
+    @property
+    def weighted(self) -> bool:
+        """Whether draws count by weights; else they are chains, each draw after the last."""
+        return self.method != "mcmc"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -173,13 +181,13 @@ class Posterior:
 
     @cached_property
     def r_hat(self) -> pd.Series[float]:
-        """Rank-normalised split R-hat by name: 1 where chains have met; NaN for abc-smc, which has none."""
+        """Rank-normalised split R-hat by name: 1 where chains have met; NaN where there are none."""
         return self._by_name(lambda chains: r_hat(chains))
 
     @cached_property
     def ess(self) -> pd.Series[float]:
         """Effective sample size by name: of chains by autocorrelation, of weighted draws 1 / sum of squared weights."""
-        if self.method == "abc-smc":
+        if self.weighted:
             worth = 1.0 / float(np.sum(self.weight**2)) if len(self) else float("nan")
             return pd.Series(worth, index=list(self.names), dtype=float)
         return self._by_name(effective_sample_size)
@@ -209,11 +217,13 @@ class Posterior:
         found = []
         worst, least = self.worst
         if not self.complete:
-            found.append("The run was interrupted: call it again with the same arguments and it goes on.")
-        if self.method == "laplace":  # independent of one another, by the way they are drawn
-            if len(self) < FEW:
-                found.append(f"{len(self)} draws are few: the ends of intervals are noise.")
-            return found
+            on = "" if self.method == "laplace" else " and it goes on"
+            found.append(f"The run was interrupted: call it again with the same arguments{on}.")
+        if self.pareto_k > trusted(len(self)):
+            found.append(
+                f"The posterior is not near the fit's normal distribution, and weights cannot make up for it (Pareto k "
+                f"{self.pareto_k:.2f}): the draws are of the normal distribution itself. Use mcmc."
+            )
         if worst > MET:
             name = str(self.r_hat.idxmax())
             found.append(
@@ -276,7 +286,7 @@ class Posterior:
 
         Draws that are weighted are resampled to equal weights and make one chain. ArviZ itself is not needed.
         """
-        if self.method == "abc-smc":
+        if self.weighted:
             own = self.chosen(len(self))
             return {"posterior": {name: own[None, :, k] for k, name in enumerate(self.names)}}
         return {
@@ -295,6 +305,7 @@ class Posterior:
             "acceptance": self.acceptance,
             "r_hat": self.worst[0],
             "ess": self.worst[1],
+            "pareto_k": self.pareto_k,
             "evaluations": self.evaluations,
             "cpu_seconds": self.cpu_seconds,
             "seed": self.seed,
@@ -313,6 +324,7 @@ class Posterior:
                 "version": VERSION, "greybox_id": __version__, "method": self.method, "seed": self.seed,
                 "acceptance": self.acceptance, "evaluations": self.evaluations, "cpu_seconds": self.cpu_seconds,
                 "complete": self.complete, "fit": self.fit, "options": self.options, "state": self.state,
+                "pareto_k": self.pareto_k,
                 "coordinates": [vars(own) for own in self.coordinates],
             }
         )  # fmt: skip
@@ -346,7 +358,7 @@ class Posterior:
         return np.array([values[order[edge : edge + shortest]] for edge in edges[:-1]])
 
     def _by_name(self, told: Any) -> pd.Series[float]:
-        if self.method == "abc-smc":
+        if self.weighted:
             return pd.Series(np.nan, index=list(self.names), dtype=float)
         return pd.Series([told(self._chains(own)) for own in self.values.T], index=list(self.names), dtype=float)
 
@@ -418,6 +430,7 @@ def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
         measure=frame[measured].to_numpy(dtype=float), acceptance=float(head["acceptance"]),
         evaluations=int(head["evaluations"]), cpu_seconds=float(head["cpu_seconds"]), seed=int(head["seed"]),
         complete=bool(head["complete"]), fit=head["fit"], options=head["options"], state=head["state"],
+        pareto_k=float("nan") if head.get("pareto_k") is None else float(head["pareto_k"]),
     )  # fmt: skip
 
 

@@ -22,15 +22,15 @@ from ..recording import Recording
 from ..uncertainty import uncertainty
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet
-from .density import PosteriorDensity, laplace
-from .mcmc import BURN_IN, Ensemble, Target
+from .density import PosteriorDensity
+from .laplace import ROUNDS, weighted_draws
+from .mcmc import BURN_IN, Ensemble
 from .posterior import Method, Posterior, identity
+from .target import Target
 
 KEEP_EVERY = 2.0
 """s between two savings of an unfinished run."""
 MOST_DRAWS = 1_000_000
-CHAINS = 4
-"""Into so many pieces independent draws are cut, so that R-hat can be told of them too."""
 
 Keep = Callable[[Posterior], None]
 """Where an unfinished run is saved."""
@@ -42,8 +42,8 @@ class SampleOptions:
 
     Attributes
     ----------
-    method : "laplace" draws from the normal distribution of the fit's covariance; "mcmc" from the posterior itself, by
-        walkers that emcee moves; "abc-smc" by distances alone, without a likelihood.
+    method : "laplace" draws near the fit's normal distribution and weighs the draws by the posterior; "mcmc" draws from
+        the posterior, by walkers that emcee moves; "abc-smc" by distances alone, without a likelihood.
     draws : how many; of abc-smc particles.
     seed : of everything random.
     distance : of abc-smc, "pooled" over all rows, or "trajectories": the mean of each one's.
@@ -148,28 +148,26 @@ class _Run:
         self._problem, self._solution = problem, solution
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
-    def _covariance(self, independent: bool = False) -> Array:
-        """(d, d) of the fit; of the likelihood as the fit counts it, where residuals are taken as independent."""
+    def _target(self) -> Target:
         told = uncertainty(self._problem, self._solution.x, self._solution.nodes)
-        whole, places = told.independent if independent else told.covariance, self.density.places
-        found = np.asarray(whole[np.ix_(places, places)])
-        if not independent:
-            return found
-        off = np.diag(found) <= 0  # at a bound, where only the covariance says how far it may be off
-        found[np.ix_(off, off)] = np.diag(np.diag(told.covariance)[places][off])
-        return found
+        among = np.ix_(self.density.places, self.density.places)
+        return Target(self.density, told.released_independent[among], told.released[among])
 
     def laplace(self) -> Posterior:
-        self.say("laplace: the covariance of the fit")
-        count = self.how.draws
-        values, logs, share = laplace(self.density, self._covariance(), count, self.how.seed)
-        chain = np.arange(count) // int(np.ceil(count / CHAINS))
-        draw = np.arange(count) % int(np.ceil(count / CHAINS))
-        return self._made(values, np.full(count, 1 / count), chain, draw, logs, share)
+        target, count = self._target(), self.how.draws
+
+        def tell(number: int, done: int) -> None:
+            again = f", round {number} of at most {ROUNDS}" if number > 1 else ""
+            self.say(f"laplace: {done} of {count} draws weighted{again}", passing=True)
+
+        own = weighted_draws(target, count, self.how.seed, tell)
+        chain, draw = np.zeros(len(own.u)), np.arange(len(own.u))
+        made = self._made(target.to_theta(own.u), own.weight, chain, draw, own.log_density, own.within)
+        return replace(made, complete=own.complete, pareto_k=own.k)
 
     def mcmc(self) -> Posterior:
         kept: list[tuple[Array, Array]] = []
-        target = mcmc.Target(self.density, self._covariance(independent=True), self._covariance())
+        target = self._target()
         if self.before is not None and self.before.state:
             state = self.before.state
             start = Ensemble(

@@ -72,6 +72,15 @@ def interval(low: float, high: float, sd: float) -> str:
     return f"[{shown.words[0]}, {shown.words[1]}]{times}"
 
 
+def with_interval(value: float, low: float, high: float, sd: float) -> str:
+    """An estimate with its interval, to two digits of the standard deviation it came from."""
+    if not (math.isfinite(sd) and sd > 0.0):
+        return number(value)
+    shown = together(value, low, high, by=sd)
+    times = f"·10{_raised(shown.power)}" if shown.power else ""
+    return f"{shown.words[0]} [{shown.words[1]}, {shown.words[2]}]{times}"
+
+
 class together:  # noqa: N801 - reads as a word where it is used
     """Numbers written with a common power of ten and common decimals.
 

@@ -25,9 +25,9 @@ DRAWS = 500
 """Dots of a pair."""
 HEIGHT = 95.0
 HOW = {
-    "laplace": "the normal distribution of the fit's covariance",
-    "mcmc": "the posterior, as wide about the fit as its covariance, by Markov chains",
-    "abc-smc": "what comes near the recordings by a distance, without a likelihood",
+    "laplace": "about the fit, weighted by the posterior",
+    "mcmc": "of the posterior, as wide about the fit as its covariance, by Markov chains",
+    "abc-smc": "of what comes near the recordings by a distance, without a likelihood",
 }
 
 
@@ -48,9 +48,7 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     found = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
     met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
-    words = (
-        f"{len(posterior)} draws of {HOW[posterior.method]}.{met} they are worth {least:.0f} independent ones or more."
-    )
+    words = f"{len(posterior)} draws {HOW[posterior.method]}.{met} they are worth {least:.0f} independent ones or more."
     cautions = posterior.cautions()
     return titled(
         "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),

@@ -44,6 +44,7 @@ class Uncertainty:
         it, and the others with it. What neither the data nor a prior tells has infinite variance.
     independent : (unknowns, unknowns) what it were if residuals were independent, of standard deviation one, and what
         is at its bound were held there.
+    released, released_independent : both as if bounds held nothing.
     dof : (unknowns,) of freedom, Student's t; infinite where only a prior speaks, near 1 where a single stretch
         of the recording tells the unknown.
     inflation : (unknowns,) variance over what it were if residuals were independent, of standard deviation one.
@@ -58,6 +59,8 @@ class Uncertainty:
 
     covariance: Array
     independent: Array
+    released: Array
+    released_independent: Array
     dof: Array
     inflation: Array
     centre: Array
@@ -104,7 +107,7 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     told = problem.free[kept] & (np.diag(H) > 0.0)
     stopped, untold = at_bound[kept] & told, kept[problem.free[kept] & ~told]
     inside = _sandwich(told_by, H, told & ~stopped)
-    of_kept, centre, dof = inside.covariance, x.copy(), np.empty(len(x))
+    of_kept, centre, dof, whole = inside.covariance, x.copy(), np.empty(len(x)), inside
     dof[kept], dof[~told_by.kept] = inside.dof, told_by.local_dof
     if np.any(stopped):
         gradient = problem.normal_equations(x, nodes).g
@@ -116,7 +119,10 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
         of_kept = of_kept + _off_bounds(H, told, stopped, outward, (high - low)[own], free_to)
     covariance = told_by.over_all(of_kept, told_by.local)
     independent = told_by.over_all(inside.independent, told_by.local_independent)
-    covariance[untold, untold] = independent[untold, untold] = np.inf
+    released = told_by.over_all(whole.covariance, told_by.local)
+    released_independent = told_by.over_all(whole.independent, told_by.local_independent)
+    for each in (covariance, independent, released, released_independent):
+        each[untold, untold] = np.inf
     variance, of_independent = np.diag(covariance).copy(), np.diag(independent).copy()
     if np.any(stopped):
         variance[own] = np.diag(whole.covariance)[stopped]
@@ -124,8 +130,8 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     comparable = np.isfinite(variance) & (of_independent > 0.0)
     inflation = np.divide(variance, of_independent, out=np.ones(len(x)), where=comparable)
     return Uncertainty(
-        covariance, independent, dof, inflation, centre, np.sqrt(np.maximum(variance, 0.0)), at_bound,
-        problem.bounds, len(told_by.H), told_by.rows, told_by.correlation,
+        covariance, independent, released, released_independent, dof, inflation, centre,
+        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(told_by.H), told_by.rows, told_by.correlation,
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """Engines return the same tables, and what is killed loses nothing."""
 
+import json
 import os
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from calling import greybox, refused
 
 import greybox_id as gb
+from greybox_id.fleet import engines
 from greybox_id.fleet.store import OF_RESULTS
 
 LINUX = sys.platform.startswith("linux")
@@ -94,6 +96,48 @@ def test_a_scheduler_that_is_not_there_is_a_sentence(fleet, tmp_path):
     )
     with pytest.raises(gb.BadInput, match="No scheduler"):
         gb.fleet.run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
+
+
+def test_workers_that_come_later_are_given_work_too(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(engines, "done", slowly)
+    monkeypatch.setattr(engines, "ASKED", 0.0)
+    quiet = {"processes": False, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    handed_out = 0
+
+    def jobs():
+        nonlocal handed_out
+        for k in range(60):
+            handed_out += 1
+            yield json.dumps({"key": f"k{k}"})
+
+    with distributed.LocalCluster(n_workers=1, **quiet) as cluster, distributed.Client(cluster) as client:
+        own = engines.Distributed(client, cluster.scheduler_address)
+        assert own.lacks == ""
+        results = own.results(jobs())
+        found = [next(results)["key"]]
+        assert handed_out == engines.AHEAD
+        cluster.scale(3)
+        client.wait_for_workers(3, timeout=60)
+        found += [next(results)["key"], next(results)["key"]]
+        assert handed_out == 3 * engines.AHEAD + 2  # what was returned, and four for each worker
+        found += [own["key"] for own in results]
+    assert sorted(found) == sorted(f"k{k}" for k in range(60))
+
+
+def test_a_scheduler_without_workers_is_told():
+    distributed = pytest.importorskip("distributed")
+    quiet = {"processes": False, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=0, **quiet) as cluster, distributed.Client(cluster) as client:
+        where = cluster.scheduler_address
+        assert (
+            engines.Distributed(client, where).lacks == f"No worker is at {where} yet; start some: dask worker {where}"
+        )
+
+
+def slowly(job):
+    time.sleep(0.05)
+    return job
 
 
 @pytest.mark.skipif(not LINUX, reason="processes are looked for in /proc")

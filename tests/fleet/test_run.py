@@ -89,7 +89,7 @@ def test_a_limit_of_time_becomes_a_row(fleet, tmp_path):
     assert told["failed"] == 1
     row = pd.read_parquet(tmp_path / "R" / "recordings").iloc[0]
     assert row["status"] == "timeout"
-    assert "0.02 s of the processor's time; raise limits.seconds" in row["sentence"]
+    assert "0.04 s by the clock" in row["sentence"]  # the processor's time is counted in whole seconds
 
 
 def test_status_tells_what_came_of_recordings(fleet):

@@ -275,6 +275,10 @@ def test_of_a_parameter_at_its_bound_the_interval_is_that_of_the_optimum_without
     without = problem.told()
     assert told.centre[1] == pytest.approx(free[1], abs=1e-9)
     assert told.sd[1] == pytest.approx(without.sd[1], rel=0.05)  # the correlation time is that of other residuals
+    np.testing.assert_allclose(told.released, without.covariance, rtol=0.1)
+    np.testing.assert_allclose(told.released_independent, without.independent, rtol=1e-6)
+    np.testing.assert_array_equal(without.released, without.covariance)
+    np.testing.assert_array_equal(without.released_independent, without.independent)
     low, high = told.interval()[1]
     assert low == 0.0
     assert high == pytest.approx(without.interval()[1, 1], rel=0.1)
