@@ -19,6 +19,8 @@ from ..engine.trace import Index, Trace
 from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
+from ..scores.metrics import predictions
+from ..scores.timing import moving
 from .subsets import members
 
 STRENGTHS = (1.0, 0.5, 0.2)
@@ -30,6 +32,8 @@ CONFIDENCE = 0.95
 BETWEEN_RUNS = 0.25
 """Standard deviation of the logarithm of an error between runs of one car and driver: what the four runs of the
 RoboRacer's training recording scatter about their own network, 0.089, 0.080, 0.056 and 0.055 rad/s."""
+TOLD_BY = 3
+"""Degrees of freedom that this counts for beside a fit's own training runs: it is told by four runs."""
 
 
 @dataclass(frozen=True)
@@ -151,11 +155,27 @@ def surely_better(new: Array, old: Array) -> bool:
     return bool(np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else False
 
 
-def foretold(pieces: Array, seconds: float, unit: float = 1.0) -> tuple[float, float]:
+def between_runs(part: MemoryModel, trained: Sequence[Recording] | None) -> float:
+    """Standard deviation of the logarithm of an error between runs: what training runs tell, beside `BETWEEN_RUNS`."""
+    logs = []
+    for recording in trained or ():
+        seen = predictions(part, recording)
+        driven = moving(recording)[seen.rows] > 0
+        for run in np.unique(seen.run):
+            own = driven & (seen.run == run)
+            if np.count_nonzero(own) * recording.sample_time >= FOLD:
+                logs.append(0.5 * np.log(max(float(np.mean((seen.predicted[own] - seen.measured[own]) ** 2)), 1e-300)))
+    if len(logs) < 2:
+        return BETWEEN_RUNS
+    squares = TOLD_BY * BETWEEN_RUNS**2 + float(np.sum((np.array(logs) - np.mean(logs)) ** 2))
+    return float(np.sqrt(squares / (TOLD_BY + len(logs) - 1)))
+
+
+def foretold(pieces: Array, seconds: float, unit: float = 1.0, between: float = BETWEEN_RUNS) -> tuple[float, float]:
     """95 % interval of the root mean square over so many further seconds, from the pieces that are known, in units.
 
     Their mean squares scatter about a mean that is not known better than they tell, and what follows may be another
-    run: Student's t in their logarithm.
+    run: Student's t in their logarithm. The known pieces' run is off the usual as that other one is, by `between` each.
     """
     length = round(FOLD / 2 / SHORT)
     count = len(pieces) // length
@@ -165,6 +185,6 @@ def foretold(pieces: Array, seconds: float, unit: float = 1.0) -> tuple[float, f
     spread = float(np.std(np.log(np.maximum(longer, 1e-300)), ddof=1))
     ahead = max(seconds / (length * SHORT), 1.0)
     reach = float(student.ppf(0.5 + CONFIDENCE / 2, count - 1))
-    reach *= np.sqrt(spread**2 * (1 / count + 1 / ahead) + (2 * BETWEEN_RUNS) ** 2)
+    reach *= np.sqrt(spread**2 * (1 / count + 1 / ahead) + 2 * (2 * between) ** 2)
     middle = float(np.mean(longer))
     return unit * float(np.sqrt(middle * np.exp(-reach))), unit * float(np.sqrt(middle * np.exp(reach)))

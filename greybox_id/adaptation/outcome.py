@@ -27,7 +27,7 @@ class Outcome:
     ----------
     name : what was done to the fit.
     rest : output -> error on what follows them; empty where nothing does.
-    interval : output -> 95 % interval in which that error was expected, from the new seconds alone.
+    interval : output -> 95 % interval in which that error was expected before it was seen.
     """
 
     name: str

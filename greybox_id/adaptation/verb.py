@@ -32,7 +32,7 @@ from ..scores.timing import (
 )
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
-from .choosing import AdaptedCandidate, LinearisedPart, chosen, foretold, surely_better
+from .choosing import AdaptedCandidate, LinearisedPart, between_runs, chosen, foretold, surely_better
 from .motion import adapt_motion
 from .outcome import Adaptation, Outcome, moved_from, parted
 from .subsets import ADAPTING, COMPARED, FEW, Held, about_itself, learnt, members, must_name_something, part_with_few
@@ -87,7 +87,10 @@ def adapt(
     if isinstance(model, HybridModel):
         raise BadInput(
             f"A fit of {model.name} cannot be adapted: its networks keep no uncertainty that would hold what the new "
-            "seconds do not show. Fit it to the new recording together with the old ones."
+            "seconds do not show. Carry its training on with the new recording: fit it with ‹pretrain› naming this fit."
+            if model.recurrent
+            else f"A fit of {model.name} cannot be adapted: its networks keep no uncertainty that would hold what the "
+            "new seconds do not show. Fit it to the new recording together with the old ones."
         )
     if not (isinstance(seconds, int | float) and 0 < seconds < np.inf):
         raise BadInput(f"‹seconds›: a number above zero is needed, not {seconds!r:.40}.")
@@ -139,9 +142,10 @@ def _adapted(
     ways: dict[str, dict[str, _Way]] = {"chosen": {}, "zero_shot": {}, "adapted": {}}
     tried: dict[str, list[tuple[str, float]]] = {}
     found: dict[str, list[RunDelay]] = {}
+    scatter: dict[str, float] = {}
     for part in parts:
         name = part.outputs[0]
-        known = learnt(part, noise, fit.sd, trained)
+        known, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
         found[name] = run_delays(part, new, noise)
         straight = aligned(new, part.inputs, {own.run: own.delay for own in found[name]})
         as_it_is, moved = (LinearisedPart(part, own, noise, known) for own in (new, straight))
@@ -174,7 +178,7 @@ def _adapted(
                 calibrated[part.outputs[0]] = told
         length = 0.0 if rest is None else rest.duration
         expected = {
-            output: foretold(own[part.outputs[0]].candidate.pieces, length, noise[output])
+            output: foretold(own[part.outputs[0]].candidate.pieces, length, noise[output], scatter[part.outputs[0]])
             for part in parts
             for output in part.outputs
         }

@@ -16,6 +16,7 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
+from ..fitting.hybrid import TrainedBefore
 from ..fitting.pretraining import Pretraining, Span
 from ..fitting.verb import fit as fit_model
 from ..hybrid_model import HybridModel
@@ -75,7 +76,8 @@ def fit(
     columns : column map, where files are named.
     options : horizon, starting points, solver, seed.
     pretrain : for mlp_lateral and bicycle_mlp, a fit or posterior of equations of motion, or its file, from which the
-        network learns first; bicycle_mlp takes its physics from there.
+        network learns first; bicycle_mlp takes its physics from there. For hybrid_stiffness and hybrid_force, a fit of
+        the same model, whose training is carried on: of a vehicle with other tyres, 20 s will do.
     pretrain_points, pretrain_range : at how many points, on rows of the recordings ("data") or in a box 1.3 times as
         wide ("box").
     progress : called with one line at a time.
@@ -130,7 +132,7 @@ class PlannedFit:
     options : how.
     vehicle : name of the vehicle whose numbers it starts from; "" where there is none.
     warnings : sentences on what may not be meant.
-    pretraining : what a network learns from first.
+    pretraining : what a network learns from first, or whose training is carried on.
     """
 
     models: Sequence[Model]
@@ -139,7 +141,7 @@ class PlannedFit:
     options: FitOptions
     vehicle: str = ""
     warnings: Sequence[str] = ()
-    pretraining: Pretraining | None = None
+    pretraining: Pretraining | TrainedBefore | None = None
 
     def run(self, say: Say, command: str = "") -> FitResult:
         """Fit; `command` is kept in the result."""
@@ -164,7 +166,7 @@ def planned(
     training: Sequence[Recording],
     validation: Recording | None,
     options: FitOptions,
-    known: Pretraining | None = None,
+    known: Pretraining | TrainedBefore | None = None,
 ) -> PlannedFit:
     """What is going to be fitted.
 
@@ -189,18 +191,23 @@ def planned(
     return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
 
 
-def pretraining(model: Model, source: Fit | Posterior | str | Path, points: int, span: Span) -> Pretraining:
-    """The known vehicle of a fit, a posterior or the file of one, for a network to learn from.
+def pretraining(
+    model: Model, source: Fit | Posterior | str | Path, points: int, span: Span
+) -> Pretraining | TrainedBefore:
+    """The known vehicle of a fit, a posterior or the file of one, for a network to learn from, or a trained hybrid.
 
     Raises
     ------
-    BadInput : the model has no feed-forward network, or the source is none of equations of motion.
+    BadInput : the model has no network, or the source is none of equations of motion, or no fit of the same model.
     """
-    if not isinstance(model, HybridModel) or model.recurrent:
-        raise BadInput(
-            f"‹pretrain› is for mlp_lateral and bicycle_mlp; {model.name} learns from recordings alone. Omit it."
-        )
+    if not isinstance(model, HybridModel):
+        raise BadInput(f"‹pretrain› is for models with a network; {model.name} learns from recordings alone. Omit it.")
     name = str(source) if isinstance(source, str | Path) else ""
+    if model.recurrent:
+        before = load_fit(source, build) if isinstance(source, str | Path) else source
+        if not isinstance(before, Fit) or not isinstance(before.model, HybridModel) or before.model.name != model.name:
+            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed, whose training is carried on.")
+        return TrainedBefore(before.model, name)
     if isinstance(source, str | Path):
         source = load_posterior(source) if Path(source).suffix == ".parquet" else load_fit(source, build)
     if isinstance(source, Posterior):

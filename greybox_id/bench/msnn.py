@@ -33,7 +33,7 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.grid import Grid, fit_grid
 from ..fitting.how import How, Say, quiet
-from ..fitting.memory import MOST_STEPS, _noise
+from ..fitting.memory import MOST_STEPS, fit_briefly
 from ..fitting.verb import fit
 from ..memory_model import MemoryModel
 from ..models.registry import candidates, prepared
@@ -282,18 +282,18 @@ def _published(entry: PaperModel, share: int, train: Recording, valid: Recording
 def as_the_authors(model: MemoryModel, train: Recording, valid: Recording) -> MemoryModel:
     """A model fitted to the authors' loss; stopped, and held to its priors, as is best on the validation recording."""
     trace = Trace(model)
-    noise, near = _noise(trace, [train])
+    noise, near, laid = fit_briefly(trace, [train])
     best, least = model, np.inf
     for strength in STRENGTHS:
         named = {p.prior.strength: strength for p in model.parameters if p.prior is not None and p.prior.strength}
-        problem = Problem(trace, [train], noise=noise, strengths=named)
+        problem = laid.counted(noise=noise, strengths=named)
         x = near
         for steps in (*[1] * WATCHED, *[MOST_STEPS] * REWEIGHTED):
             solution = gauss_newton(problem, x, tolerance=1e-5, max_steps=steps)
             if solution.status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             x = solution.x
-            problem.keep = _by_batch(problem, x)
+            problem = problem.counted(keep=_by_batch(problem, x))
             fitted = model.with_values(problem.shared(x))
             told = errors(fitted, predictions(fitted, valid, "published", trace=trace), "published")
             error = max(own.rmse for own in told.values())
@@ -314,7 +314,7 @@ def _by_batch(problem: Problem, x: Array) -> list[Array]:
     )  # fmt: skip
     full = len(residuals) // BATCH * BATCH
     if not full:
-        return problem.keep
+        return list(problem.keep)
     size = np.sqrt(residuals[:full].reshape(-1, BATCH).mean(axis=1))
     weight = np.full(len(residuals), 1.0)
     weight[:full] = np.repeat(np.mean(size) / np.maximum(size, 1e-9), BATCH)

@@ -69,7 +69,8 @@ if TYPE_CHECKING:
 @click.option(
     "--pretrain",
     metavar="FILE",
-    help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first.",
+    help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
+    "hybrid_force: a fit of the same model, whose training is carried on.",
 )
 @click.option("--pretrain-points", type=int, default=20_000, show_default=True, help="Points at which it does.")
 @click.option(

@@ -16,7 +16,7 @@ shows its profiles without their numbers (Fig. 5); these reach from 1.4 to about
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -263,6 +263,9 @@ def drive(
     noise: float = 1.0,
     effects: Mapping[str, float] = EFFECTS,
     forms: str | Forms = FORMS,
+    tyres: Mapping[str, float] = MappingProxyType({}),
+    rate: float = RATE,
+    colour: float = 0.0,
 ) -> tuple[Test, ...]:
     """Drive manoeuvres.
 
@@ -272,12 +275,18 @@ def drive(
     seeds : of the noise of each.
     noise : sd of the sensors over that of the vehicle file.
     effects, forms : of the virtual vehicle; {"tyre_relaxation": 0.3} for example makes tyres lag behind.
+    tyres : numbers of the car that are others than the SimRod's, such as {"B_f": 7.0}.
+    rate : rows a second.
+    colour : share of the noise's variance that is correlated over 0.08 s.
     """
     car, found = simrod(), []
+    car = replace(car, parameters={**car.parameters, **tyres})
     for manoeuvre, seed in zip(manoeuvres, seeds, strict=True):
-        steer = steering(manoeuvre, RATE)
+        steer = steering(manoeuvre, rate)
         speed = np.full(len(steer), manoeuvre.speed)
-        recording, truth = steered(car, manoeuvre.name, steer, speed, RATE, effects, forms, seed, noise=noise)
+        recording, truth = steered(
+            car, manoeuvre.name, steer, speed, rate, effects, forms, seed, noise=noise, colour=colour
+        )
         found.append(Test(manoeuvre, recording, tyre_truth(truth, recording.time)))
     return tuple(found)
 

@@ -21,7 +21,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.motion.trace import MotionTrace
 from ..gap.bench import Bench
-from ..gap.calibration import CALIBRATION
+from ..gap.calibration import CAL
 from ..gap.model_error import Amplitudes, ForceSizes, linearised, model_error
 from ..gap.unknown_forces import knows_unknown_forces, with_unknown_forces
 from ..motion_model import MotionModel
@@ -134,9 +134,9 @@ class ForceScatter:
         if len(starts) > 1:
             ((plan, _),) = bench.trajectory(own)
             begins = np.isin(np.arange(len(about.first)), plan.row_segment[starts])
-        floor = np.where(about.axis == 0, 0.5, 1.0) * CALIBRATION["floor"] * about.mass
-        scale = np.hypot(floor, CALIBRATION["form"] * about.force)
-        fade = np.exp(-about.length / CALIBRATION["memory"])
+        floor = np.where(about.axis == 0, 0.5, 1.0) * CAL.floor * about.mass
+        scale = np.hypot(floor, CAL.form * about.force)
+        fade = np.exp(-about.length / CAL.memory)
         told = np.ascontiguousarray(G[about.row, about.channel])
         return np.asarray(
             _shaken(about.A, about.B, about.C, about.D, scale, fade, begins, about.pointer, about.channel, told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import casadi as cs
 import numpy as np
@@ -47,7 +48,7 @@ class Actuation:
                 seen[place], by_p[place] = step(seen[place], by_p[place], p)
         return seen, by_p if self._moving else None
 
-    @property
+    @cached_property
     def touched(self) -> Index:
         """Parameters that act through an actuator."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *[step.touched for step in self._steps]]))
@@ -115,6 +116,11 @@ class Sensing:
 
     def __init__(self, trace: Trace) -> None:
         self._sensors = [_Weights(trace, k) for k in range(len(trace.model.sensors))]
+
+    @property
+    def plain(self) -> bool:
+        """Whether predictions are recorded as they are."""
+        return not self._sensors
 
     def __call__(self, y: Array, by_p: Array | None, p: Array) -> tuple[Array, Array | None]:
         """(rows, outputs) predictions and (rows, outputs, parameters) derivative -> the same as recorded."""

@@ -7,7 +7,6 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from ..model import Symbol
 from ..parameter import Array
 from .sampled import call
 from .trace import Trace
@@ -35,15 +34,6 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
         _accumulated(trace, samples), state, np.nan_to_num(u[first - 1 : -1]), np.tile(p, (samples, 1))
     ).reshape(samples, len(state))
     return states[:, -measured.shape[1] :].copy()
-
-
-def free_run_expression(trace: Trace, u: Symbol, measured: Array, p: Symbol) -> Symbol:
-    """The same as a CasADi expression of u, (inputs, n), and p: (outputs, n - memory)."""
-    first, samples = trace.memory, u.shape[1]
-    past = trace.stage.function.map("past", "serial", first - 1, [1], [])(u[:, : first - 1], p) if first > 1 else []
-    state = cs.vertcat(cs.vec(past), cs.DM(measured[first - 1])) if first > 1 else cs.DM(measured[first - 1])
-    states = _accumulated(trace, samples - first)(state, u[:, first - 1 : -1], cs.repmat(p, 1, samples - first))
-    return states[-measured.shape[1] :, :]
 
 
 @lru_cache(maxsize=64)

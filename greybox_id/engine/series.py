@@ -11,14 +11,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided, sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
 from .free_run import free_run
-from .trace import Index, Trace
+from .trace import Columns, Index, Trace, tidy
 
 _BLOCK = 40
 """Rows per matrix product in `weighted_windows`: wide enough for BLAS, narrow enough to waste little on the band."""
@@ -26,7 +26,9 @@ _BLOCK = 40
 
 def windows(values: Array, length: int) -> Array:
     """Every window of `length` rows, as a view: (n, ...) -> (n - length + 1, ..., length), oldest first."""
-    return sliding_window_view(values, length, axis=0)
+    step = values.strides[0]
+    shape = (len(values) - length + 1, *values.shape[1:], length)
+    return as_strided(values, shape, (step, *values.strides[1:], step), writeable=False)
 
 
 def weighted_windows(values: Array, weights: Array) -> Array:
@@ -56,8 +58,6 @@ def _band(weights: Array, rows: int) -> Array:
         band[row, row : row + len(weights)] = weights
     return band
 
-
-Columns = slice | Index
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """A recording may differ from the model's sample time by this share."""
@@ -109,7 +109,8 @@ class Run:
         )
         self._fed = [model.inputs.index(name) for name in trace.fed_back]
         self.actuation = trace.actuation
-        self._constant_stage_by_p: Array | None = None
+        self._constant_stage_by_p: list[Array] | None = None
+        self._stage_at_zero: Array | None = None
         self._constant_weights_by_p: Array | None = None
         self._seen: tuple[Array, Array, Array | None] | None = None
 
@@ -143,7 +144,7 @@ class Run:
         acting = p[self.actuation.touched]
         if self._seen is None or not np.array_equal(self._seen[0], acting):
             self._seen = (acting, *self.actuation(self.recorded, p, self.pieces))
-            self._constant_stage_by_p = None
+            self._constant_stage_by_p = self._stage_at_zero = None
         return self._seen[1], self._seen[2]
 
     def predict(self, p: Array, nodes: Array | None = None) -> Array:
@@ -171,13 +172,15 @@ class Run:
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         for tap, signal in enumerate(trace.tap_signal):
-            reached = [(o, y_by_h[:, k, None]) for k, o in self._outputs_of(tap)]
+            reached = [(o, y_by_h[:, k, None]) for k, o in trace.tap_outputs[tap]]
             for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
                 for output, y_by_tap in reached:
-                    by_p[:, output, columns] += y_by_tap * h_by_p
+                    by_p[:, output, columns] += h_by_p if np.all(y_by_tap == 1.0) else y_by_tap * h_by_p
         direct = trace.head_by_p
-        by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
-        y_by_u = trace.head_by_u.nonzeros(h, newest, p)
+        if len(direct.row):
+            by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
+        moved = u_by_p is not None or nodes is not None
+        y_by_u = trace.head_by_u.nonzeros(h, newest, p) if moved else np.empty((len(h), 0))
         if u_by_p is not None:
             newest_by_p = u_by_p[trace.memory - 1 : -1]
             for k, (output, signal) in enumerate(zip(trace.head_by_u.row, trace.head_by_u.column, strict=True)):
@@ -187,9 +190,41 @@ class Run:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
         return Linearisation(trace.head(h, newest, p), by_p, by_nodes)
 
+    def pulled(self, p: Array, weights: Array) -> Array | None:
+        """Weights (rows, outputs) times the derivative of the predictions from recorded inputs, (parameters,).
+
+        Adjoint: windows backwards, a thousandth of what the derivative itself takes. None where an actuator's parameter
+        moves.
+        """
+        trace = self.trace
+        u, u_by_p = self._commanded(p)
+        if u_by_p is not None:
+            return None
+        z, h = self._windows(u, p)
+        newest = self._newest(u)
+        by_h = trace.head_by_h.nonzeros(h, newest, p)
+        of_window = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
+        by_z = np.zeros((len(z) - 1, z.shape[1]))
+        total = np.zeros(len(p))
+        for tap, signal in enumerate(trace.tap_signal):
+            by_tap = sum((weights[:, o] * by_h[:, k] for k, o in trace.tap_outputs[tap]), np.zeros(len(h)))
+            by_z[:, signal] += np.convolve(by_tap, of_window[tap])
+            own = trace.tap_weights[tap]
+            if len(own.places):
+                by_lag = by_tap @ windows(z[:-1, signal], trace.memory)
+                np.add.at(
+                    total, trace.weights_by_p.column[own.places], self._weights_by_p(p)[own.places] * by_lag[own.lags]
+                )
+        for signal, (by_p, columns) in enumerate(zip(self._stage_by_p(u, p), trace.stage_columns, strict=True)):
+            total[columns] += by_z[:, signal] @ by_p[:-1]
+        direct = trace.head_by_p
+        if len(direct.row):
+            np.add.at(total, direct.column, np.sum(direct.nonzeros(h, newest, p) * weights[:, direct.row], axis=0))
+        return total
+
     def _windows(self, u: Array, p: Array) -> tuple[Array, Array]:
         trace = self.trace
-        z = trace.stage(u, p)
+        z = self._stage(u, p)
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         h = np.empty((len(u) - trace.memory, len(weights)))
         for signal in range(z.shape[1]):
@@ -197,13 +232,30 @@ class Run:
             h[:, taps] = windows(z[:-1, signal], trace.memory) @ weights[taps].T
         return z, h
 
-    def _stage_by_p(self, u: Array, p: Array) -> Array:
-        """Derivative of the stage by the parameters; evaluated once where neither inputs nor parameters move it."""
-        if not self.trace.stage_by_p.constant or self._seen is None or u is not self._seen[1]:
-            return self.trace.stage_by_p.nonzeros(u, p)
-        if self._constant_stage_by_p is None:
-            self._constant_stage_by_p = self.trace.stage_by_p.nonzeros(u, p)
-        return self._constant_stage_by_p
+    def _stage(self, u: Array, p: Array) -> Array:
+        """What windows look at; a product of matrices where it is linear in the parameters and inputs do not move."""
+        if not self._unmoved(u):
+            return self.trace.stage(u, p)
+        if self._stage_at_zero is None:
+            self._stage_at_zero = self.trace.stage(u, np.zeros(len(p)))
+        z = self._stage_at_zero.copy()
+        for signal, (by_p, columns) in enumerate(zip(self._stage_by_p(u, p), self.trace.stage_columns, strict=True)):
+            z[:, signal] += by_p @ p[columns]
+        return z
+
+    def _unmoved(self, u: Array) -> bool:
+        """Whether the stage is linear in the parameters, with a derivative that stays as it is."""
+        return self.trace.stage_by_p.constant and self._seen is not None and u is self._seen[1]
+
+    def _stage_by_p(self, u: Array, p: Array) -> list[Array]:
+        """Per signal, derivative of the stage by the parameters that it depends on; evaluated once where it stays."""
+        if self._unmoved(u) and self._constant_stage_by_p is not None:
+            return self._constant_stage_by_p
+        values = self.trace.stage_by_p.nonzeros(u, p)
+        found = [np.ascontiguousarray(values[:, tidy(places)]) for places in self.trace.stage_places]
+        if self._unmoved(u):
+            self._constant_stage_by_p = found
+        return found
 
     def _weights_by_p(self, p: Array) -> Array:
         """Nonzeros of the derivative of the windows' weights; evaluated once where the weights are parameters."""
@@ -214,17 +266,12 @@ class Run:
     def _newest(self, u: Array) -> Array:
         return u[self.trace.memory - 1 : -1]
 
-    def _outputs_of(self, tap: int) -> list[tuple[int, int]]:
-        """The outputs a window reaches: places among the nonzeros of head_by_h, and outputs."""
-        found = np.flatnonzero(self.trace.head_by_h.column == tap)
-        return [(int(k), int(self.trace.head_by_h.row[k])) for k in found]
-
     def _tap_by_p(
         self,
         tap: int,
         signal: int,
         z: Array,
-        z_by_p: Array,
+        z_by_p: list[Array],
         z_by_u: Array | None,
         u_by_p: Array | None,
         weights: Array,
@@ -233,27 +280,23 @@ class Run:
         """Derivative of one window's result by the parameters, in pieces: distinct columns and (rows, columns)."""
         trace = self.trace
         usable = len(z) - 1
-        of_signal = np.flatnonzero(trace.stage_by_p.row == signal)
-        columns = trace.stage_by_p.column[of_signal]
-        signal_by_p = z_by_p[:usable, _tidy(of_signal)]
+        columns = trace.stage_columns[signal]
+        signal_by_p = z_by_p[signal][:usable]
         if u_by_p is not None and z_by_u is not None:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
         if len(columns):
-            yield _tidy(columns), weighted_windows(signal_by_p, weights)
-        of_tap = np.flatnonzero(trace.weights_by_p.row // trace.memory == tap)
-        if not len(of_tap):
+            yield tidy(columns), weighted_windows(signal_by_p, weights)
+        own = trace.tap_weights[tap]
+        if not len(own.places):
             return
-        lags = trace.weights_by_p.row[of_tap] % trace.memory
-        slopes = self._weights_by_p(p)[of_tap]
-        own, place = np.unique(trace.weights_by_p.column[of_tap], return_inverse=True)
+        slopes = self._weights_by_p(p)[own.places]
         seen = windows(z[:usable, signal], trace.memory)
-        if len(own) == len(lags) and np.all(np.diff(lags[np.argsort(place)]) == 1):  # one parameter, one sample
-            order = np.argsort(place)
-            yield _tidy(own), seen[:, _tidy(lags[order])] * slopes[order]
+        if own.order is not None:
+            yield tidy(own.columns), seen[:, tidy(own.lags[own.order])] * slopes[own.order]
         else:
-            weights_by_p = np.zeros((trace.memory, len(own)))
-            weights_by_p[lags, place] = slopes
-            yield _tidy(own), seen @ weights_by_p
+            weights_by_p = np.zeros((trace.memory, len(own.columns)))
+            weights_by_p[own.lags, own.among] = slopes
+            yield tidy(own.columns), seen @ weights_by_p
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
@@ -287,13 +330,6 @@ class Run:
 
     def _joined(self, predictions: Array) -> Array:
         return np.vstack([self.measured[: self.first], predictions])
-
-
-def _tidy(index: Index) -> Columns:
-    """An index as a slice where it can be one: numpy then works in place instead of copying."""
-    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
-        return slice(int(index[0]), int(index[0]) + len(index))
-    return index
 
 
 def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:

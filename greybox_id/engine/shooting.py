@@ -10,6 +10,7 @@ Open loop, the fed-back inputs are measurements and there are no nodes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -57,13 +58,37 @@ class Problem:
             self.runs += [run for recording in recordings for run in runs(trace, recording.mirrored())]
         self.closed_loop = closed_loop and bool(trace.fed_back)
         self.noise = np.asarray(noise, dtype=float)
-        self._counted = self.noise * np.sqrt(len(self.runs) / self.copies)
-        self.keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
+        self._keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
         self.sensing = Sensing(trace)
         self.layout = lay_out(trace.model, len(self.runs), self.copies)
         self.bounds, self.free = limits(trace.model, self.layout)
         self.R, self.r = beliefs(trace.model, self.layout, self.copies, strengths)
         self._believed = (self.R.T @ self.R).toarray()
+        self._last: tuple[Array, NormalEquations] | None = None
+
+    def counted(
+        self,
+        *,
+        noise: Array | None = None,
+        strengths: Mapping[str, float] | None = None,
+        keep: Sequence[Array] | None = None,
+    ) -> Problem:
+        """The same runs, with what they remember, counted otherwise; what is None stays as it is."""
+        other = copy(self)
+        other._last = None
+        if noise is not None:
+            other.noise = np.asarray(noise, dtype=float)
+        if strengths is not None:
+            other.R, other.r = beliefs(self.trace.model, self.layout, self.copies, strengths)
+            other._believed = (other.R.T @ other.R).toarray()
+        if keep is not None:
+            other._keep = list(keep)
+        return other
+
+    @property
+    def keep(self) -> Sequence[Array]:
+        """Per run, (n,) weight of each row."""
+        return self._keep
 
     @property
     def sample_time(self) -> float:
@@ -119,14 +144,36 @@ class Problem:
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise everything about a matched point and eliminate the nodes."""
+        if not nodes and self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
         H, g = self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x))
         for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
             free = self.free[index]
             flat = J.reshape(-1, J.shape[-1])
-            flat = flat if np.all(free) else flat[:, free]
-            H[np.ix_(index[free], index[free])] += flat.T @ flat
-            g[index[free]] += flat.T @ residuals.ravel()
-        return NormalEquations(H, g)
+            if np.all(free) and len(index) == len(x):  # all unknowns are of every run: nothing is to be picked out
+                H += flat.T @ flat
+                g += flat.T @ residuals.ravel()
+            else:
+                flat = flat[:, free]
+                H[np.ix_(index[free], index[free])] += flat.T @ flat
+                g[index[free]] += flat.T @ residuals.ravel()
+        found = NormalEquations(H, g)
+        if not nodes:
+            self._last = (x.copy(), found)
+        return found
+
+    def gradient(self, x: Array) -> Array:
+        """Gradient of the open-loop objective, zero by unknowns that are held."""
+        g = np.asarray(self.R.T @ self.prior_residuals(x))
+        for k, (run, index) in enumerate(zip(self.runs, self.layout.index, strict=True)):
+            p = x[index]
+            observed, _ = self.sensing(run.predict(p), None, p)
+            weights = (observed - run.measured[run.predicted]) * self.weight(k) ** 2
+            pulled = run.pulled(p, weights)
+            if pulled is None or not self.sensing.plain:
+                return np.where(self.free, self.normal_equations(x, []).g, 0.0)
+            np.add.at(g, index, pulled)
+        return np.where(self.free, g, 0.0)
 
     def residuals(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:
         """Per run, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
@@ -147,7 +194,10 @@ class Problem:
 
     def weight(self, k: int) -> Array:
         """What one unit of residual of run k counts as, (rows, outputs)."""
-        return np.asarray(np.sqrt(self.keep[k][self.runs[k].predicted])[:, None] / self._counted)
+        return np.asarray(
+            np.sqrt(self.keep[k][self.runs[k].predicted])[:, None]
+            / (self.noise * np.sqrt(len(self.runs) / self.copies))
+        )
 
     def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""

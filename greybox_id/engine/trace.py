@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .elements import Actuation
 
 Index = NDArray[np.intp]
+Columns = slice | Index
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,27 @@ class SparseFunction:
     row: Index
     column: Index
     constant: bool
+
+
+@dataclass(frozen=True)
+class WindowWeights:
+    """The weights of one window as parameters.
+
+    Attributes
+    ----------
+    places : which nonzeros of `Trace.weights_by_p` are of this window.
+    lags : the sample of the window that each acts on.
+    columns : the parameters among them.
+    among : the place of each nonzero's parameter among those.
+    order : where each parameter is the weight of one sample, parameters and samples in the same order: sorts the
+        nonzeros so; else None.
+    """
+
+    places: Index
+    lags: Index
+    columns: Index
+    among: Index
+    order: Index | None
 
 
 class Trace:
@@ -115,6 +137,36 @@ class Trace:
     def weights_by_p(self) -> SparseFunction:
         """Derivative of the windows' weights (row by row) by the parameters."""
         return self._sparse("weights_by_p", cs.vec(self.W.T), self.p, [self.p])
+
+    @cached_property
+    def stage_places(self) -> list[Index]:
+        """Per signal, which nonzeros of `stage_by_p` are its derivative."""
+        return [np.flatnonzero(self.stage_by_p.row == signal) for signal in range(self.z.numel())]
+
+    @cached_property
+    def stage_columns(self) -> list[Index]:
+        """Per signal, the parameters that it depends on."""
+        return [self.stage_by_p.column[places] for places in self.stage_places]
+
+    @cached_property
+    def tap_outputs(self) -> list[list[tuple[int, int]]]:
+        """Per window, the outputs it reaches: places among the nonzeros of `head_by_h`, and outputs."""
+        by_h = self.head_by_h
+        several = [np.flatnonzero(by_h.column == tap) for tap in range(len(self.tap_signal))]
+        return [[(int(k), int(by_h.row[k])) for k in found] for found in several]
+
+    @cached_property
+    def tap_weights(self) -> list[WindowWeights]:
+        """Per window, its weights as parameters."""
+        found = []
+        for tap in range(len(self.tap_signal)):
+            places = np.flatnonzero(self.weights_by_p.row // self.memory == tap)
+            lags = self.weights_by_p.row[places] % self.memory
+            columns, among = np.unique(self.weights_by_p.column[places], return_inverse=True)
+            order = np.argsort(among)
+            alone = len(columns) == len(lags) and np.all(np.diff(lags[order]) == 1)
+            found.append(WindowWeights(places, lags, columns, among, order if alone else None))
+        return found
 
     @cached_property
     def head(self) -> SampledFunction:
@@ -232,6 +284,13 @@ def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
             named[parameter.name] = entries.reshape(parameter.shape)
         start += parameter.size
     return SimpleNamespace(**named)
+
+
+def tidy(index: Index) -> Columns:
+    """An index as a slice where it can be one: numpy then works in place instead of copying."""
+    if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
+        return slice(int(index[0]), int(index[0]) + len(index))
+    return index
 
 
 def _pattern(sparsity: cs.Sparsity) -> NDArray[np.bool_]:

@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..scores.timing import RunDelay, Timing, aligned, aligned_together, run_delays
 from ..solvers.gauss_newton import Status, gauss_newton
 from .how import Say
-from .memory import MOST_STEPS, _noise
+from .memory import MOST_STEPS, fit_briefly
 
 ROUNDS = 2
 """Times that runs are aligned. On the RoboRacer's training runs, left out in turn, once lowers the error of the fourth
@@ -80,9 +79,9 @@ def alignment(model: MemoryModel, recordings: Sequence[Recording], say: Say) -> 
 def _briefly(part: MemoryModel, recordings: Sequence[Recording]) -> tuple[MemoryModel, dict[str, float]]:
     """A part fitted with its priors as stated, and the standard deviation of its residuals."""
     trace = Trace(part)
-    noise, near = _noise(trace, recordings)
+    noise, near, laid = fit_briefly(trace, recordings)
     strengths = {p.prior.strength: 1.0 for p in part.parameters if p.prior is not None and p.prior.strength}
-    problem = Problem(trace, recordings, noise=noise, strengths=strengths)
+    problem = laid.counted(noise=noise, strengths=strengths)
     solution = gauss_newton(problem, near, max_steps=MOST_STEPS, tolerance=BRIEFLY)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

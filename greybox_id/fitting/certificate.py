@@ -9,6 +9,7 @@ from ..engine.shooting import Problem
 from ..provenance import Certificate
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..solvers.ipopt import SAME, ipopt
+from ..solvers.quasi_newton import refine
 from .how import Say
 
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
@@ -19,9 +20,10 @@ NOTHING = 1e-3
 own. Where a few parameters are to be told, an optimum is confirmed only if there is not even that to gain."""
 
 
-REFINED, REFINING_STEPS = 1e-8, 10
+REFINED, REFINING_STEPS, QUICK_STEPS = 1e-8, 10, 30
 """Share of the objective that a step may still promise when a network's optimum is shown to Ipopt, and steps that get
-it there: where Gauss-Newton ends, its steps gain a decade each, and Ipopt's first iterations hardly any."""
+it there, the last those that do not linearise. Where Gauss-Newton ends, its steps gain a decade each, and Ipopt's first
+iterations hardly any."""
 
 
 def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
@@ -58,6 +60,16 @@ def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tu
 
 def _refined(problem: Problem, found: Solution) -> Solution:
     """The same optimum, some steps nearer; as it was found where they gain nothing."""
+    history: list[float] = []
+    if not problem.closed_loop:
+        x, history = refine(problem, found.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
+        found = replace(
+            found,
+            x=x,
+            objective=history[-1],
+            steps=found.steps + len(history) - 1,
+            history=(*found.history, *history[1:]),
+        )
     nearer = gauss_newton(problem, found.x, tolerance=REFINED, negligible=0.0, max_steps=REFINING_STEPS)
     if nearer.status is Status.INTERRUPTED or nearer.objective > found.objective:
         return found

@@ -74,14 +74,14 @@ def choose_strengths(
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
     tried: dict[tuple[float, ...], Array] = {}
 
-    elsewhere = 0.0
+    elsewhere, laid = 0.0, Problem(trace, recordings, noise=noise)
 
     def try_all(options: Sequence[Mapping[str, float]]) -> None:
         nonlocal elsewhere
         new = [option for option in options if tuple(option.values()) not in tried]
 
         def work(number: int) -> Array:
-            problem = Problem(trace, recordings, noise=noise, strengths=new[number])
+            problem = laid.counted(strengths=new[number])
             return cross_validated_squares(problem, problem.unknowns(start))
 
         def told(number: int, squares: Array) -> bool:
@@ -167,18 +167,14 @@ def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, 
     One fit to everything gives the starting point of the folds' fits, which are therefore short; their number of
     steps is limited so that a fold forgets what its start knew of the held-out stretch.
     """
-    everything = problem.keep
     whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=max_steps)
     squares = []
     for kept, held_out in blocks(problem, folds):
-        problem.keep = kept
-        solution = gauss_newton(problem, whole.x, tolerance=1e-4, max_steps=10)
+        solution = gauss_newton(problem.counted(keep=kept), whole.x, tolerance=1e-4, max_steps=10)
         if Status.INTERRUPTED in (whole.status, solution.status):
-            problem.keep = everything
             raise KeyboardInterrupt
         scored = sum(np.sum(rows[run.predicted]) for run, rows in zip(problem.runs, held_out, strict=True))
         squares.append(_square(problem, solution, held_out) / (scored * len(problem.noise)))
-    problem.keep = everything
     if len(squares) < 2:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(

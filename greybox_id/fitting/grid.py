@@ -33,7 +33,7 @@ from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
 from .how import Say, quiet
-from .memory import MOST_STEPS, TOLERANCE, _noise
+from .memory import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000
 """Fits in a grid: a slip of the pen is no day's work."""
@@ -223,7 +223,7 @@ def _strengths(
         return dict.fromkeys(named, strength)
     trace = Trace(model)
     with threadpool_limits(1):
-        noise, start = _noise(trace, [train])
+        noise, start, _ = fit_briefly(trace, [train])
         return choose_strengths(trace, [train], noise, start, say, jobs).strengths
 
 
@@ -236,8 +236,8 @@ def _row(
 ) -> dict[str, Any]:
     clock = time.process_time()
     trace = Trace(model)
-    noise, near = _noise(trace, [train])
-    problem = Problem(trace, [train], noise=noise, strengths=strengths)
+    noise, near, laid = fit_briefly(trace, [train])
+    problem = laid.counted(noise=noise, strengths=strengths)
     solution = gauss_newton(problem, near, max_steps=MOST_STEPS, tolerance=TOLERANCE)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

@@ -22,6 +22,12 @@ from .how import How, Say, quiet
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""
+ANCHOR = 0.3
+"""Pull of weights to where they were, where training is carried on: with less, a model learned one manoeuvre by heart
+and spun in others. Chosen among 1e-5 to 3 on cars with less grip and with tyres that lag, driven otherwise than those
+that `benchmarks/hybrid_checks.py` scores."""
+PIECES = 5
+"""Of so many pieces one says when to stop where training is carried on: a fifth, as of manoeuvres, all along a run."""
 WARM_UP, STEPS, PATIENCE = 60, 300, 60
 _SAID = 10
 """Steps between lines of progress."""
@@ -77,6 +83,70 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     return Trained(model.with_values(p), stage, names, errors)
 
 
+@dataclass(frozen=True)
+class TrainedBefore:
+    """A hybrid model whose training is carried on.
+
+    Attributes
+    ----------
+    model : trained.
+    source : the file it comes from, for people.
+    """
+
+    model: HybridModel
+    source: str = ""
+
+
+def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
+    """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
+
+    Training begins at the model's own weights. Every fifth piece of two windows is not trained on and says when to
+    stop; a model that fits these best as it is stays as it is. The recordings that it was trained on before are not
+    needed.
+
+    Parameters
+    ----------
+    model : trained.
+    recordings : of the changed vehicle.
+    how : known noise; one start.
+
+    Raises
+    ------
+    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts.
+    """
+    if how.starts > 1:
+        raise BadInput(f"Carried on, the training of {model.name} starts at the weights it has; omit ‹starts›.")
+    clock = time.process_time()
+    named = manoeuvres(model, recordings)
+    length = 2 * model.window - model.warm_up
+    pieces = [_rows(one, k, k + length) for _, one in named for k in range(0, len(one) - length + 1, length)]
+    if len(pieces) < PIECES:
+        raise BadInput(
+            f"Carrying the training of {model.name} on takes {PIECES} pieces of {length} unbroken rows; there are "
+            f"{len(pieces)}. Record more."
+        )
+    held_out = pieces[PIECES // 2 :: PIECES]
+    sd = read_noise(model, [one for _, one in named], how)
+    train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
+    problem = HybridProblem(model, train, sd, anchor=ANCHOR)
+    outside = WindowErrors(model, held_out, sd)
+    best, stage = trained_best(
+        model, how, say, clock,
+        lambda seed, own: _descent(problem, outside, model, seed, own, model.values),
+        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
+    )  # fmt: skip
+    p = problem.parameters(best.x)
+    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
+    told = f"every fifth of {len(pieces)} pieces of {length} rows"
+    return Trained(model.with_values(p), stage, (told,), errors)
+
+
+def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:
+    """Root mean square error over windows in units of noise, the paper's RMSSE."""
+    found = [one for _, one in manoeuvres(model, [recording])]
+    return float(np.sqrt(WindowErrors(model, found, noise)(model.values)))
+
+
 def trained_best(
     model: HybridModel, how: How, say: Say, clock: float, train: Callable[[int, Say], Descent],
     words: Callable[[float], str], noise_of: Callable[[Descent], Array],
@@ -108,15 +178,19 @@ def trained_best(
     return best, stage
 
 
-def _descent(problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say) -> Descent:
+def _descent(
+    problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say, begin: Array | None = None
+) -> Descent:
+    """A training from weights that are drawn, or from those of a trained model, which needs no first steps."""
+
     def told(step: int, loss: float, held_out: float) -> None:
         line = f"{model.name}, seed {seed}: step {step}, error {np.sqrt(2.0 * loss):.3f} of noise, held out "
         say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
-    start = problem.unknowns(drawn(model, seed))
+    start = problem.unknowns(drawn(model, seed) if begin is None else begin)
     return descend(
         problem, lambda q: outside(problem.parameters(q)), start, problem.bounds,
-        warm_up=WARM_UP, steps=STEPS, patience=PATIENCE, say=told,
+        warm_up=WARM_UP if begin is None else 0, steps=STEPS, patience=PATIENCE, say=told,
     )  # fmt: skip
 
 

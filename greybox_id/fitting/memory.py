@@ -42,7 +42,7 @@ def fit_alone(
     """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
     clock = time.process_time()
     trace = Trace(part)
-    noise, near = _noise(trace, recordings)
+    noise, near, laid = fit_briefly(trace, recordings)
     checked = time.process_time()
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
     interrupted, elsewhere = False, 0.0
@@ -54,7 +54,7 @@ def fit_alone(
         factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
     checking = time.process_time() - checked
-    problem = Problem(trace, recordings, noise=noise, strengths=strengths)
+    problem = laid.counted(noise=noise, strengths=strengths)
     first = problem.start if how.strengths == "early stopping" else near
     starts, away = _starts(problem, first, how), apart(how.starts, how.jobs)
 
@@ -165,8 +165,8 @@ def _certifiable(how: How, found: Solution) -> bool:
     return how.solver == "auto" and how.strengths != "early stopping" and found.status is not Status.INTERRUPTED
 
 
-def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]:
-    """Residual standard deviation of each output after a short first fit, and where that fit ended."""
+def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array, Problem]:
+    """A short first fit: residual standard deviation of each output, where it ended, and its problem."""
     model = trace.model
     measured = join(recordings, "training data")
     guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
@@ -181,7 +181,7 @@ def _noise(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array]
         )
     pairs = zip(problem.runs, problem.simulated(solution.x, solution.nodes), strict=True)
     errors = np.concatenate([seen - run.measured[run.predicted] for run, seen in pairs])
-    return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x
+    return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x, problem
 
 
 def _starts(problem: Problem, first: Array, how: How) -> list[Array]:

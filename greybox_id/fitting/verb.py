@@ -40,7 +40,7 @@ from .aligning import alignment
 from .carrying import carried
 from .crossvalidation import choose_structure
 from .how import How, Say, Solver, quiet
-from .hybrid import fit_hybrid
+from .hybrid import TrainedBefore, fit_hybrid, update_hybrid
 from .memory import fit_alone, fit_together
 from .motion import fit_motion
 from .networks import fit_network
@@ -63,7 +63,7 @@ def fit(
     how: How | None = None,
     say: Say | None = None,
     command: str = "",
-    pretraining: Pretraining | None = None,
+    pretraining: Pretraining | TrainedBefore | None = None,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -76,7 +76,8 @@ def fit(
     how : strengths, solver, starts, seed.
     say : called with one line of progress at a time.
     command : what reproduces the fit, for the record.
-    pretraining : a known vehicle that a feed-forward network learns from first.
+    pretraining : a known vehicle that a feed-forward network learns from first; or a trained hybrid model with a
+        memory, whose training is carried on in place of the model's.
 
     Returns
     -------
@@ -239,20 +240,24 @@ def _fit_hybrid(
     how: How,
     say: Say,
     command: str,
-    pretraining: Pretraining | None = None,
+    pretraining: Pretraining | TrainedBefore | None = None,
 ) -> Fit:
     if how.solver == "ipopt":
         raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; omit ‹solver›.")
     if validate is not None:
         stretches(model, validate)  # what is wrong with it is better said before the work than after
-    if model.recurrent:
+    if isinstance(pretraining, TrainedBefore):
+        trained = update_hybrid(pretraining.model, recordings, how, say)
+    elif model.recurrent:
         trained = fit_hybrid(model, recordings, how, say)
     else:
         trained = fit_network(model, recordings, how, say, pretraining)
     own = _metrics(trained.model, recordings, validate)
     result = Fit(
         model=trained.model,
-        sd={p.name: np.full(p.shape, np.nan) for p in model.parameters},  # trainings from several seeds tell a spread
+        sd={
+            p.name: np.full(p.shape, np.nan) for p in trained.model.parameters
+        },  # trainings from several seeds tell a spread
         stages=(trained.stage,),
         metrics={role: as_dict(scores) for role, scores in own.items()},
         data=_records(recordings, validate),

@@ -13,12 +13,9 @@ import numpy as np
 from ..effect import Effect
 from ..memory_model import MemoryModel
 from ..parameter import Parameter
+from .calibration import CAL
 from .kinds import Diagnosed
 
-FACTORS = tuple(float(f) for f in np.geomspace(1 / 16, 8, 7))
-"""Of an effect's typical magnitude: where the search for one begins whose derivative vanishes at its null."""
-SHIFTS = (0.47, 1.9)
-"""The same for delays and latencies, for which simulation cuts time anew: none of them a usual sample time."""
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
@@ -139,9 +136,9 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             main = replace(main, low=max(main.low, 0.0))
         typical = main.coordinate(effect.typical)
         if gradual:
-            firsts = [main.null + 0.3 * (typical - main.null)]
+            firsts = [main.null + CAL.gradual_start * (typical - main.null)]
         else:
-            firsts = [main.null + f * (typical - main.null) for f in (SHIFTS if main.shift else FACTORS)]
+            firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
         ways = [
             DIRECTIONS if own.unit == "rad" else tuple(own.null * f for f in SECONDS.get(own.unit, (1.0,)))
             for own in seconds

@@ -19,14 +19,8 @@ from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from .calibration import CAL
 from .unknown_forces import knows_unknown_forces
-
-SETTLING = 0.2
-"""First stretch of a run that does not count, s."""
-LANES = 8
-"""Simulations that run at once."""
-REMEMBERED = 8_000_000
-"""Readings of simulations that are remembered: refits begin where the refit before them ended."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +35,6 @@ class Simulated:
 
     y: Array
     cuts: Array
-
-
-FEW_RUNS = 8
-"""With more, the starts of runs are no nuisances each, but uncertain states of the filter that whitens residuals."""
 
 
 def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun]:
@@ -89,12 +79,12 @@ class Bench:
         self.measured = np.vstack([run.measured for run in self.runs])
         self.counted = np.isfinite(self.measured)
         for run, rows in zip(self.runs, self.rows, strict=True):
-            self.counted[rows] &= (run.time - run.time[0] >= SETTLING)[:, None]
+            self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
         self.time = np.concatenate([run.time for run in self.runs])
         self.inputs = np.vstack([run.inputs for run in self.runs])
         self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
         self.loose: tuple[int, ...] = ()
-        if not knows_unknown_forces(model) or len(self.runs) <= FEW_RUNS:
+        if not knows_unknown_forces(model) or len(self.runs) <= CAL.few_runs:
             self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
@@ -127,7 +117,7 @@ class Bench:
         for key in keys:  # what was asked for last is forgotten last
             self._simulated.pop(key, None)
             self._simulated[key] = known[key]
-        most = max(LANES, REMEMBERED // max(self.measured.size, 1))
+        most = max(CAL.lanes, CAL.remembered // max(self.measured.size, 1))
         for key in list(self._simulated)[: max(len(self._simulated) - most, 0)]:
             del self._simulated[key]
         return [known[key] for key in keys]
@@ -138,7 +128,7 @@ class Bench:
         starts = self._starts(P)[0]
         found: list[Simulated | None] = [None] * len(P)
         order = sorted(range(len(P)), key=lambda k: [s != 0 for s in shifts[k]])  # alike ones share a call's segments
-        per_call, runs = max(1, LANES // len(self.runs)), range(len(self.runs))
+        per_call, runs = max(1, CAL.lanes // len(self.runs)), range(len(self.runs))
         for first in range(0, len(P), per_call):
             own = order[first : first + per_call]
             lanes = self._lanes(tuple(shifts[k] for k in own))
@@ -159,7 +149,7 @@ class Bench:
 
     @property
     def _cuts(self) -> int:
-        return max(1, LANES // len(self.runs))
+        return max(1, CAL.lanes // len(self.runs))
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
@@ -224,21 +214,21 @@ class Bench:
         if shifts in self._laid:
             self._laid[shifts] = self._laid.pop(shifts)  # used last, forgotten last
             return self._laid[shifts]
-        per_call = max(1, LANES // len(self.runs))
+        per_call = max(1, CAL.lanes // len(self.runs))
         if len(set(shifts)) == 1 and len(shifts) < per_call:  # part of a full call of such
             found = self._lanes(shifts[:1] * per_call).of_first(len(shifts) * len(self.runs))
         else:
             plans = [plan for own in shifts for plan in self._scheduled(own)]
             lengths = [len(run) for _ in shifts for run in self.runs]
             found = lay(plans, [Interval(k, 0, rows) for k, rows in enumerate(lengths)])
-        while len(self._laid) > LANES:
+        while len(self._laid) > CAL.lanes:
             del self._laid[next(iter(self._laid))]
         self._laid[shifts] = found
         return found
 
     def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
         if shifts not in self._schedules:
-            while len(self._schedules) > 2 * LANES:
+            while len(self._schedules) > 2 * CAL.lanes:
                 del self._schedules[next(iter(self._schedules))]
             still = [False] * len(shifts)
             self._schedules[shifts] = [

@@ -9,22 +9,16 @@ Gauss-Newton on their innovations.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..parameter import Array
+from .calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
-
-STEPS, SETTLED = 8, 0.3
-"""Gauss-Newton steps at most; a step that gains less, in log-likelihood, is the last."""
-FIRMER = (0.0, 0.5, 5.0, 50.0)
-"""Damping of steps, tried one after the other, over the Hessian's diagonal (Marquardt)."""
-FIRST = 2
-"""Steps before scatter is learned: numbers are nowhere yet."""
+from .refit import bounded_step
 
 
 @dataclass(frozen=True)
@@ -184,20 +178,26 @@ def common(
     if start is not None:
         u, scatter = np.concatenate([start.x, start.deviations[:, varying].ravel()]), start.scatter[varying]
 
+    everyone = np.concatenate([mean, np.zeros(runs * m)])
+    low, high = (np.full(len(u), sign * np.inf) for sign in (-1, 1))
+    low[:n], high[:n] = np.array([[own.low, own.high] for own in numbers]).T
+
     def run_of(u: Array, k: int) -> Array:
         x = u[:n].copy()
         x[varying] += u[n + k * m : n + (k + 1) * m]
-        return x
+        return np.clip(x, low[:n], high[:n])
 
-    def charge(u: Array) -> float:
-        own = 0.5 * float(np.sum(((u[:n] - mean) / sd) ** 2))
-        return own + 0.5 * float(np.sum((u[n:] / np.tile(scatter, runs)) ** 2))
+    def precisions() -> Array:
+        return np.concatenate([sd**-2.0, np.tile(scatter**-2.0, runs)])
 
-    H = np.eye(len(u))
-    for step in range(STEPS):
+    def cost(u: Array) -> float:
+        charge = 0.5 * float(precisions() @ (u - everyone) ** 2)
+        return charge + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
+
+    def curve(u: Array) -> Curve:
+        precision, off = precisions(), u - everyone
         told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
-        precision = np.concatenate([sd**-2.0, np.tile(scatter**-2.0, runs)])
-        H, g = np.diag(precision), precision * (u - np.concatenate([mean, np.zeros(runs * m)]))
+        H, g = np.diag(precision), precision * off
         for k, own in enumerate(told):
             at = np.arange(n + k * m, n + (k + 1) * m)
             H[:n, :n] += own.H
@@ -206,34 +206,20 @@ def common(
             H[np.ix_(at, np.arange(n))] += own.H[varying, :]
             g[:n] += own.g
             g[at] += own.g[varying]
-        before = sum(own.cost for own in told) + charge(u)
-        at_run = u[:n] + np.zeros((runs, n))
-        at_run[:, varying] += u[n:].reshape(runs, m)
-        bounds = np.array([[own.low, own.high] for own in numbers])
-        low, high = (
-            np.append(bounds[:, 0], np.full(runs * m, -np.inf)),
-            np.append(bounds[:, 1], np.full(runs * m, np.inf)),
-        )
-        outside = np.concatenate([u[:n] <= bounds[:, 0], (at_run <= bounds[:, 0])[:, varying].ravel()])
-        held = outside & (g > 0)
-        gained = 0.0
-        for firm in FIRMER:
-            there = np.clip(u - _step(H, g, firm, held), low, high)
-            cost = sum(weigher.cost(ride, run_of(there, k)) for k, ride in enumerate(rides)) + charge(there)
-            if cost < before:
-                u, gained = there, before - cost
-                break
-        if step >= FIRST - 1:
-            spread = np.diag(np.linalg.inv(H))[n:].reshape(runs, m)
-            squares = np.sum(u[n:].reshape(runs, m) ** 2 + spread, axis=0)
-            counted = np.where(learned, runs_of, 1.0)
-            scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
-        if gained < SETTLED and step >= FIRST:
+        return Curve(0.5 * float(precision @ off**2) + sum(own.cost for own in told), g, H)
+
+    for _ in range(CAL.scatter_rounds):
+        u, last = descended(cost, curve, u, low, high)
+        spread = np.diag(np.linalg.inv(last.H))[n:].reshape(runs, m)
+        squares = np.sum(u[n:].reshape(runs, m) ** 2 + spread, axis=0)
+        counted, before = np.where(learned, runs_of, 1.0), scatter
+        scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
+        if np.all(np.abs(scatter - before) < CAL.scatter_settled * before):
             break
     full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
     full[varying] = scatter
     deviations[:, varying] = u[n:].reshape(runs, m)
-    everything = np.asarray(np.linalg.inv(H), dtype=float)
+    everything = np.asarray(np.linalg.inv(last.H), dtype=float)
     sds[:, varying] = np.sqrt(np.diag(everything))[n:].reshape(runs, m)
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
@@ -246,14 +232,15 @@ class RunExplained:
     ----------
     x : (n,) its coordinates.
     cost : negative log-likelihood with the belief.
-    told : at x.
     H : (n, n) Hessian with the belief.
+    told, pull : (n, n), (n,) Hessian and gradient of what rides tell alone.
     """
 
     x: Array
     cost: float
     H: Array
-    told: Told
+    told: Array
+    pull: Array
 
 
 def explained(
@@ -274,41 +261,69 @@ def explained(
     """
     precision = np.linalg.inv(covariance)
     low, high = np.array([[own.low, own.high] for own in weigher.numbers]).T
-    x = np.clip(start, low, high)
 
-    def cost_at(x: Array) -> float:
-        off = x - mean
-        return sum(weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
+    def charge(x: Array) -> float:
+        return 0.5 * float((x - mean) @ precision @ (x - mean))
 
-    def told_at(x: Array) -> Told:
+    def cost(x: Array) -> float:
+        return charge(x) + sum(weigher.cost(ride, x) for ride in rides)
+
+    def curve(x: Array) -> Curve:
         each = [weigher.told(ride, x, moved) for ride in rides]
-        scores = np.concatenate([own.scores for own in each])
         g, H = (np.sum([getattr(own, part) for own in each], axis=0) for part in ("g", "H"))
-        return Told(sum(own.cost for own in each), g, H, scores)
+        return Curve(charge(x) + sum(own.cost for own in each), g + precision @ (x - mean), H + precision)
 
-    told = told_at(x)
-    for _ in range(STEPS):
-        cost = told.cost + 0.5 * float((x - mean) @ precision @ (x - mean))
-        H, g = told.H + precision, told.g + precision @ (x - mean)
-        gained = 0.0
-        for firm in FIRMER:
-            there = np.clip(x - _step(H, g, firm, (x <= low) & (g > 0) | (x >= high) & (g < 0)), low, high)
-            then = cost_at(there)
-            if then < cost:
-                x, gained = there, cost - then
+    x, last = descended(cost, curve, start, low, high)
+    return RunExplained(x, last.cost, last.H, last.H - precision, last.g - precision @ (x - mean))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A cost, its gradient, and what is known of its Hessian."""
+
+    cost: float
+    g: Array
+    H: Array
+
+
+def descended(
+    cost: Callable[[Array], float], curve: Callable[[Array], Curve], start: Array, low: Array, high: Array
+) -> tuple[Array, Curve]:
+    """Where a cost is least within bounds, and what it is there.
+
+    Gauss-Newton steps, damped where they lead too far. What the Hessian lacks (how foreseen variances bend, how scales
+    of noise follow) is learned from gradients on the way, as of structured quasi-Newton methods (Dennis, Gay & Welsch,
+    ACM Trans. Math. Softw. 7, 1981, with the damped update of Broyden, Fletcher,
+    Goldfarb and Shanno).
+    """
+    u = np.clip(start, low, high)
+    here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.zeros(len(u), dtype=bool)
+    still = 0
+    for _ in range(CAL.between_steps):
+        if np.any(np.linalg.eigvalsh(here.H + lacking) <= 0):  # what was learned elsewhere does not hold here
+            lacking = np.zeros_like(lacking)
+        B = here.H + lacking
+        step = bounded_step(B, here.g, low - u, high - u, free)
+        if -float(step @ (here.g + 0.5 * B @ step)) < CAL.between_settled:
+            break  # that is what is left to be gained
+        there, gained = u, 0.0
+        for firm in CAL.damping:
+            step = bounded_step(B + firm * np.diag(np.diag(B)), here.g, low - u, high - u, free)
+            there = np.clip(u + step, low, high)
+            gained = here.cost - cost(there)
+            if gained > 0:
                 break
-        if gained == 0.0:
+        if not gained > 0:
             break
-        told = told_at(x)
-        if gained < SETTLED:
+        then, step = curve(there), there - u
+        bend, expected = then.g - here.g, (then.H + lacking) @ step
+        least, own = CAL.least_bend * (step @ expected), float(bend @ step)
+        if own < least:  # a Hessian stays positive (Powell, 1978)
+            share = (step @ expected - least) / (step @ expected - own)
+            bend = share * bend + (1 - share) * expected
+        lacking += np.outer(bend, bend) / (bend @ step) - np.outer(expected, expected) / (step @ expected)
+        u, here = there, then
+        still = still + 1 if gained < CAL.between_settled else 0
+        if still == CAL.between_still:
             break
-    off = x - mean
-    return RunExplained(x, told.cost + 0.5 * float(off @ precision @ off), told.H + precision, told)
-
-
-def _step(H: Array, g: Array, firm: float, held: NDArray[np.bool_]) -> Array:
-    """A damped Gauss-Newton step; what would leave its bounds is held."""
-    found, free = np.zeros(len(g)), ~held
-    own = H[np.ix_(free, free)]
-    found[free] = np.linalg.solve(own + firm * np.diag(np.diag(own)), g[free])
-    return found
+    return u, here

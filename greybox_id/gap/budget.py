@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ..parameter import Array
 from ..statistics import resampled
-from .closing import DRAWS, LEAST_GAP, Misfit
+from .calibration import CAL
+from .closing import Misfit
 from .gap import Budget, Share
 from .kinds import AnyBench, blocks
 
@@ -60,11 +61,11 @@ def budget(
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
         floor = min(1.0, E[-1])
-        excess = max(E[0] - floor, LEAST_GAP)
+        excess = max(E[0] - floor, CAL.least_gap)
         closed = weights @ E / excess
         return np.append(closed, (E[-1] - floor) / excess)
 
-    low, high = resampled(sums, shares, DRAWS)
+    low, high = resampled(sums, shares, CAL.draws)
     found = [
         Share(name, float(s), float(a), float(b))
         for name, s, a, b in zip((*names, "unnamed"), shares(np.sum(sums, axis=0)), low, high, strict=True)

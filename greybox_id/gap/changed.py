@@ -27,19 +27,11 @@ from ..recording import Recording
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, explained, values_of
-from .calibration import CALIBRATION
-from .closing import DRAWS, LEAST_GAP
+from .calibration import CAL
 from .gap import Budget, Closure, Gap, Ranked, Share, Where
 from .innovations import FollowedRun, Follower
 from .kinds import Diagnosed
 from .usual import SPECIFIED, USUAL, acts, numbers_of, usual
-
-REFITTED, LEAST = 3, 1.0
-"""Effects that are refitted: those that promise most, the first in any case, others at least so much."""
-REACH = (-1.2, -0.6, 0.6, 1.2)
-"""Magnitudes tried first, in widths of a widened prior."""
-MATTERS = 0.3
-"""Information over what is believed already: numbers of which an after tells less are not searched on it."""
 
 
 @dataclass(frozen=True)
@@ -119,17 +111,30 @@ class Change:
     place : of its number.
     shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
     gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
+    apart : whether the latter is of other recordings, and no part of what chose it. Gains of sensors are none: below
+        one they make quieter whatever predictions err by, in one recording as in the other.
+    beyond : how far it moved, over what a change may be.
     """
 
     place: int
     shift: tuple[float, float]
     gain: float
     held_out: float
+    apart: bool = True
+    beyond: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Evidence of all recordings: what one foretells of another multiplies its odds."""
+        return self.gain + (self.held_out if self.apart else 0.0)
 
     @property
     def least(self) -> float:
-        """The smaller of both gains, each over what is asked of it."""
-        return min(self.gain - CALIBRATION["cost"], self.held_out - CALIBRATION["cost_held_out"])
+        """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
+        if self.beyond > CAL.tolerated_sd:
+            return -np.inf
+        asked = CAL.cost_of_change if self.apart else CAL.cost
+        return min(self.total - asked, self.held_out - CAL.cost_held_out)
 
 
 def diagnose_change(
@@ -174,7 +179,7 @@ def diagnose_change(
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, effects, vehicle, read)
         alike = filtered_alike([*after, *held_out, *since])
-        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CALIBRATION["filters"])
+        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CAL.filters)
         known = usual(Follower(full, read), numbers, [FollowedRun.of(one, read) for one in since], tell, scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         rides = [FollowedRun.of(one, read) for one in after]
@@ -217,7 +222,7 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     good as a sensor's gain.
     """
     steps = [one.sample_time for one in recordings if one.sample_time > 0]
-    return not steps or max(steps) < CALIBRATION["rates"] * min(steps)
+    return not steps or max(steps) < CAL.rates * min(steps)
 
 
 def changes(
@@ -239,7 +244,7 @@ def changes(
     """
     weigher, V = known.weigher, known.of_a_run
     told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > MATTERS]
+    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > CAL.matters]
 
     def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
         return explained(weigher, rides, start, mean, V, moved)
@@ -247,13 +252,16 @@ def changes(
     base = without(rides, known.x, known.x)
     judges = [[ride] for ride in others] or halves
     plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
-    found = list[Change]()
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
     promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
-    for own in [each for k, each in enumerate(promised[:REFITTED]) if k == 0 or each.gain > LEAST]:
-        best, shift = _refitted(known, rides, own, moved)
+    tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
+    refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
+    nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
+    base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)  # it must have had the same chance
+    found = list[Change]()
+    for own, best, shift in refits:
         occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        L = best.told.H
+        L = best.told
         sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
         sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
         shifts = [shift] * len(judges)
@@ -264,9 +272,14 @@ def changes(
         for judge, alone, by in zip(judges, plain, shifts, strict=True):
             mean = known.x.copy()
             mean[own.place] += by
-            held += alone.cost - without(judge, mean, alone.x + mean - known.x).cost
-        found.append(Change(own.place, (shift, sd), base.cost - best.cost - occam, held))
-    return base, sorted(found, key=lambda own: -own.least)
+            there = without(judge, mean, alone.x + mean - known.x).cost
+            if there > alone.cost:  # it may have got stuck where it began
+                there = min(there, without(judge, mean, alone.x).cost)
+            held += alone.cost - there
+        width = CAL.widened * USUAL[known.numbers[own.place].name]
+        gain, apart = base.cost - best.cost - occam, bool(others) and known.numbers[own.place].name not in SPECIFIED
+        found.append(Change(own.place, (shift, sd), gain, held, apart, abs(shift) / width))
+    return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 
 def _refitted(
@@ -283,7 +296,7 @@ def _refitted(
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
     """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
     number, V = known.numbers[place], known.of_a_run
-    width = CALIBRATION["widened"] * USUAL[number.name]
+    width = CAL.widened * USUAL[number.name]
     wide = V.copy()
     wide[place, place] += width**2
     precision = np.linalg.inv(wide)
@@ -292,10 +305,10 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
         off = x - known.x
         return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
 
-    g = base.told.g + precision @ (base.x - known.x)
-    tried = [base.x, base.x - np.linalg.solve(base.told.H + precision, g)]
+    g = base.pull + precision @ (base.x - known.x)
+    tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
     for others in (base.x, known.x):  # the base has bent others in its place
-        for reach in REACH:
+        for reach in CAL.changed_starts:
             x = others.copy()
             x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
             tried.append(x)
@@ -353,7 +366,9 @@ def _answer(
         number = known.numbers[one.place]
         name, size = effects[number.name], number.value(known.x[one.place] + one.shift[0])
         reason = reasons.get(one.place, "")
-        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.gain, reason))
+        if one.beyond > CAL.tolerated_sd:
+            reason = "it would be further off than ever changes: a symptom of something else, no size"
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.total, reason))
     applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
     budget = None
     if applied:
@@ -361,7 +376,7 @@ def _answer(
         rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
         budget = Budget((Share(applied[0], judged.closed, low, high),), rest, judged.recordings, bool(held_out))
     loud = _loudness(known, rides, base)
-    odds = CALIBRATION["unnamed_slope"] * log(loud / CALIBRATION["unnamed_share"])
+    odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
     channels = _channels(known, rides)
     gap = Gap(
@@ -408,7 +423,7 @@ def _by_chance(found: Sequence[Change], tried: int) -> float:
     """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
     mean of a ratio of evidences is one.
     """
-    return float(min(1.0, tried * exp(-max((one.gain for one in found), default=0.0))))
+    return float(min(1.0, tried * exp(-max((one.total for one in found), default=0.0))))
 
 
 def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
@@ -439,13 +454,13 @@ def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tu
     def share(total: Array) -> float:
         before, after = total[:2] / total[2]
         floor = min(1.0, before, after)
-        return float((before - after) / max(before - floor, LEAST_GAP))
+        return float((before - after) / max(before - floor, CAL.least_gap))
 
     total = np.sum(each, axis=0)
     before, after = (float(own) for own in total[:2] / total[2])
     if np.array_equal(mean, known.x):
         return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
-    low, high = (float(end) for end in resampled(each, share, DRAWS))
+    low, high = (float(end) for end in resampled(each, share, CAL.draws))
     return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
 
 
@@ -482,7 +497,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         information = float(np.sum(weights * about**2))
         trend = float(np.sum(weights * about * own)) / information
         if (
-            abs(trend) * np.sqrt(information) > CALIBRATION["drifts"]
+            abs(trend) * np.sqrt(information) > CAL.drifts
             and abs(trend) > 2 * USUAL[effects[known.numbers[place].name]]
         ):
             said.append(

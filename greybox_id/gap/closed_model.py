@@ -13,7 +13,8 @@ from ..fitting.motion import fit_motion
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..solvers.gauss_newton import Status
-from .closing import FAR, closure, left_open
+from .calibration import CAL
+from .closing import closure, left_open
 from .examining import Examined
 from .gap import Closure, Errors, Moved
 from .horizons import by_horizon
@@ -105,7 +106,7 @@ def _fitted(found: Examined, best: Hypothesis, closed: Diagnosed) -> list[Diagno
     ended = list[Diagnosed]()
     for own in ways:
         try:
-            how = How(solver="gauss-newton", robust=FAR)
+            how = How(solver="gauss-newton", robust=CAL.far_reading)
             problem, solution, _ = fit_motion(own, excerpt(found.recordings), how, quiet)
         except BadInput:
             continue

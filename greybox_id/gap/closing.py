@@ -20,6 +20,7 @@ from ..signals import unit_of
 from ..statistics import resampled
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
+from .calibration import CAL
 from .colour import sound, white_noise
 from .gap import Closure, Errors
 from .horizons import by_horizon, diverges
@@ -30,16 +31,6 @@ from .refit import refit, settled
 from .search import Search
 from .stated_noise import stated_noise
 from .variance import fresh
-
-FAR = 4.5
-"""A reading further than so many robust standard deviations from those about it tells nothing of a closure."""
-DRAWS = 400
-"""How often the bootstrap draws blocks."""
-TRUST = (0.05, 0.25, 1.0)
-"""As how many readings one counts while tolerances are refitted, one after the other: beliefs first, or curves go where
-no step leads back from."""
-LEAST_GAP = 0.01
-"""Excess over the floor, as a share of noise, below which there is no gap to speak of: shares are of that at least."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +82,7 @@ def closure(
 
 def plain(e: Array, good: NDArray[np.bool_], bench: AnyBench) -> NDArray[np.bool_]:
     """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
-    return sound(e, good, bench.rows, FAR)
+    return sound(e, good, bench.rows, CAL.far_reading)
 
 
 def refitted_tolerances(
@@ -119,10 +110,10 @@ def refitted_tolerances(
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     noise, told = stated_noise(bench, vehicle, start)
     sd = noise if told or sd is None else sd
-    search = Search(bench, own, white_noise(sd, sound(start, fresh(bench), bench.rows), bench.rows), TRUST[0])
+    search = Search(bench, own, white_noise(sd, sound(start, fresh(bench), bench.rows), bench.rows), CAL.trusts[0])
     search.about(None)
     found = search.at_means()
-    for trust in TRUST if own else TRUST[-1:]:
+    for trust in CAL.trusts if own else CAL.trusts[-1:]:
         search.trusting(trust)
         again = refit(search, [search.start_of(found)])
         if not again:
@@ -164,11 +155,11 @@ def closed_by(
 
     def share(total: Array) -> float:
         E0, E1 = (total[:2] + charges) / total[2]
-        return float((E0 - E1) / max(E0 - floor, LEAST_GAP))
+        return float((E0 - E1) / max(E0 - floor, CAL.least_gap))
 
-    low, high = resampled(sums, share, DRAWS)
+    low, high = resampled(sums, share, CAL.draws)
     E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
-    closed = (E0 - E1) / max(E0 - floor, LEAST_GAP)
+    closed = (E0 - E1) / max(E0 - floor, CAL.least_gap)
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 

@@ -16,12 +16,7 @@ from scipy.signal import lfilter
 
 from ..parameter import Array
 from ..statistics import robust_sd
-
-MOST_ORDER = 6
-"""Highest order tried; the order is chosen by BIC."""
-MOST_GAIN = 400.0
-SPIKE, AROUND = 6.0, 5
-"""A reading further than so many robust standard deviations from the median of so many rows about it is an outlier."""
+from .calibration import CAL
 
 
 class Whitener(Protocol):
@@ -86,7 +81,7 @@ def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Co
     return Colour(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
 
 
-def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = MOST_ORDER) -> Colour:
+def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order) -> Colour:
     """The noise that residuals are.
 
     Parameters
@@ -106,18 +101,18 @@ def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], mos
 
 
 def sound(
-    residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = SPIKE
+    residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = CAL.spike
 ) -> NDArray[np.bool_]:
     """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
     good = counted & np.isfinite(residuals)
     for c in range(residuals.shape[1]):
         for own in rows:
             e = np.where(good[own, c], residuals[own, c], np.nan)
-            if np.count_nonzero(np.isfinite(e)) <= 2 * AROUND:
+            if np.count_nonzero(np.isfinite(e)) <= 2 * CAL.around:
                 continue
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
-            padded = np.pad(filled, AROUND // 2, mode="reflect")
-            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+            padded = np.pad(filled, CAL.around // 2, mode="reflect")
+            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, CAL.around), axis=1)
             spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
             good[own, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
@@ -127,7 +122,7 @@ def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int)
     """Innovations' standard deviation and coefficients of the order that BIC prefers."""
     usable = _all_there(good, rows, most)
     count = int(np.sum(usable))
-    if count < 20 * (most + 1):
+    if count < CAL.coefficient_rows * (most + 1):
         there = e[good]
         return float(np.sqrt(np.mean(there**2))) if len(there) else 1.0, np.empty(0)
     lagged = np.zeros((len(e), most + 1))
@@ -159,8 +154,8 @@ def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> ND
 
 
 def _gain(a: Array) -> float:
-    """Variance of a process over that of its innovations; at most `MOST_GAIN`, for one that hardly ever forgets."""
+    """Variance of a process over that of its innovations; bounded, for one that hardly ever forgets."""
     if len(a) == 0:
         return 1.0
     response = lfilter([1.0], [1.0, *-a], np.append(1.0, np.zeros(2000)))
-    return float(min(np.sum(np.minimum(response**2, MOST_GAIN)), MOST_GAIN))
+    return float(min(np.sum(np.minimum(response**2, CAL.colour_gain)), CAL.colour_gain))

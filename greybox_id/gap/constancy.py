@@ -9,14 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..parameter import Array
+from .calibration import CAL
 from .hypothesis import Hypothesis
 from .search import Search
-
-PARTS = 3
-SURE = 1e-3
-"""A spread counts where noise alone would hardly show it so often."""
-LEAST = 1e-4
-"""Share of a magnitude's information below which a part says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +23,7 @@ class Spread:
     along : what the parts are parts of.
     relative : weighted standard deviation of the parts' magnitudes over the magnitude.
     p_value : how often so much would come from noise.
-    parts : (PARTS,) magnitudes as coordinates, from low to high; NaN where a part says nothing.
+    parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
     """
 
     along: str
@@ -57,7 +52,7 @@ def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effe
     for along, values in orders.items():
         edges = _thirds(values, informs)
         told_by = np.array([np.sum(informs[part]) for part in edges])
-        told = told_by > LEAST * total
+        told = told_by > CAL.part_least * total
         offs = np.array([-np.sum(pulls[part]) for part in edges])
         offs = np.where(told, offs / np.where(told, told_by, 1.0), np.nan)
         mean = np.nansum(offs * told_by) / np.sum(told_by[told]) if np.any(told) else 0.0
@@ -86,7 +81,7 @@ def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict
     known = {name: own for name, own in orders.items() if own is not None}
     result = {}
     for k, name in enumerate(found.names):
-        told = [own for own in spreads(search, found, known, k) if own.p_value < SURE]
+        told = [own for own in spreads(search, found, known, k) if own.p_value < CAL.surely_varies]
         if told:
             result[name] = max(told, key=lambda own: own.relative)
     return result
@@ -96,5 +91,5 @@ def _thirds(values: Array, informs: Array) -> list[Array]:
     """Rows in parts of equal information, by value."""
     order = np.argsort(values, kind="stable")
     filled = np.cumsum(informs[order])
-    part = np.minimum((PARTS * filled / max(filled[-1], 1e-300)).astype(int), PARTS - 1)
-    return [order[part == k] for k in range(PARTS)]
+    part = np.minimum((CAL.parts * filled / max(filled[-1], 1e-300)).astype(int), CAL.parts - 1)
+    return [order[part == k] for k in range(CAL.parts)]

@@ -18,12 +18,12 @@ from ..vehicle import Vehicle
 from .advice import advice
 from .axes import Axis
 from .budget import Set, budget, subsets
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .closed_model import WORSE, closed_model, moved, with_effects
 from .closing import Misfit, left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
 from .evidence import p_value, probability
-from .examining import PRESENT, Examined, at_their_best, examine
+from .examining import Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
@@ -31,24 +31,12 @@ from .kinds import Diagnosed
 from .regimes import where
 from .selection import refitted
 from .strip import strip
-from .unknown import SURELY, unknown_probability, without_a_name
+from .unknown import unknown_probability, without_a_name
 from .unseen import limits, not_excited
 from .variance import fresh
 
-RANKED = 8
-"""Effects that are listed at most."""
-ALIKE = 3.0
-"""Effects whose likelihoods, tempered, differ by less than this are not told apart."""
-WIDER, FORM = 2.0, 0.05
-"""How much wider intervals are where the equations are rough; and the standard deviation, over its distance from the
-null, of a magnitude whose effect is as rough: a play whose flanks give, a limit without a corner, has no exact size."""
-NOTHING_UNKNOWN, NAMELESS = 0.01, 0.95
-AT_BOUND = 1e-3
-"""Of an effect's usual size: nearer to its bound it is at it."""
 NINETY_FIVE = 2 * 1.959964
 """Width of a 95 % interval in standard deviations."""
-LEAST_SHARE = 0.02
-"""Of the excess that an effect closes on what was held out: a smaller one is a refinement, no cause."""
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -96,9 +84,9 @@ def diagnose(
 def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """What a diagnosis says of what it found."""
     selection = found.selection
-    scattered = [name for name, (_, present) in found.scatter.items() if present > PRESENT]
+    scattered = [name for name, (_, present) in found.scatter.items() if present > CAL.present]
     unknown = something_unnamed(found)
-    detected = bool(found.best.candidates) or bool(scattered) or unknown > PRESENT
+    detected = bool(found.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(found, held_out, tell) if found.best.candidates else None
     telling = shared if shared is not None and (shared.held_out or found.closed.shows) else None
     best, reasons = _causes(found, telling)
@@ -132,9 +120,9 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
             if finding.severity is Severity.DISTRUST
         ),
         gap_detected=detected,
-        p_value=_p_value(found, unknown > PRESENT),
+        p_value=_p_value(found, unknown > CAL.present),
         unknown_probability=unknown,
-        unknown=_shape(found, place.channel) if unknown > PRESENT else "",
+        unknown=_shape(found, place.channel) if unknown > CAL.present else "",
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
@@ -165,8 +153,8 @@ def something_unnamed(found: Examined) -> float:
     share = max(own.share_y / usual.share_y, own.share_x / usual.share_x)
     loud = max(own.noise.values(), default=1.0) if found.told else 1.0
     odds = [
-        CALIBRATION["unnamed_slope"] * log(share / CALIBRATION["unnamed_share"]),
-        CALIBRATION["unnamed_noise_slope"] * log(loud / CALIBRATION["unnamed_noise"]),
+        CAL.unnamed_slope * log(share / CAL.unnamed_share),
+        CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
     ]
     nothing = [1 / (1 + exp(min(x, 30.0))) for x in odds]
     return float(1 - nothing[0] * nothing[1])
@@ -174,13 +162,13 @@ def something_unnamed(found: Examined) -> float:
 
 def _without_forces(found: Examined) -> float:
     """The same of models that know no forces: told by what is left of free runs, and how that follows driving."""
-    scattered = any(present > PRESENT for _, present in found.scatter.values())
+    scattered = any(present > CAL.present for _, present in found.scatter.values())
     stated = found.rough and not found.bench.learnt  # what training left follows driving anyway
     nameless = without_a_name(found.signs, found.evidence.temper, stated, found.told)
     if not found.best.candidates and not scattered and not nameless:
-        return NOTHING_UNKNOWN
-    p = unknown_probability(found.signs, found.rough, found.told)
-    return p if found.best.candidates or scattered else max(p, NAMELESS)
+        return CAL.nothing_unknown
+    p = unknown_probability(found.signs, found.told)
+    return p if found.best.candidates or scattered else max(p, CAL.nameless)
 
 
 def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget:
@@ -227,18 +215,18 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
         at += len(candidate.axes)
         share = shared.of(name) if shared is not None else None
-        sure = probability(found.evidence, found.selection.tried, name, *_alike(found, name, CALIBRATION["twins"]))
+        sure = probability(found.evidence, found.selection.tried, name, *_alike(found, name, CAL.twins))
         spread = varying.get(name)
-        if spread is not None and spread.relative > CALIBRATION["varies"]:
+        if spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % along "
                 f"{spread.along}, that of a cause does not"
             )
-        elif sure <= PRESENT:
-            alike = _alike(found, name, ALIKE)
+        elif sure <= CAL.present:
+            alike = _alike(found, name, CAL.alike)
             beside = f", and as much speaks for {listed(alike)}" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
-        elif min(abs(m - axis.low), abs(m - axis.high)) < AT_BOUND * axis.scale:
+        elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, no size"
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
             judged = "on what was held out" if shared.held_out else "in free run"
@@ -270,7 +258,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
     reasons : why effects of the best hypothesis are not applied, by name.
     shared : what these close.
     """
-    known, varying = 1.0 - NOTHING_UNKNOWN, _varying(found)
+    known, varying = 1.0 - CAL.nothing_unknown, _varying(found)
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -288,7 +276,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 magnitude,
                 _axis_of(most, name).unit,
                 interval,
-                _alike(found, name, ALIKE),
+                _alike(found, name, CAL.alike),
                 rest - most.cost,
                 reasons.get(name, ""),
             )
@@ -297,10 +285,10 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         unit = found.effects[name].parameter.unit if name in found.effects else "1"
         span = (max(own.magnitude - 1.96 * own.sd, 0.0), own.magnitude + 1.96 * own.sd)
         gain = selection.search.trust * own.gain
-        reason = OF_READINGS if present > PRESENT else ""
+        reason = OF_READINGS if present > CAL.present else ""
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain, reason))
     of_set = _of_sets(found, ranked, known)
-    return sorted(ranked, key=lambda own: (-round(of_set[own.effect] / known, 6), -own.gain))[:RANKED]
+    return sorted(ranked, key=lambda own: (-round(of_set[own.effect] / known, 6), -own.gain))[: CAL.ranked]
 
 
 def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
@@ -323,9 +311,9 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     tried = found.selection.tried
     counts = temper / found.selection.search.trust
     p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
-    p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > PRESENT]
+    p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > CAL.present]
     if unexplained:
-        p.append(float(len(found.sd) * norm.sf(SURELY)))  # at most: the loudest channel is further off than that
+        p.append(float(len(found.sd) * norm.sf(CAL.surely)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
 
 
@@ -333,7 +321,7 @@ def _constant(spread: Spread | None) -> float:
     """The probability that a magnitude that differs so between parts of a recording is a cause's."""
     if spread is None:
         return 1.0
-    x = (spread.relative - CALIBRATION["varies"]) / CALIBRATION["varies_width"]
+    x = (spread.relative - CAL.varies) / CAL.varies_width
     return float(1 / (1 + exp(min(x, 30.0))))
 
 
@@ -341,13 +329,13 @@ def _closes(shared: Budget | None, name: str) -> float:
     """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
     if shared is None or (own := shared.of(name)) is None:
         return 1.0
-    sd = max((own.high - own.low) / NINETY_FIVE, LEAST_SHARE / 10)
+    sd = max((own.high - own.low) / NINETY_FIVE, CAL.least_share / 10)
     return float(norm.cdf((own.share - _least_share(shared)) / sd))
 
 
 def _least_share(shared: Budget) -> float:
     """The share from which on an effect is a cause: on the recordings that chose it, any that is surely there."""
-    return LEAST_SHARE if shared.held_out else 0.0
+    return CAL.least_share if shared.held_out else 0.0
 
 
 def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:
@@ -364,7 +352,7 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
     search = found.selection.search
     sd = float(np.sqrt(max(search.covariance(hypothesis)[at, at], 0.0)) * search.widening(hypothesis)[at])
     if found.rough:
-        sd = float(np.hypot(WIDER * sd, FORM * (hypothesis.m[at] - axis.null)))
+        sd = float(np.hypot(CAL.wider * sd, CAL.form_of_size * (hypothesis.m[at] - axis.null)))
     half = 1.96 * sd
     ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
@@ -400,8 +388,8 @@ def _shape(found: Examined, channel: str) -> str:
         parts.append(
             f"unknown forces of {lateral:.2g} % of the lateral and {longitudinal:.2g} % of the longitudinal ones"
         )
-    if names and own.spread > 0.05:
+    if names and own.spread > CAL.form_of_size:
         parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}")
-    if own.left > 0.05:
+    if own.left > CAL.form_of_size:
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
     return "; ".join(parts) or "its shape is none that is known here"

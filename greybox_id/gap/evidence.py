@@ -14,19 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from .calibration import CAL
 from .hypothesis import Hypothesis
 from .selection import Selection
 
-COST, SECOND_PARAMETER = 7.0, 3.0
-"""Log-odds against an effect before anything was read, and against a second parameter of it."""
-NEXT_TO_NOTHING, NEVER = 0.02, 1e6
-"""Share of its typical magnitude below which an abrupt effect is none, but has a reading taken before its row's
-command; and what it then costs."""
-ROUGH, MISFIT = 1.2e-3, 0.02
-"""Log-likelihood per reading that misfits of a rough model's form gain, though they do not show; and, where they show,
-as a share of what they cost."""
-EXACT = 10.0
-"""Gains are taken as they are where that is well below so much."""
+NEVER = 1e6
+"""What an effect costs that does nothing but move readings past rows."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +38,7 @@ class Evidence:
     scores: tuple[float, ...]
 
 
-def evidence(selection: Selection, rough: bool, left: float = 0.0, cost: float = COST) -> Evidence:
+def evidence(selection: Selection, rough: bool, left: float = 0.0, cost: float = CAL.cost_without_forces) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
@@ -72,17 +65,17 @@ def heaviest(selection: Selection, found: Evidence) -> Hypothesis:
 
 def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     """What gains in log-likelihood are multiplied with."""
-    each = ROUGH + MISFIT * max(left, 0.0) / 2
-    return EXACT / (EXACT + (each * readings if rough else 0.0))
+    each = CAL.rough_reading + CAL.misfit_share * max(left, 0.0) / 2
+    return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def price(hypothesis: Hypothesis, cost: float = COST) -> float:
+def price(hypothesis: Hypothesis, cost: float = CAL.cost_without_forces) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
     total, at = 0.0, 0
     for own in hypothesis.candidates:
-        total += cost + SECOND_PARAMETER * (len(own.axes) - 1)
+        total += cost + CAL.second_parameter * (len(own.axes) - 1)
         axis = own.axes[0]
-        if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < NEXT_TO_NOTHING * axis.scale:
+        if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < CAL.next_to_nothing * axis.scale:
             total += NEVER
         at += len(own.axes)
     return total

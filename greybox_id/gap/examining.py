@@ -15,10 +15,10 @@ from ..recording import Recording
 from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
 from .bench import Bench
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .closing import closed_by, misfit, plain
 from .colour import Whitener, colour, sound, white_noise
-from .evidence import COST, Evidence, evidence, heaviest, tempering
+from .evidence import Evidence, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
@@ -32,23 +32,14 @@ from .regimes import signals
 from .search import Search
 from .selection import Firmly, Selection, select
 from .stated_noise import stated_noise
-from .unknown import EXACTLY, LEARNT, ROUGHLY, Signs, beyond_what_may_be, signs
+from .unknown import Signs, beyond_what_may_be, signs
 from .unknown_forces import knows_unknown_forces
 from .unnamed import unnamed
 from .variance import Scatter, dropped, fresh, jitter, repeats, steady
 
-PRESENT = 0.5
-"""Probability from which on an effect of variance is taken to be there."""
-FAR_OFF, FIRM = 30.0, 2.0
-"""Mean square of nominal errors over that of noise from which on simulations are held firmly at first, and how, 1/s."""
-LEAST = 1.0
-"""Seconds of recordings: less than twice the longest lag at which what is left is looked at (`leftover.LAGS`), and a
-beginning."""
 TINY = 1e-12
-AGAIN, ENOUGH = 4, 0.02
-"""How often tolerances are linearised again for free runs at most, and the share of a cost that is worth it."""
-AT_ONCE, EARLY = "sensor_latency_imu", 1e-6
-"""What makes readings of accelerations late, and by how many seconds they are just before their row's command."""
+AT_ONCE = "sensor_latency_imu"
+"""What makes readings of accelerations late."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +93,10 @@ def examine(
     tell: Callable[..., None],
 ) -> Examined:
     """Refit and weigh what may explain recordings."""
-    if (seconds := sum(own.duration for own in recordings)) < LEAST:
+    if (seconds := sum(own.duration for own in recordings)) < CAL.least_seconds:
         raise BadInput(
             f"{recordings[0].name} lasts {seconds:.2g} s: nothing that a simulation lacks shows in so little. Name "
-            f"recordings of {LEAST:g} s at least; half a minute is usual."
+            f"recordings of {CAL.least_seconds:g} s at least; half a minute is usual."
         )
     examined, rows = excerpt(recordings), sum(len(own) for own in recordings)
     prepared = prepare(model, examined, effects, vehicle)
@@ -127,7 +118,7 @@ def examine(
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
-    cost = CALIBRATION["cost"] if forces else COST
+    cost = CAL.cost if forces else CAL.cost_without_forces
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     if bench.learnt:
         selection = plainly(selection, sd, good)
@@ -157,10 +148,11 @@ def examine(
     if jittered is not None:
         present = _sure(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
         scatter["timestamp_jitter"] = (jittered, present)
-        after = jittered.left if present > PRESENT else after
-        leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0)) if present > PRESENT else 1.0
-    scattered = sum(own.gain for own, present in scatter.values() if present > PRESENT)
-    alone = LEARNT if bench.learnt else ROUGHLY if rough else EXACTLY
+        after = jittered.left if present > CAL.present else after
+        if present > CAL.present:
+            leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0))
+    scattered = sum(own.gain for own, present in scatter.values() if present > CAL.present)
+    alone = CAL.excess_learnt if bench.learnt else CAL.excess_rough if rough else CAL.excess_exact
     beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
     own_signs = signs(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
@@ -235,10 +227,11 @@ def at_their_best(
 def _settled(search: Search, own: Hypothesis) -> Hypothesis:
     """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
     best = _refitted(search, replace(own, cost=np.inf))
-    for _ in range(AGAIN if search.moving or search.shifts else 0):
+    for _ in range(CAL.freed_again if search.moving or search.shifts else 0):
         search.about(best, delays=False)
         again = _refitted(search, best)
-        settled, best = again.cost > (1 - ENOUGH) * best.cost, min(best, again, key=lambda each: each.cost)
+        settled = again.cost > (1 - CAL.freed_enough) * best.cost
+        best = min(best, again, key=lambda each: each.cost)
         if settled:
             break
     return best
@@ -260,10 +253,10 @@ def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Fi
     """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
     name = PULLED.format("yaw_rate")
     off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
-    if name not in bench.model or off < FAR_OFF:
+    if name not in bench.model or off < CAL.far_off:
         return None
     index = [parameter.name for parameter in bench.model.parameters].index(name)
-    return Firmly(index, FIRM)
+    return Firmly(index, CAL.firm)
 
 
 def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> Array | None:
@@ -278,7 +271,7 @@ def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> A
     if p[index] != 0:
         return None
     early = p.copy()
-    early[index] = EARLY
+    early[index] = CAL.early
     after, before = bench.simulate(np.array([p, early]))
     return np.where(bench.counted & (np.abs(before - after) > 0), before - after, 0.0)
 
@@ -294,12 +287,12 @@ def _jitters(
     own = jitter(bench, base.e, y, sd, good, jumps)
     _, calm = steady(bench, y, sd, good)
     gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
-    return own is not None and own.gain >= gain and _sure(own.gain) > PRESENT
+    return own is not None and own.gain >= gain and _sure(own.gain) > CAL.present
 
 
 def _sure(gain: float) -> float:
     """The probability of an effect of variance, by its log-likelihood."""
-    return _sigmoid(gain - COST)
+    return _sigmoid(gain - CAL.cost_without_forces)
 
 
 def _sigmoid(x: float) -> float:

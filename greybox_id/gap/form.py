@@ -1,8 +1,8 @@
 """How rough the form of a tyre curve is: a magic formula comes near a tyre's curve, and is not that curve.
 
-Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to `OFF` of their peak, the slope
-at zero and the peak better than that: files state cornering stiffness and friction, whatever the form. B, C and E
-of an axle then move together: along one coordinate the slope changes, along two others the shape alone.
+Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to a share of their peak, the
+slope at zero and the peak beside that: files state cornering stiffness and friction, whatever the form. B, C and E of
+an axle then move together: along one coordinate the slope changes, along two others the shape alone.
 """
 
 from __future__ import annotations
@@ -15,16 +15,7 @@ import numpy as np
 
 from ..parameter import Array
 from .axes import Axis
-
-OFF = 0.015
-"""Root mean square distance of a curve from the true one, over the peak."""
-SLOPE, PEAK = 0.015, 0.018
-"""Standard deviations of slope B C and of the peak, relative, beyond the stated tolerances."""
-REACH = 1.2
-"""Up to so many times the slip of the peak."""
-LOOSE = {"B": 0.3, "C": 0.1, "E": 0.5}
-"""What is believed of each anyway: sd, those of B and C relative."""
-POINTS = 60
+from .calibration import CAL
 
 
 def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
@@ -52,7 +43,7 @@ def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
         for k in own:
             found[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
-            found[peak] = replace(axes[peak], sd=float(np.hypot(axes[peak].sd, PEAK * axes[peak].mean)))
+            found[peak] = replace(axes[peak], sd=float(np.hypot(axes[peak].sd, CAL.peak_off * axes[peak].mean)))
     return tuple(found), mix
 
 
@@ -66,17 +57,18 @@ def _slope_and_shape(covariance: Array, slope: Array) -> Array:
 def _of_curve(B: float, C: float, E: float) -> Array:
     """(3, 3) covariance of B, C and E that leave the curve in its band."""
     J = _sensitivities(B, C, E)
-    free = np.array([LOOSE["B"] * B, LOOSE["C"] * C, LOOSE["E"]])
+    free = np.array(CAL.loose) * (B, C, 1.0)
     slope = np.array([1 / B, 1 / C, 0.0])
-    told = len(free) * (J.T @ J) / len(J) / OFF**2  # the distance is shared by as many directions
-    return np.asarray(np.linalg.inv(told + np.outer(slope, slope) / SLOPE**2 + np.diag(free**-2.0)))
+    told = len(free) * (J.T @ J) / len(J) / CAL.curve_off**2  # the distance is shared by as many directions
+    return np.asarray(np.linalg.inv(told + np.outer(slope, slope) / CAL.slope_off**2 + np.diag(free**-2.0)))
 
 
 def _sensitivities(B: float, C: float, E: float) -> Array:
-    """(POINTS, 3) of the curve over the slip angle by B, C and E, by central differences."""
+    """(points, 3) of the curve over the slip angle by B, C and E, by central differences."""
     at = np.array([B, C, E])
-    alphas = np.linspace(0, np.pi / (B * max(C - 1.0, 0.2)), POINTS + 1)[1:]  # far enough to have the peak within
-    alphas = np.linspace(0, REACH * alphas[int(np.argmax(_curve(at, alphas)))], POINTS + 1)[1:]
+    shares = np.linspace(0, 1, CAL.curve_points + 1)[1:]
+    alphas = np.pi / (B * max(C - 1.0, 0.2)) * shares  # far enough to have the peak within
+    alphas = CAL.curve_reach * alphas[int(np.argmax(_curve(at, alphas)))] * shares
     steps = 1e-4 * np.diag([B, C, 1.0])
     return np.stack([(_curve(at + h, alphas) - _curve(at - h, alphas)) / (2 * np.sum(h)) for h in steps], axis=1)
 

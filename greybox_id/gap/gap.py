@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from ..parameter import Array
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .kinds import Diagnosed
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
@@ -112,7 +112,7 @@ class Closure:
     @property
     def shows(self) -> bool:
         """Whether there is enough of a gap in free run, tolerances refitted, that shares of it say something."""
-        return bool(self.before - self.floor >= CALIBRATION["shows"])
+        return bool(self.before - self.floor >= CAL.shows)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import ASTRAY, Prediction, predictions
 from ..signals import unit_of
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .gap import Errors
 from .kinds import Diagnosed
 
@@ -51,7 +51,7 @@ def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | 
     else:
         simulator = Simulator(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
-        overlapping = round(CALIBRATION["overlapping"])
+        overlapping = round(CAL.overlapping)
         for horizon in HORIZONS:
             found[horizon] = [
                 own.free_run() if horizon is None else own.ahead(horizon, overlapping) for own in predictors

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
 
 from ..engine.motion.runs import Index
 from ..errors import BadInput
@@ -30,18 +33,11 @@ from ..filters.tuning import noise_coordinates, tuned
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .preparing import excerpt
 from .unknown_forces import FORCES, with_unknown_forces
 
-APART, BLOCK = CALIBRATION["apart"], CALIBRATION["block"]
-"""Readings are so far apart, and blocks so long, s."""
-SECONDS, TUNED_ON = 60.0, 20.0
-"""Of a recording that are followed at most, and that sizes of noise are tuned on, for time goes with them."""
 NO_GATE = 1e9
-ROUNDS = 8
-"""In which scales are found."""
-TINY = 1e-3
 G = 9.81
 
 
@@ -70,11 +66,11 @@ class FollowedRun:
         moving = recording
         if "v_x" in recording:
             high = float(np.nanpercentile(recording["v_x"], 95.0))
-            moving = recording.where(f"v_x > {max(SLOWEST, CALIBRATION['slow'] * high)}")
+            moving = recording.where(f"v_x > {max(SLOWEST, CAL.slow * high)}")
         if not moving.sample_time > 0:
             raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
-        step = max(1, round(APART / moving.sample_time))
-        moving = _joined(excerpt([moving], round(SECONDS / moving.sample_time)))
+        step = max(1, round(CAL.apart / moving.sample_time))
+        moving = _joined(excerpt([moving], round(CAL.followed / moving.sample_time)))
         kept = np.zeros(len(moving), dtype=bool)
         for start, stop in moving.runs:
             kept[start:stop:step] = True
@@ -145,14 +141,30 @@ class InnovationNoise:
         return np.where(own.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
 
     def scales(self, own: FilterInnovations) -> Array:
-        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own."""
-        found = np.ones(self.channels)
-        for _ in range(ROUNDS):  # over the mean weight, which is one in the end: converges where weights are small
-            white = self.white(own, found)
-            weights = self._weights(own, white)[:, None]
-            mean = self._by_channel(weights * white**2) / np.maximum(self._by_channel(weights * own.there), 1e-300)
-            found = np.maximum(found * np.sqrt(mean), CALIBRATION["least_scale"])
-        return found
+        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own.
+
+        Nothing less than the minimum will do: only there do derivatives of the cost not depend on them.
+        """
+        columns = np.arange(own.white.shape[1]) % self.channels
+        parts = [np.where(columns == c, own.white, 0.0) for c in range(self.channels)]
+        parts = [solve_triangular(self.root, part.T, lower=True).T * own.there for part in parts]
+        products = np.array([[np.sum(one * other, axis=1) for other in parts] for one in parts])  # of each block
+        count, read = np.sum(own.there, axis=1), self._by_channel(own.there)
+
+        def cost(logarithms: Array) -> tuple[float, Array]:
+            u = np.exp(-logarithms)
+            each = u[:, None] * np.einsum("cdb,d->cb", products, u)
+            energy = np.sum(each, axis=0)
+            weights = (self.degrees + count) / (self.degrees + energy)
+            value = 0.5 * np.sum((self.degrees + count) * np.log1p(energy / self.degrees)) + read @ logarithms
+            return float(value), read - each @ weights
+
+        bounds = [(log(CAL.least_scale), None)] * self.channels
+        start = np.zeros(self.channels)
+        found: Any = minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-7}
+        )
+        return np.asarray(np.exp(found.x))
 
     def cost(self, own: FilterInnovations) -> float:
         """Negative log-likelihood, up to a constant."""
@@ -176,7 +188,7 @@ class InnovationNoise:
 
 def plain_noise(size: int, channels: int) -> InnovationNoise:
     """As filters expect it."""
-    return InnovationNoise(np.eye(size), channels, CALIBRATION["block_degrees"], 1.0)
+    return InnovationNoise(np.eye(size), channels, CAL.block_degrees, 1.0)
 
 
 def noise_of(found: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
@@ -202,7 +214,7 @@ def noise_of(found: Sequence[FilterInnovations], channels: int) -> InnovationNoi
         for b in range(rows):
             part = gamma[b - a] if b >= a else gamma[a - b].T
             covariance[a * channels : (a + 1) * channels, b * channels : (b + 1) * channels] = part
-    covariance += TINY * np.eye(size)
+    covariance += CAL.block_ridge * np.eye(size)
     return replace(start, root=np.asarray(np.linalg.cholesky(covariance), dtype=float))
 
 
@@ -223,10 +235,10 @@ class Follower:
     def __init__(self, model: MotionModel, read: Sequence[str]) -> None:
         self.model = with_unknown_forces(model)
         self.read = tuple(read)
-        self.size = round(BLOCK / APART) * len(self.read)
+        self.size = round(CAL.block / CAL.apart) * len(self.read)
         weight = float(self.model["m"].array) * G if "m" in self.model else 1.0
         forces = [name for name, _ in FORCES.values() if name in self.model]
-        tracked = [Tracked(name, "N", 0.0, CALIBRATION["floor_of_weight"] * weight, False, True) for name in forces]
+        tracked = [Tracked(name, "N", 0.0, CAL.floor_of_weight * weight, False, True) for name in forces]
         self.space = StateSpace(self.model, tracked, self.read)
         self._one = filtering(self.space, "ekf", SigmaPoints(), NO_GATE)
         self._many: Filtering | None = None
@@ -247,9 +259,9 @@ class Follower:
         )
         levels = start_levels(self.space, scatter, self.read, {})
         p = np.concatenate([self._numbers(values), levels.values])
-        runs = [own for ride in rides for own in _first(self._runs(ride, p), TUNED_ON)]
-        memories = {f"memory_{one.name}": CALIBRATION["memory"] for one in self.space.tracked}
-        memories |= {f"memory_{name}": CALIBRATION["sensor_memory"] for name in self.space.coloured}
+        runs = [own for ride in rides for own in _first(self._runs(ride, p), CAL.tuned_on)]
+        memories = {f"memory_{one.name}": CAL.memory for one in self.space.tracked}
+        memories |= {f"memory_{name}": CAL.sensor_memory for name in self.space.coloured}
         for name, seconds in memories.items():
             p[self.model.size + self.space.noises.index(name)] = seconds
         open_ones = [name for name in levels.open if name not in memories]
@@ -264,7 +276,8 @@ class Follower:
         p = np.concatenate([self._numbers(values), self.p[self.model.size :]])
         runs = self._runs(ride, p)
         histories = self._one.histories(runs, p)
-        columns, size = [self.model.outputs.index(name) for name in self.read], round(BLOCK / APART)
+        columns = [self.model.outputs.index(name) for name in self.read]
+        size = round(CAL.block / CAL.apart)
         blocks = list[tuple[Array, Array, int]]()
         for number, (own, history) in enumerate(zip(runs, histories, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it

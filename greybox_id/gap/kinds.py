@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
 from ..parameter import Array
+from .calibration import CAL
 
 Diagnosed = MotionModel | MemoryModel
 """A model that can be diagnosed."""
-BLOCK = 2.0
-"""Seconds over which residuals may be alike."""
 
 
 class AnyRun(Protocol):
@@ -84,7 +83,7 @@ class AnyBench(Protocol):
         """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
 
 
-def blocks(bench: AnyBench, seconds: float = BLOCK) -> list[tuple[int, int]]:
+def blocks(bench: AnyBench, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
     """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
     length = max(1, round(seconds / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

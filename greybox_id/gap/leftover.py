@@ -8,12 +8,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ..parameter import Array
+from .calibration import CAL
 from .hypothesis import Hypothesis
 from .kinds import AnyBench
 from .search import Search
-
-LAGS = (0.0, 0.12, 0.4)
-"""s."""
 
 
 def left_gain(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:
@@ -56,7 +54,7 @@ def _features(bench: AnyBench, seen: Mapping[str, Array]) -> Array:
         time * a_x, a_y**3,
     ]  # fmt: skip
     columns = [column for column in now if np.any(column)]
-    for lag in LAGS[1:]:
+    for lag in CAL.lags[1:]:
         rows = min(max(1, round(lag / bench.sample_time)), count)
         columns += [
             np.concatenate([np.zeros(rows), own[: count - rows]]) for own in (steer, a_y, a_x, drive, r) if np.any(own)

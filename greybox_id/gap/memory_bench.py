@@ -19,10 +19,7 @@ from ..engine.trace import Trace
 from ..memory_model import MemoryModel
 from ..parameter import Array
 from ..recording import Recording
-from .bench import SETTLING
-
-STEP = 1e-5
-"""Of a parameter, or of what it may range over: how far to each side its derivative is taken."""
+from .calibration import CAL
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ class MemoryBench:
         self.time = np.concatenate([run.time for run in self.runs])
         self.counted = np.isfinite(self.measured)
         for run, rows in zip(self.runs, self.rows, strict=True):
-            self.counted[rows] &= (run.time - run.time[0] >= SETTLING)[:, None]
+            self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
         p = model.values
         self.inputs = np.vstack([run.inputs(p, run.simulate(p))[0][run.predicted] for run in self._laid])
 
@@ -137,7 +134,7 @@ class MemoryBench:
         if not np.isfinite(value):
             return value, value
         low, high = self._bounds(column)
-        step = STEP * max(abs(value), high - low if np.isfinite(high - low) else 1.0)
+        step = CAL.memory_step * max(abs(value), high - low if np.isfinite(high - low) else 1.0)
         return max(value - step, low), min(value + step, high)
 
     def _bounds(self, column: int) -> tuple[float, float]:

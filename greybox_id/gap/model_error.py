@@ -27,17 +27,11 @@ from ..engine.sampled import SampledFunction
 from ..parameter import Array
 from ..vehicle import StatedModelError
 from .bench import Bench
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .error_filter import innovations, likelihood
 from .unknown_forces import FORCES, SCALES
 
-UNKNOWN_START = 0.3
-"""Standard deviation of a state's start that no sensor reads, over the state's scale."""
 LEAST = 1e-12
-MOST_SEGMENTS = 2400
-"""That amplitudes are estimated on."""
-STEP = 1e-3
-"""Of a logarithm, for derivatives of the likelihood by amplitudes."""
 
 
 @dataclass(frozen=True)
@@ -102,24 +96,24 @@ def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedM
     exact : whether the equations' numbers are stated without tolerances.
     stated : "F_y", "F_x" -> what a vehicle file states of it; what it does not is as of any vehicle.
     """
-    own = CALIBRATION
-    form = own["form_exact" if exact else "form"]
-    floor = own["floor"] * form / own["form"]
+    own = CAL
+    form = own.form_exact if exact else own.form
+    floor = own.floor * form / own.form
     n = len(noise)
-    colour = own["colour_exact" if exact else "colour"] * noise
-    usual = {"share": (form, own["form_sd"]), "amplitude": (floor, own["form_sd"])}
-    usual["correlation_time"] = (own["memory"], own["memory_sd"])
+    colour = (own.colour_exact if exact else own.colour) * noise
+    usual = {"share": (form, own.form_sd), "amplitude": (floor, own.form_sd)}
+    usual["correlation_time"] = (own.memory, own.memory_sd)
     medians, sds = list[float](), list[float]()
     for name, (middle, sd) in usual.items():
         for force in ("F_y", "F_x"):
             value = getattr(stated.get(force), name, None)
             medians.append(middle if value is None else value)
-            sds.append(sd if value is None else own["form_sd_stated"])
+            sds.append(sd if value is None else own.form_sd_stated)
     all_sds = np.concatenate([
-        sds, [own["noise_sd"] if told else own["noise_sd_estimated"]] * n, [own["colour_sd"]] * n, [own["memory_sd"]],
+        sds, [own.noise_sd if told else own.noise_sd_estimated] * n, [own.colour_sd] * n, [own.memory_sd],
     ])  # fmt: skip
     share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
-    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, own["sensor_memory"])
+    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, own.sensor_memory)
     return Believed(median, all_sds)
 
 
@@ -212,7 +206,7 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linea
     start = np.zeros(nz)
     for k, state in enumerate(model.states):
         read_by = state.name in model.outputs and np.any(counted[:, model.outputs.index(state.name)])
-        sd = noise[model.outputs.index(state.name)] if read_by else UNKNOWN_START * state.scale
+        sd = noise[model.outputs.index(state.name)] if read_by else CAL.unknown_start * state.scale
         start[k] = 0.0 if k in bench.loose else sd**2
     force = sizes(z, segments, p)
     parts = (A[:, own][:, :, own], B[:, own], C[:, :, own], D, segments[:, 0], force)
@@ -298,7 +292,7 @@ def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bo
 
 
 def estimated(
-    about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = 8
+    about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = CAL.amplitude_steps
 ) -> Amplitudes:
     """The amplitudes that make residuals most probable, with their prior.
 
@@ -310,7 +304,7 @@ def estimated(
     prior : of the amplitudes.
     steps : of the search at most.
     """
-    kept = _first(_only(about, usable), MOST_SEGMENTS)
+    kept = _first(_only(about, usable), CAL.segments)
     r = np.ascontiguousarray(residuals[kept.row, kept.channel])
     none = np.empty((0, 0)), np.empty(0)
     start = prior.median.logarithms
@@ -322,14 +316,14 @@ def estimated(
     def cost(x: Array) -> tuple[float, Array]:
         at = start + 0.0
         at[free] = x
-        beside = at + STEP * np.eye(len(at))[free]
+        beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
         laid = _laid(kept, [Amplitudes.of(own) for own in lanes])
         nll = likelihood(
             kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
             r, *none,
         ) + prior.cost(lanes)  # fmt: skip
-        return float(nll[0]), (nll[1:] - nll[0]) / STEP
+        return float(nll[0]), (nll[1:] - nll[0]) / CAL.amplitude_step
 
     width = 4.0 * prior.sd[free]
     bounds = list(zip(start[free] - width, start[free] + width, strict=True))

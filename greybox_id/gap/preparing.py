@@ -20,7 +20,7 @@ from ..recording import Recording
 from ..vehicle import Stated, Vehicle
 from .axes import ZONE
 from .bench import Bench
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .kinds import AnyBench, Diagnosed
 from .memory_bench import MemoryBench
 from .observer import SEEN, observed, with_seen
@@ -29,10 +29,6 @@ from .unknown_forces import with_unknown_forces
 OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
 """States that an observer keeps near their readings, and its rate, 1/s. That of the yaw rate is raised only where
 simulations would spin otherwise."""
-MOST_ROWS, BLOCK = 24_000, 20.0
-"""Rows that are examined at most, four minutes at 100 Hz, for memory and time go with them; in blocks of so many s."""
-PASSES = 2
-"""Through the dynamics, at most: each stage of a step begins with what the stage before left, which is once more."""
 OF_VARIANCE = ("timestamp_jitter", "dropped_samples")
 """Effects that change no expected reading: what tells them is how readings scatter (variance.py)."""
 
@@ -67,7 +63,7 @@ class Prepared:
         return found
 
 
-def excerpt(recordings: Sequence[Recording], most: int = MOST_ROWS) -> list[Recording]:
+def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
     """Recordings of no more than so many rows in all: blocks of them, spread evenly.
 
     Parameters
@@ -80,7 +76,7 @@ def excerpt(recordings: Sequence[Recording], most: int = MOST_ROWS) -> list[Reco
         return list(recordings)
     blocks = list[tuple[Recording, int, int]]()
     for own in recordings:
-        length = max(1, round(BLOCK / own.sample_time))
+        length = max(1, round(CAL.excerpt_block / own.sample_time))
         for start, stop in own.runs:
             edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int)
             blocks += [(own, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
@@ -169,7 +165,7 @@ def _indifferent(
     own = [own for own in model.parameters if not own.fixed and own.prior is not None]
     if vehicle is None or isinstance(model, MemoryModel) or not own:
         return model
-    scale = CALIBRATION["indifference"]
+    scale = CAL.indifference
     size = {unit: scale * by for unit, by in _sizes(model).items()}
     for name, effect in effects.items():
         magnitude, timing = effect.parameter, effect.parameter.unit == "s" or not effect.gradual
@@ -178,7 +174,7 @@ def _indifferent(
         if not effect.gradual and magnitude.unit not in ("s", "m"):  # what acts with its square needs no zone
             continue
         sd = size.get(magnitude.unit, scale * abs(effect.typical - float(magnitude.array)))
-        row = CALIBRATION["timing"] * step if magnitude.unit == "s" else 0.0
+        row = CAL.timing * step if magnitude.unit == "s" else 0.0
         model = model + stated_effect(effect, Stated(sd=max(sd, row) if timing else sd, source=ZONE))
     return model
 
@@ -188,11 +184,11 @@ def _sizes(model: MotionModel) -> dict[str, float]:
     held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
     found = {}
     if {"l_f", "l_r"} <= held.keys():
-        found["m"] = CALIBRATION["of_wheelbase"] * (held["l_f"] + held["l_r"])
+        found["m"] = CAL.of_wheelbase * (held["l_f"] + held["l_r"])
     if "m" in held:
-        found["N"] = CALIBRATION["of_weight"] * held["m"] * G
+        found["N"] = CAL.of_weight * held["m"] * G
     if held.get("c_2", 0.0) > 0:
-        found["N s^2/m^2"] = CALIBRATION["of_drag"] * held["c_2"]
+        found["N s^2/m^2"] = CAL.of_drag * held["c_2"]
     return found
 
 
@@ -203,7 +199,7 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
     for state, rate in OBSERVED.items():
         if state in states and state in model.outputs and all(state in own for own in recordings):
             model = observed(model, state, rate)
-    return with_unknown_forces(replace(model, passes=min(model.passes, PASSES)))
+    return with_unknown_forces(replace(model, passes=min(model.passes, CAL.passes)))
 
 
 def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:

@@ -9,27 +9,9 @@ from numpy.typing import NDArray
 
 from ..parameter import Array
 from .axes import Axis
+from .calibration import CAL
 from .hypothesis import Hypothesis, Start
 from .search import Search
-
-ITERATIONS = 10
-SETTLED = 0.05
-"""A refit ends when a step gains less than this much log-likelihood."""
-HOPELESS = 2e-4
-"""Added to that, of what is left to explain: how far a poor explanation is from the truth need not be known well."""
-SHORTEST, SHORT = 0.03, 0.1
-"""A step that must be shortened further leads nowhere; the same for a start seen from its origin."""
-SHY = 0.3
-"""How far what shapes curves goes, of its usual stride, once that was too far."""
-BESIDE = 1e-3
-"""Distance of the simulation beside a hypothesis, in its magnitude's scale."""
-SHIFTED, ON_A_ROW = 1e-4, 1e-6
-"""The same for delays and latencies, s; and how near to a row, in rows, they are on it."""
-FAR = 1e-9
-GLANCE = 2
-"""Steps after which a delay of whole rows must be better than what it is tried in place of."""
-AGAIN, ENOUGH = 3, 1.0
-"""How often nuisances are linearised again at most, and the gain in log-likelihood below which they are not."""
 
 
 def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
@@ -42,7 +24,7 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
     settle_on_rows : whether delays of whole rows are tried too.
     """
     work = [_Work(search, start) for start in starts]
-    _walk(search, work, ITERATIONS)
+    _walk(search, work, CAL.iterations)
     found = [own.best for own in work if own.best is not None]
     return _on_rows(search, found) if settle_on_rows else found
 
@@ -61,7 +43,7 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
             first += len(each)
 
 
-def settled(search: Search, found: Hypothesis, again_at_most: int = AGAIN) -> Hypothesis:
+def settled(search: Search, found: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
     They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
@@ -73,7 +55,7 @@ def settled(search: Search, found: Hypothesis, again_at_most: int = AGAIN) -> Hy
         if not again:
             break
         before, found = found, again[0]  # the later one even where it costs more: the others will stand beside it
-        if found.cost > before.cost - ENOUGH:
+        if found.cost > before.cost - CAL.enough:
             break
     return found
 
@@ -85,9 +67,9 @@ def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
         for start in _whole_rows(search, own):
             owners.append(at)
             work.append(_Work(search, start))
-    _walk(search, work, GLANCE)
+    _walk(search, work, CAL.glance)
     likely = [each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < found[at].cost]
-    _walk(search, likely, ITERATIONS - GLANCE)
+    _walk(search, likely, CAL.iterations - CAL.glance)
     for at, each in zip(owners, work, strict=True):
         if each.best is not None and each.best.cost < better[at].cost:
             better[at] = each.best
@@ -99,7 +81,7 @@ def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
     starts, step = [], search.bench.sample_time
     for k, axis in enumerate(found.axes):
         whole = step * float(np.round(found.m[k] / step))
-        for at in (whole, whole + SHIFTED) if found.m[k] < whole else (whole,):
+        for at in (whole, whole + CAL.shifted) if found.m[k] < whole else (whole,):
             if axis.shift and whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
                 m = found.m.copy()
                 m[k] = at
@@ -149,11 +131,11 @@ class _Work:
     def _beside(self, axis: Axis, at: float) -> float:
         """How far beside; a shift does not cross a row, where readings jump."""
         if not axis.shift:
-            step = max(BESIDE * axis.scale, BESIDE * abs(at))
+            step = max(CAL.beside * axis.scale, CAL.beside * abs(at))
             return step if at + step <= axis.high else -step
         rows = at / self.search.bench.sample_time
-        crosses = np.floor(rows + SHIFTED / self.search.bench.sample_time) > np.floor(rows - ON_A_ROW)
-        return -SHIFTED if crosses and at >= SHIFTED else SHIFTED
+        crosses = np.floor(rows + CAL.shifted / self.search.bench.sample_time) > np.floor(rows - CAL.on_a_row)
+        return -CAL.shifted if crosses and at >= CAL.shifted else CAL.shifted
 
     def take(self, e: Array) -> None:
         """Simulations have come back."""
@@ -179,7 +161,7 @@ class _Work:
         gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
         self._origin = None
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, base, J)
-        if gained < SETTLED + HOPELESS * max(cost - 0.5 * search.trust * search.colour.readings, 0.0):
+        if gained < CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0):
             self.done = True
             return
         self._share, self._here = 1.0, (r, J, u, precision)
@@ -215,12 +197,12 @@ class _Work:
         first, and everything else as far as it then would.
         """
         if self._here is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
-            self._stride = SHY
+            self._stride = CAL.shy
             self._step = self._solve(*self._here)
             self._go()
             return
         self._share /= 3
-        if self._share >= (SHORT if self._origin is not None else SHORTEST) and self._step is not None:
+        if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
             self._go()
         elif self._origin is not None and self.best is not None:
             self.at, self.best, self._origin = (self._origin, self.best.theta, self.best.linear), None, None
@@ -237,7 +219,7 @@ def bounded_step(H: Array, g: Array, low: Array, high: Array, held: NDArray[np.b
         if len(index) == 0:
             break
         s = scale[index]
-        A = H[np.ix_(index, index)] / np.outer(s, s) + FAR * np.eye(len(index))
+        A = H[np.ix_(index, index)] / np.outer(s, s) + CAL.ridge * np.eye(len(index))
         d = fixed.copy()
         d[index] = -np.linalg.solve(A, (g[index] + H[index] @ fixed) / s) / s
         outside = np.maximum(low - d, d - high) * scale

@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..parameter import Array
+from .calibration import CAL
 from .clock import running
 from .gap import Where
 from .kinds import AnyBench
 from .shortlist import Promise
 
-LIFT, SHARE = 1.5, 0.4
-"""A regime is named where it holds so much more of the gap than of the time, and so much of it at all."""
-NOTHING = 1e-3
-"""Mean excess over noise, in squared noise sds, that is no gap to be shared out."""
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",
     "sensors": "sensors", "timing": "timing",
@@ -78,12 +75,16 @@ def where(
     effects : by name.
     """
     total = float(np.sum(excess))
-    there = total > NOTHING * len(excess)
+    there = total > CAL.no_gap * len(excess)
     shares = {
         name: (float(np.mean(own)), float(np.clip(np.sum(excess[own]) / total, 0.0, 1.0)) if there else 0.0)
         for name, own in regimes(bench, seen).items()
     }
-    lifted = {name: share / max(time, 1e-3) for name, (time, share) in shares.items() if share > SHARE and time > 0.02}
+    lifted = {
+        name: share / max(time, 1e-3)
+        for name, (time, share) in shares.items()
+        if share > CAL.regime_share and time > CAL.regime_time
+    }
     best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"
     channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
     gains: dict[str, float] = {}
@@ -93,7 +94,7 @@ def where(
     everything = sum(gains.values()) or 1.0
     return Where(
         channel=max(channels, key=lambda name: channels[name]) if channels else "",
-        regime=best if lifted and lifted[best] > LIFT else "any",
+        regime=best if lifted and lifted[best] > CAL.lift else "any",
         equations={k: v / everything for k, v in sorted(gains.items(), key=lambda item: -item[1])},
         time=_stretch(bench, excess),
         channels=channels,
@@ -119,8 +120,8 @@ def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
 
 
 def _smooth(values: Array, bench: AnyBench) -> Array:
-    """A moving mean over a fifth of a second: regimes are not told by noise."""
-    length, found = max(1, round(0.2 / bench.sample_time)), []
+    """A moving mean: regimes are not told by noise."""
+    length, found = max(1, round(CAL.smooth / bench.sample_time)), []
     for rows in bench.rows:
         own = min(length, rows.stop - rows.start)
         found.append(np.convolve(values[rows], np.ones(own) / own, mode="same"))

@@ -16,22 +16,11 @@ from numpy.typing import NDArray
 
 from ..parameter import Array
 from .axes import Axis
+from .calibration import CAL
 from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
 from .kinds import AnyBench, blocks
-
-AT_ONCE, JUMPS_SD = 0.02, 1.0
-"""Share of an abrupt tolerance that stands for the least there can be of it; how much of what that does is believed, of
-one at most."""
-MOST_SD, REACH_SD = 3.0, 6.0
-"""Within so many standard deviations a candidate is a tolerance, and no gap; and how far a nuisance may go: its prior
-holds it nearer, and what a bound stops would pass for an effect."""
-STRIDE = 3.0
-"""What shapes a curve goes no further than so many of its sds in a step, for curves are not linear in it."""
-BESIDE = 0.3
-"""Of an abrupt tolerance: how far beside where it was found its derivative is taken; nearer to its null it is not
-expanded elsewhere."""
 
 
 class Search:
@@ -58,8 +47,8 @@ class Search:
         self.nominal = np.array(bench.model.values)
         sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
         shaped = np.append(np.any(self._mix != np.diag(np.diag(self._mix)), axis=0), [False] * len(self.shifts))
-        self._reach = REACH_SD * sds
-        self._stride = np.where(shaped, STRIDE * sds, np.inf)
+        self._reach = CAL.reach_sd * sds
+        self._stride = np.where(shaped, CAL.stride * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0
@@ -104,7 +93,7 @@ class Search:
             at = axis.null
             if hypothesis is not None and not axis.shift and not axis.narrow:
                 at = float(hypothesis.linear[k])
-            self.expanded[k] = at if abs(at - axis.null) > BESIDE * axis.sd else axis.null
+            self.expanded[k] = at if abs(at - axis.null) > CAL.shift_beside * axis.sd else axis.null
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
     def _secants(self, p: Array, wanted: Sequence[bool]) -> tuple[Array, Array]:
@@ -119,7 +108,7 @@ class Search:
         spans = []
         for k in asked:
             axis, at = self.shifts[k], float(self.expanded[k])
-            near, far = (AT_ONCE, 1.0) if at == axis.null else (-BESIDE, BESIDE)
+            near, far = (CAL.at_once, 1.0) if at == axis.null else (-CAL.shift_beside, CAL.shift_beside)
             spans.append((at + near * axis.sd, at + far * axis.sd))
         sides = [self.placed(p, [self.shifts[k]], [end]) for k, span in zip(asked, spans, strict=True) for end in span]
         e = self.residuals([p, *sides]) if asked else np.zeros((1, *self.bench.measured.shape))
@@ -149,7 +138,7 @@ class Search:
         self.white = self.weighed(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
-        sds = [*(axis.sd for axis in self.shifts), *[JUMPS_SD] * count, *starts]
+        sds = [*(axis.sd for axis in self.shifts), *[CAL.jumps_sd] * count, *starts]
         self.precision = np.diag(1 / np.array([*(axis.sd for axis in self.moving), *sds]) ** 2)
         self.means = np.array([*(axis.mean for axis in axes), *np.zeros(count + len(starts))])
         means = self.means[: len(axes)]
@@ -232,7 +221,7 @@ class Search:
         """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
         believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
         return any(
-            abs(at - believed[axis.index].mean) <= MOST_SD * believed[axis.index].sd
+            abs(at - believed[axis.index].mean) <= CAL.tolerated_sd * believed[axis.index].sd
             for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
             if axis.index in believed
         )

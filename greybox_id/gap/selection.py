@@ -14,35 +14,12 @@ import numpy as np
 from ..errors import BadInput
 from ..parameter import Array
 from .axes import Candidate
+from .calibration import CAL
 from .colour import Whitener
 from .hypothesis import Hypothesis, Start, by_cost
 from .refit import refit, settled
-from .search import MOST_SD, Search
+from .search import Search
 from .shortlist import Promise, from_where_best, promises
-
-SINGLES, PAIRS, PARTNERS, TRIPLES = 8, 3, 4, 3
-"""Refitted: so many singles that promise most; pairs of so many of the best with so many partners each; triples of the
-best pair."""
-POLISHED, WORTHY = 3, 0.3
-"""So many of the best are refitted with nuisances linearised beside them, if they gain such a share of what an effect
-must gain."""
-RIVALS, NEAR, CLOSE = 3, 30.0, 10.0
-"""So many more are refitted there, if they cost no more than the best by so many times what an effect must gain; about
-the next best, those that cost no more than so."""
-LEAST = 1.0
-"""Partners of the best single are refitted even if they promise less than an effect must gain, but so much."""
-REPLACING = 4
-"""Of what is expected to gain most in the place of each effect of the best pair, so many are refitted."""
-NEARLY = 0.5
-"""A pair is refitted that promises so much of what the best one gains: promises are linear, gains are not."""
-FEWEST, HOPE = 4, 0.1
-"""Singles that promise less than this share of the best are not refitted, but so many are."""
-LATE = 3
-"""So many of the best are refitted again from where stated lags are believed to be."""
-ROUGH, MUCH = 6, 0.01
-"""Singles refitted while the noise is not known yet; a second effect is added there where it explains such a share."""
-RATHER = 2.0
-"""An observer stays firm where a good explanation costs so many times as much without it."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +86,8 @@ def select(
     search.recoloured(whitener(search, refitted(search, best)))
     base = _base(search, best)
     promised = promises(search, base, started if firmly is None else candidates)
-    hopeful = [own for k, own in enumerate(promised) if k < FEWEST or own.gain > HOPE * promised[0].gain]
-    singles = _with_each(search, base, hopeful[:SINGLES])
+    hopeful = [own for k, own in enumerate(promised) if k < CAL.fewest or own.gain > CAL.hope * promised[0].gain]
+    singles = _with_each(search, base, hopeful[: CAL.singles])
     known = refitted(search, best)
     for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
         singles = _better(singles, own)
@@ -122,7 +99,7 @@ def select(
     if tried:
         _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=by_cost)
-    base, found = _polished(search, base, found, found[: POLISHED + RIVALS], worth)
+    base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
     replacing = _in_each_place(search, found, candidates, worth)
     if replacing:
         base, found = _polished(search, base, found, replacing, worth, 1)
@@ -136,7 +113,7 @@ def _polished(
     found: list[Hypothesis],
     rivals: Sequence[Hypothesis],
     worth: float,
-    rounds: int = POLISHED,
+    rounds: int = CAL.polished,
 ) -> tuple[Hypothesis, list[Hypothesis]]:
     """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
@@ -150,11 +127,11 @@ def _polished(
     rivalling, done = {frozenset(own.names) for own in rivals}, set[frozenset[str]]()
     with search.elsewhere():
         for _ in range(rounds):
-            itself = next((names for names in _near(better, rivalling, NEAR * worth) if names not in done), nothing)
+            itself = next((names for names in _near(better, rivalling, CAL.near * worth) if names not in done), nothing)
             best = better[itself]
-            if better[nothing].cost - best.cost <= WORTHY * worth:
+            if better[nothing].cost - best.cost <= CAL.worthy * worth:
                 break
-            beside = _near(better, rivalling, (CLOSE if done else NEAR) * worth)
+            beside = _near(better, rivalling, (CAL.close if done else CAL.near) * worth)
             done.add(itself)
             search.about(best)
             starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*beside, itself)))]
@@ -193,8 +170,8 @@ def _in_each_place(
     with search.elsewhere():
         search.about(pair)
         for parent in _without_each(search, pair):
-            promised = promises(search, parent, candidates)[:REPLACING]
-            replacing += _with_each(search, parent, [own for own in promised if own.gain > LEAST])
+            promised = promises(search, parent, candidates)[: CAL.replacing]
+            replacing += _with_each(search, parent, [own for own in promised if own.gain > CAL.partner_least])
     return replacing
 
 
@@ -202,7 +179,7 @@ def _stands(search: Search, best: Hypothesis) -> bool:
     """Whether simulations do without firm observers: the best explanation, and none at all."""
     loosely = refit(search, [search.start_of(best)])
     nothing = Start((), np.empty(0), best.theta, best.linear)
-    return bool(loosely) and loosely[0].cost <= RATHER * best.cost and bool(refit(search, [nothing]))
+    return bool(loosely) and loosely[0].cost <= CAL.rather * best.cost and bool(refit(search, [nothing]))
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:
@@ -221,7 +198,7 @@ def _from_beliefs(search: Search, base: Hypothesis, candidates: Sequence[Candida
 
     What has taken a cause's place may hold it: from there a refit finds a little of the cause, and no way back.
     """
-    if not any(far > MOST_SD for far in search.far(base)):
+    if not any(far > CAL.tolerated_sd for far in search.far(base)):
         return []
     with search.elsewhere():
         search.about(None)
@@ -230,7 +207,7 @@ def _from_beliefs(search: Search, base: Hypothesis, candidates: Sequence[Candida
         believed = replace(believed, e=e, J=np.zeros((*e.shape, 0)))
         if not np.all(np.isfinite(e)):
             return []
-        promised = promises(search, believed, candidates)[:REPLACING]
+        promised = promises(search, believed, candidates)[: CAL.replacing]
         return _gaps(search, [settled(search, own) for own in _with_each(search, believed, promised)])
 
 
@@ -245,13 +222,13 @@ def _combine(
     """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
     least = min(own.cost for own in tried.values())
     first = [own for own in singles if own.names[0] in best.names]
-    for parent in [*first, *(own for own in singles[:PAIRS] if own not in first)]:
-        needed = max(worth, NEARLY * (parent.cost - least) - worth)
-        promised = promises(search, parent, likely)[:PARTNERS]
+    for parent in [*first, *(own for own in singles[: CAL.pairs] if own not in first)]:
+        needed = max(worth, CAL.nearly * (parent.cost - least) - worth)
+        promised = promises(search, parent, likely)[: CAL.partners]
         enough = [own for own in promised if own.gain > needed]
         explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
         if parent is singles[0]:  # what comes next is named, however little speaks for it
-            enough = [own for own in promised if own.gain > min(needed, LEAST)]
+            enough = [own for own in promised if own.gain > min(needed, CAL.partner_least)]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
         if explained:
@@ -266,7 +243,7 @@ def _combine(
             tried[name] = own
     alone = min(own.cost for own in tried.values() if len(own.candidates) == 1)
     if alone - pairs[0].cost > worth:
-        enough = [own for own in promises(search, pairs[0], likely)[:TRIPLES] if own.gain > worth]
+        enough = [own for own in promises(search, pairs[0], likely)[: CAL.triples] if own.gain > worth]
         tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
 
 
@@ -277,9 +254,9 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     base = settled(search, base, 1)
     promised = promises(search, base, candidates)
     known = from_where_best(promised, candidates)
-    best = min([base, *_with_each(search, base, promised[:ROUGH])], key=by_cost)
+    best = min([base, *_with_each(search, base, promised[: CAL.rough_singles])], key=by_cost)
     if best.candidates:
-        more = [own for own in promises(search, best, known)[:2] if own.gain > MUCH * best.cost]
+        more = [own for own in promises(search, best, known)[:2] if own.gain > CAL.much * best.cost]
         best = min([best, *_with_each(search, best, more)], key=by_cost)
     return best, known
 
@@ -337,7 +314,7 @@ def _from_believed_lags(search: Search, found: Sequence[Hypothesis]) -> list[Hyp
     if not stated:
         return better
     with search.elsewhere():
-        for k, own in enumerate(better[:LATE]):
+        for k, own in enumerate(better[: CAL.late]):
             late = [j for j, axis in enumerate(own.axes) if axis.abrupt and axis.unit == "s"]
             if not late:
                 continue

@@ -9,17 +9,12 @@ from math import inf
 import numpy as np
 
 from ..parameter import Array
-from .axes import FACTORS, Candidate
+from .axes import Candidate
+from .calibration import CAL
 from .hypothesis import Hypothesis
 from .search import Search
 
-FEW = 3
-"""Starts of a candidate that promises nothing alone: beside another one it may."""
-BETWEEN, NEAR, DOUBT = 1.1 * FACTORS[1] / FACTORS[0], 1.2, 0.3
-"""By which factor a better start may lie beside a simulated one, a little further than the next; one so near stays; and
-the share of a gain that is doubted at the furthest."""
-POWERS = (0.5, 3.0)
-"""Least and greatest power of its magnitude that an effect may grow with, which two starts tell."""
+BETWEEN = CAL.between * CAL.starts[1] / CAL.starts[0]
 
 
 @dataclass(frozen=True)
@@ -105,7 +100,9 @@ def from_where_best(
         (effect,) = single.names
         best[effect] = (*best.get(effect, ()), tuple(float(m) for m in single.m))
     return [
-        replace(own, starts=best.get(own.effect, own.starts[:: max(1, len(own.starts) // FEW)]) if own.starts else ())
+        replace(own, starts=best.get(own.effect, own.starts[:: max(1, len(own.starts) // CAL.few_starts)]))
+        if own.starts
+        else own
         for own in candidates
     ]
 
@@ -135,10 +132,10 @@ def _promised(
     if abs(wanted) > np.log(BETWEEN):  # the next start tells; beyond the last something else is at work
         return start, 0.0, 1.0
     factor = float(np.exp(wanted))
-    factor = 1.0 if 1 / NEAR < factor < NEAR else factor
+    factor = 1.0 if 1 / CAL.start_near < factor < CAL.start_near else factor
     at = float(np.clip(main.null + factor * step, main.low, main.high))
     reached = abs((at - main.null) / step) ** power
-    believed = 1 - DOUBT * abs(np.log(factor)) / np.log(BETWEEN)
+    believed = 1 - CAL.doubt * abs(np.log(factor)) / np.log(BETWEEN)
     return (at, *start[1:]), float(gain * believed * _of_gain(reached, share)), reached
 
 
@@ -156,7 +153,7 @@ def _power(
     if not (here > 0 and there > 0):
         return 1.0
     power = float(0.5 * np.log(here / there) / np.log(size / abs(nearest[0] - null)))
-    return min(power, POWERS[1]) if power >= POWERS[0] else 1.0  # what acts at once grows with no power of it
+    return min(power, CAL.powers[1]) if power >= CAL.powers[0] else 1.0  # what acts at once grows with no power of it
 
 
 def _of_gain(step: float, wanted: float) -> float:

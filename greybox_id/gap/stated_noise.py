@@ -7,10 +7,8 @@ import numpy as np
 from ..parameter import Array
 from ..statistics import robust_sd, white_noise_sd
 from ..vehicle import Vehicle
+from .calibration import CAL
 from .kinds import AnyBench
-
-TOO_LARGE = 0.8
-"""Noise that is stated is not believed where residuals are smaller than this share of it."""
 
 
 def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
@@ -31,7 +29,7 @@ def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> 
             continue
         e = residuals[own, c]
         spread = robust_sd(e - np.median(e))
-        held = bench.learnt or spread > TOO_LARGE * stated.get(channel, 0.0)
+        held = bench.learnt or spread > CAL.too_large * stated.get(channel, 0.0)
         if channel in stated and held:
             found.append(stated[channel])
             continue

@@ -8,12 +8,10 @@ import numpy as np
 
 from ..parameter import Array
 from ..statistics import welch
+from .calibration import CAL
 from .clock import running
 from .gap import Strip
 from .kinds import AnyBench, blocks
-
-BLOCK, CELLS = 1.0, 8
-"""Seconds in a block of time; cells of the map along each side."""
 
 
 def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
@@ -28,7 +26,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
-    parts = [slice(*ends) for ends in blocks(bench, BLOCK)]
+    parts = [slice(*ends) for ends in blocks(bench, CAL.strip_block)]
     time = running(bench.time)
     x, y = _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
@@ -80,4 +78,4 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
 
 def _edges(values: Array) -> Array:
     low, high = (float(end) for end in np.quantile(values, [0.001, 0.999]))
-    return np.linspace(low, high, CELLS + 1)
+    return np.linspace(low, high, CAL.strip_cells + 1)

@@ -10,26 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..parameter import Array
+from .calibration import CAL
 from .constancy import varies
-from .evidence import COST
 from .hypothesis import Hypothesis
 from .leftover import left_gain
 from .search import Search
-
-MOST = 2
-"""Where more effects than these are needed to explain what one cause might, that cause is none of them."""
-SURELY = 4.0
-"""What noise alone may leave, in standard deviations of that, does not count."""
-EXACTLY, ROUGHLY, LEARNT = 0.03, 0.1, 1.7
-"""Excess over noise, as a share of it, that is no gap yet: of exact equations, of rough ones, of maps with memory."""
-BEYOND = 3.0
-"""Log-odds of something unknown beside a name per logarithm of that; and of how much more effects explain together than
-each alone. Of thirty pairs of true causes none explained more than 1.07 times as much."""
-UNTOLD = 1.5
-"""Log-odds for it where nobody can tell what is left from noise."""
-OF_THE_SIGNAL, OF_A_SMALL_ONE = 0.015, 0.05
-"""Error of rough equations that is none either, over the standard deviation of what they predict; of v_y, which is the
-small difference of what is large."""
 
 
 @dataclass(frozen=True)
@@ -86,16 +71,16 @@ def signs(
     alone : sum of what each effect of the best hypothesis takes off the base's cost by itself; zero if not known.
     """
     gained, expected = left_gain(search, best, seen)
-    over = max(gained - expected - SURELY * np.sqrt(expected), 0.0)
+    over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
-    rest = after - 1.0 - SURELY * np.sqrt(2.0 / max(search.colour.readings, 1))
+    rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
     along = ""
     known = varies(search, best, seen) if best.candidates else {}
     if best.candidates and best.names[0] in known:
         most = known[best.names[0]]
         spread, along = min(most.relative, 2.0), most.along
-    left = float(np.clip(rest / max(before - 1.0, 0.02), 0.0, 2.0))
+    left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
     if (
         scatter > 0 and not best.candidates and rest <= 0
     ):  # a reading taken before its row's command looks like structure
@@ -130,12 +115,14 @@ def beyond_what_may_be(
     """
     if not rough:
         count = max(int(np.sum(good)), 1)
-        return float((np.mean((e / sd)[good] ** 2) - 1.0 - SURELY * np.sqrt(2.0 / count)) / alone) if count > 1 else 0.0
+        if count == 1:
+            return 0.0
+        return float((np.mean((e / sd)[good] ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / count)) / alone)
     most = 0.0
     for c, channel in enumerate(channels):
-        own, share = good[:, c], OF_A_SMALL_ONE if channel == "v_y" else OF_THE_SIGNAL
+        own, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
         if np.any(own):
-            excess = np.mean((e[own, c] / sd[c]) ** 2) - 1.0 - SURELY * np.sqrt(2.0 / np.sum(own))
+            excess = np.mean((e[own, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(own))
             most = max(most, float(excess / max(alone, (share * np.std(y[own, c]) / sd[c]) ** 2)))
     return most
 
@@ -151,26 +138,22 @@ def without_a_name(own: Signs, temper: float, rough: bool, told: bool = True) ->
     ----------
     own : what speaks for it.
     temper : what log-likelihoods are multiplied with.
-    rough, told : as in `unknown_probability`.
+    rough : whether equations are.
+    told : as in `unknown_probability`.
     """
-    return told and (own.beyond > 1.0 or (rough and temper * own.over > COST))
+    return told and (own.beyond > 1.0 or (rough and temper * own.over > CAL.cost_without_forces))
 
 
-def unknown_probability(own: Signs, rough: bool, told: bool = True) -> float:
+def unknown_probability(own: Signs, told: bool = True) -> float:
     """The probability that something unknown is at work.
 
     Parameters
     ----------
     own : what speaks for it.
-    rough : whether equations are.
     told : whether noise was stated: else what is left passes for noise, and cannot speak.
     """
-    if rough:
-        x = -4.0 + 2.5 * min(own.left, 1.0) + 15.0 * own.structure + 12.0 * min(own.spread, 0.4)
-        x += 1.5 if own.effects > MOST else 0.0
-        x += BEYOND * np.log(max(own.beyond, 1.0)) + (0.0 if told else UNTOLD)
-    else:
-        x = -5.0 + 30.0 * min(own.left, 0.3) + 25.0 * own.structure + 20.0 * min(own.spread, 0.4)
-        x += 80.0 * min(max(own.excess, 0.0), 0.1) + (4.0 if own.effects > MOST else 0.0)
-    x += BEYOND * np.log(max(own.together, 1.0))
+    x = CAL.nothing_else + CAL.of_left * min(own.left, 1.0) + CAL.of_structure * own.structure
+    x += CAL.of_spread * min(own.spread, CAL.widest_spread) + (CAL.untold if own.effects > CAL.most_effects else 0.0)
+    x += CAL.beyond * np.log(max(own.beyond, 1.0)) + (0.0 if told else CAL.untold)
+    x += CAL.beyond * np.log(max(own.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
+from .calibration import CAL
 from .examining import TINY, Examined
 from .gap import Limit
 
@@ -17,7 +18,7 @@ def not_excited(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
         size = abs(axis.coordinate(typical) - axis.null)
         if name in found.best.names or not isfinite(own.sd) or 2 * own.sd < size:
             continue
-        if own.told < 0.05:
+        if own.told < CAL.hidden:
             absorbed.append(name)
         elif 2 * own.sd > axis.high - axis.low:
             weak[name] = "any size"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import log
 from typing import Any
 
@@ -13,11 +13,12 @@ from ..effect import Effect
 from ..motion_model import MotionModel
 from ..vehicle import Vehicle
 from .between_runs import Common, VaryingNumber, Weigher, common, values_of
-from .calibration import CALIBRATION
+from .calibration import CAL
 from .innovations import FollowedRun, Follower, noise_of, plain_noise
 
-SCATTER = "scatter_"
-USUAL = {name.removeprefix(SCATTER): size for name, size in CALIBRATION.items() if name.startswith(SCATTER)}
+USUAL: dict[str, float] = {
+    own.name.removeprefix("scatter_"): getattr(CAL, own.name) for own in fields(CAL) if own.name.startswith("scatter_")
+}
 """Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
 may be named as changed."""
 SPECIFIED = ("yaw_rate_scale",)
@@ -50,9 +51,9 @@ def numbers_of(
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)
-        wide = USUAL[name] if name in SPECIFIED else CALIBRATION["nominal"] * USUAL[name]
+        wide = USUAL[name] if name in SPECIFIED else CAL.nominal * USUAL[name]
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
-            wide = CALIBRATION["indifference"] * USUAL[name]
+            wide = CAL.indifference * USUAL[name]
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
         found.append(replace(one, step=max(one.step, _row(name))))
@@ -60,13 +61,13 @@ def numbers_of(
     if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
         length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
         full = full + arm.at(0.0)
-        found.append(_number(arm.parameter.name, 0.0, CALIBRATION["of_wheelbase"] * length, arm.parameter.bounds))
+        found.append(_number(arm.parameter.name, 0.0, CAL.of_wheelbase * length, arm.parameter.bounds))
     return full, tuple(found)
 
 
 def _row(name: str) -> float:
     """Least step of a difference, s: what delays move is cut at rows."""
-    return 5e-3 if name == "steering_delay" else 0.0
+    return CAL.delay_step if name == "steering_delay" else 0.0
 
 
 def _number(
@@ -77,8 +78,9 @@ def _number(
     if (mean > 0 and factor is None) or factor:
         relative = sd / mean
         ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
-        return VaryingNumber(name, True, log(mean), relative, 1e-2 * min(relative, 0.1), *ends)
-    return VaryingNumber(name, False, mean, sd, 1e-2 * (scale or sd), low, high)
+        step = CAL.between_beside * min(relative, CAL.most_relative)
+        return VaryingNumber(name, True, log(mean), relative, step, *ends)
+    return VaryingNumber(name, False, mean, sd, CAL.between_beside * (scale or sd), low, high)
 
 
 def usual(
@@ -101,7 +103,7 @@ def usual(
     known = tuple(numbers)
     tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
     nominal = values_of(known, np.array([own.mean for own in known]))
-    belief = {name: np.inf if name in SPECIFIED else CALIBRATION["usual_runs"] for name in USUAL}
+    belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
     found = common(weigher, rides, scatter, belief)
@@ -116,7 +118,7 @@ def usual(
 
 def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
     """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
-    together = round(CALIBRATION["together"])
+    together = round(CAL.together)
     single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
     for ride, deviation in zip(rides, known.deviations, strict=True):
         scores = known.weigher.told(ride, known.x + deviation).scores

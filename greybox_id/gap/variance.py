@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +19,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from ..parameter import Array
+from .calibration import CAL
 from .kinds import AnyBench
 
-FEWEST_CHANNELS = 2
-"""Channels that must repeat together: one alone may be quantised."""
-SOME = 3
-"""So many repeats are no accident, where readings have noise."""
-STEP = 0.5
-"""A reading that changes by so many noise sds from row to row is no line between them: its rate is not known."""
-BESIDE = 2
-"""Rows before and after one whose mean is taken from its residual: misfits last from row to row, jitter does not."""
-FEWEST_JUMPS = 50
-"""Readings that jump with commands from which on they are looked at."""
-ROW = 3.0
-"""Log-likelihood that a row may gain: what a single one tells may be an outlier."""
-VARIANCES = (float(np.log(1e-5**2)), float(np.log(0.05**2)))
+VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
 """Least and greatest logarithm of jitter's variance that is tried."""
-ODDS = 0.1
-"""Channels are at odds about a time that should be all the same to them where each alone explains so much more."""
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Of all jumps alike that the best model may have taken up, tried one after the other."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +48,7 @@ def repeats(bench: AnyBench) -> NDArray[np.bool_]:
     """(N,) rows at which all sensors repeat the row before exactly."""
     found = np.zeros(len(bench.measured), dtype=bool)
     read = np.any(np.isfinite(bench.measured), axis=0)
-    if np.count_nonzero(read) < FEWEST_CHANNELS or bench.learnt:
+    if np.count_nonzero(read) < CAL.fewest_channels or bench.learnt:
         return found
     for rows in bench.rows:
         own = bench.measured[rows][:, read]
@@ -75,7 +61,7 @@ def repeats(bench: AnyBench) -> NDArray[np.bool_]:
 def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     """Rows held stale; None where there are none."""
     count = int(np.sum(held))
-    if count < SOME:
+    if count < CAL.some_repeats:
         return None
     share = count / len(held)
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
@@ -106,7 +92,7 @@ def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tup
         forward = np.diff(y[rows], axis=0) / np.diff(run.time)[:, None]
         rates[rows.start + 1 : rows.stop - 1] = (forward[1:] + forward[:-1]) / 2
         bend = np.abs(np.diff(y[rows], 2, axis=0))
-        known[rows.start + 1 : rows.stop - 1] = (bend < STEP * sd) & (smooth | ~np.any(run.held))
+        known[rows.start + 1 : rows.stop - 1] = (bend < CAL.steady_step * sd) & (smooth | ~np.any(run.held))
     return rates, good & known
 
 
@@ -159,8 +145,8 @@ def jitter(
         return None
     best = minimize_scalar(loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
     gains = losses(0.0) - losses(float(np.exp(best.x)))
-    gain = float(np.sum(np.minimum(gains, ROW)))
-    if _at_odds(a, brief, use, float(np.exp(best.x))) > ODDS * gain:
+    gain = float(np.sum(np.minimum(gains, CAL.row_gain)))
+    if _at_odds(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
         gain = 0.0
     tossed = 0.0
     if jumps is not None:
@@ -170,7 +156,8 @@ def jitter(
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
     variance = float(np.exp(at))
-    tau = float(np.sqrt(variance * scale(variance) / (1 - 1 / (2 * BESIDE + 1))))  # a mean takes its share of it away
+    rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of it is left by a mean that is taken off
+    tau = float(np.sqrt(variance * scale(variance) / rest))
     ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
     spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
@@ -190,7 +177,7 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
     apart = 0.0
     for c in range(a.shape[1]):
         own = use[:, c] & (a[:, c] != 0)
-        if np.count_nonzero(own) < FEWEST_JUMPS:
+        if np.count_nonzero(own) < CAL.fewest_jumps:
             continue
         h, squares = a[own, c] ** 2, z[own, c] ** 2
 
@@ -214,13 +201,13 @@ def coin(jumps: Array, z: Array) -> float:
     own = np.any(jumps != 0, axis=1)
     j, z = jumps[own], z[own]
     count = np.count_nonzero(j)
-    if count < FEWEST_JUMPS:
+    if count < CAL.fewest_jumps:
         return 0.0
     z = np.where(j != 0, z, 0.0)
     across, along, length = np.sum(z**2, axis=1), np.sum(z * j, axis=1), np.sum(j**2, axis=1)
     alike = float(np.sum(across) - np.sum(along) ** 2 / np.sum(length)) / count
     best = -np.inf
-    for share in SHARES:  # what the best model takes up of all jumps alike
+    for share in CAL.jump_shares:  # what the best model takes up of all jumps alike
         ends = [across - 2 * c * along + c**2 * length for c in (share, share - 1.0)]
 
         def loss(log_variance: float, ends: Sequence[Array] = ends) -> float:
@@ -230,13 +217,13 @@ def coin(jumps: Array, z: Array) -> float:
         at = np.log(max(alike, 1e-300))
         best = max(best, -float(minimize_scalar(loss, bounds=(at - 3.0, at + 0.1), method="bounded").fun))
     without = -0.5 * count * (np.log(max(alike, 1e-300)) + 1.0)
-    return max(float(best - without - np.log(len(SHARES))), 0.0)
+    return max(float(best - without - np.log(len(CAL.jump_shares))), 0.0)
 
 
 def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
     """(N, channels) residuals that count, without the mean of those beside them."""
     found = z.copy()
     for rows in runs:
-        around = [uniform_filter1d(own[rows].astype(float), 2 * BESIDE + 1, axis=0) for own in (z, good)]
+        around = [uniform_filter1d(own[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for own in (z, good)]
         found[rows] -= around[0] / np.maximum(around[1], 1e-9)
     return found

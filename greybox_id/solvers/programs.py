@@ -1,6 +1,6 @@
 """The fitting problems as nonlinear programs for Ipopt: lifted over time, or with the nodes eliminated.
 
-Constraints and objective are CasADi expressions of the traced model. Derivatives are handed over in blocks
+Lifted, constraints and objective are CasADi expressions of the traced model. Derivatives are handed over in blocks
 (`Run.linearise`): differentiating the windows of a run symbolically would evaluate every sample as often as there are
 windows over it.
 """
@@ -14,7 +14,6 @@ import casadi as cs
 import numpy as np
 import scipy.sparse as sp
 
-from ..engine.free_run import free_run_expression
 from ..engine.least_squares import LeastSquares
 from ..engine.motion.lanes import Lanes
 from ..engine.motion.runs import Index
@@ -31,7 +30,8 @@ class Condensed:
     """The problem as a program over the parameters alone: open loop, or closed with the nodes eliminated.
 
     Unknowns are in units of their own curvature at x: Ipopt's tolerance is one for all of them, and curvatures of a
-    network's weights and of a vehicle's numbers span ten orders of magnitude.
+    network's weights and of a vehicle's numbers span ten orders of magnitude. Units are powers of two, so that changing
+    them loses no digit: what was computed at x need not be computed again.
 
     Attributes
     ----------
@@ -42,21 +42,17 @@ class Condensed:
         self.size = problem.layout.size
         curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
         told = problem.free & np.isfinite(curvature) & (curvature > 0)
-        self.scale = np.where(told, 1.0 / np.sqrt(np.where(told, curvature, 1.0)), 1.0)
+        self.scale = np.where(told, np.exp2(-np.round(np.log2(np.where(told, curvature, 1.0)) / 2.0)), 1.0)
         Z = cs.MX.sym("Z", self.size)
         X = cs.DM(self.scale) * Z
-        residuals = [cs.mtimes(_sparse(problem.R), X) - problem.r]
-        for k, run in enumerate(problem.runs):
-            p = X[problem.layout.index[k].tolist()]
-            y = _simulated(run, p) if problem.closed_loop else _model(run, None, p)
-            residuals.append(cs.vec(_observed_error(problem, k, y, p)))
-        self.nlp = {"x": Z, "f": 0.5 * cs.sumsqr(cs.vertcat(*residuals))}
         empty, gamma = cs.MX.sym("none", 0), cs.MX.sym("gamma")
-        self._equations = _normal_equations(problem, self.scale)
-        g, H = self._equations(X)
+        self._callbacks = _objective(problem), _normal_equations(problem, self.scale)
+        objective, equations = self._callbacks
+        (g, H), self.nlp = equations(X), {"x": Z, "f": objective(X)}
         self.derivatives = {
             "grad_f": cs.Function("grad_f", [Z, empty], [self.nlp["f"], g]),
             "hess_lag": cs.Function("hess_lag", [Z, empty, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
+            "no_nlp_grad": True,  # what is evaluated by a callback has no further derivative
         }
 
     def start(self, x: Array, warm: bool) -> Array:
@@ -101,6 +97,15 @@ class _Computed(cs.Callback):  # type: ignore[misc]
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = (x, self._values(x))
         return self._last[1]
+
+
+def _objective(problem: Problem) -> _Computed:
+    """The objective, by unknowns."""
+
+    def values(x: Array) -> list[cs.DM]:
+        return [cs.DM(problem.objective(x, problem.simulated_nodes(x)))]
+
+    return _Computed("objective", problem.layout.size, [cs.Sparsity.dense(1, 1)], values)
 
 
 def _normal_equations(problem: Problem, scale: Array) -> _Computed:
@@ -216,17 +221,16 @@ def bounds_of(problem: LeastSquares, x: Array, size: int) -> tuple[Array, Array]
     return low, high
 
 
-def _model(run: Run, node: cs.MX | None, p: cs.MX) -> cs.MX:
+def _model(run: Run, node: cs.MX, p: cs.MX) -> cs.MX:
     """The model's predictions of a run as an expression of the nodes, (outputs, rows)."""
     trace, first = run.trace, run.first
     u = run.actuation.expression(cs.MX(cs.DM(np.nan_to_num(run.recorded).T)), p)
-    if node is not None:
-        before = cs.DM(run.measured[:first].T)
-        fed = trace.feedback.function.map(len(run))(cs.horzcat(before, node), u)
-        rows = [u[k, :] for k in range(u.shape[0])]
-        for position, name in enumerate(trace.fed_back):
-            rows[trace.model.inputs.index(name)] = fed[position, :]
-        u = cs.vertcat(*rows)
+    before = cs.DM(run.measured[:first].T)
+    fed = trace.feedback.function.map(len(run))(cs.horzcat(before, node), u)
+    rows = [u[k, :] for k in range(u.shape[0])]
+    for position, name in enumerate(trace.fed_back):
+        rows[trace.model.inputs.index(name)] = fed[position, :]
+    u = cs.vertcat(*rows)
     z = trace.stage.function.map("stages", "serial", len(run), [1], [])(u, p)
     weights = cs.reshape(trace.weights.function(p), trace.memory, len(trace.tap_signal)).T
     length = len(run) - first
@@ -234,16 +238,6 @@ def _model(run: Run, node: cs.MX | None, p: cs.MX) -> cs.MX:
     h = sum(weights[:, lag] * tapped[:, lag : lag + length] for lag in range(trace.memory))
     newest = u[:, trace.memory - 1 : -1]
     return trace.head.function.map("heads", "serial", length, [2], [])(h, newest, p)
-
-
-def _simulated(run: Run, p: cs.MX) -> cs.MX:
-    """A free run as an expression of the parameters, (outputs, rows)."""
-    measured_loop, _ = run.inputs(run.trace.model.values, run.measured)
-    recorded = np.where(np.isnan(run.recorded), measured_loop, run.recorded)
-    fed = [run.trace.model.inputs.index(name) for name in run.trace.fed_back]
-    recorded[:, fed] = measured_loop[:, fed]
-    u = run.actuation.expression(cs.MX(cs.DM(recorded.T)), p)
-    return free_run_expression(run.trace, u, run.measured, p)
 
 
 def _observed_error(problem: Problem, k: int, node: cs.MX, p: cs.MX) -> cs.MX:

@@ -38,6 +38,7 @@ class Undetermined:
     value, sd : estimate and standard deviation, in the parameter's unit.
     relative_sd : as a share of the parameter's size.
     prior_sd : standard deviation that was believed before; infinite for none.
+    unit : of the parameter.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Undetermined:
     sd: float
     relative_sd: float
     prior_sd: float
+    unit: str = "1"
 
     def about(self) -> str:
         """Why, in a plain sentence."""
@@ -53,6 +55,11 @@ class Undetermined:
         if self.sd > NO_NEWS * self.prior_sd:
             share = f"{self.sd / self.prior_sd:.0%} of the prior's"
             return f"{self.name}: dominated by the prior; its standard deviation is {share}."
+        if self.relative_sd > 1.0:
+            return (
+                f"{self.name}: its standard deviation, {_with_unit(f'{self.sd:.2g}', self.unit)}, is larger than the "
+                f"estimate, {_with_unit(f'{self.value:.2g}', self.unit)}."
+            )
         return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
 
 
@@ -82,15 +89,21 @@ class Direction:
     names : of those that move most, the one that moves most first.
     moves : what one standard deviation along the direction moves each of them by, as shares of their sizes.
     relative_sd : standard deviation along the direction, over all parameters.
+    changes : the same moves in each one's unit, as text, for those whose estimates are about zero: per cent of it would
+        say nothing. None for the others.
     """
 
     names: tuple[str, ...]
     moves: tuple[float, ...]
     relative_sd: float
+    changes: tuple[str | None, ...]
 
     def about(self) -> str:
         """What can move, in a plain sentence."""
-        moves = [f"{name} by {move:+.0%}" for name, move in zip(self.names, self.moves, strict=True)]
+        moves = [
+            f"{name} by {f'{move:+.0%}' if change is None else change}"
+            for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
+        ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
         together = " alone" if len(moves) == 1 else " together"
         return f"One standard deviation moves {listed}{together}, and the residuals hardly change."
@@ -129,6 +142,7 @@ def identifiability(
     x: Array,
     covariance: Array,
     prior_sd: Array | None = None,
+    units: Sequence[str] | None = None,
 ) -> Identifiability:
     """Look for what a recording leaves open.
 
@@ -139,10 +153,11 @@ def identifiability(
     covariance : (parameters, parameters) of the estimates; those held or at a bound have zero rows and are left out.
     prior_sd : (parameters,) standard deviations believed before, infinite for none; a parameter that its prior lets
         lie anywhere about zero (an offset) is measured against its prior alone.
+    units : of the parameters; None where they have none.
 
     A relative standard deviation is relative to the larger of the estimate and the prior's standard deviation.
     """
-    variance = np.diag(covariance)
+    variance, units = np.diag(covariance), ["1"] * len(x) if units is None else units
     prior_sd = np.full(len(x), np.inf) if prior_sd is None else np.asarray(prior_sd, dtype=float)
     size = np.maximum(np.abs(x), np.where(np.isfinite(prior_sd), prior_sd, 0.0))
     about_zero = np.isfinite(prior_sd) & (np.abs(x) < prior_sd)
@@ -150,7 +165,7 @@ def identifiability(
     relative = np.divide(sd, size, out=np.where(sd > 0.0, np.inf, 0.0), where=(size > 0.0) & np.isfinite(sd))
     open_ = np.flatnonzero(((relative > HALF) & ~about_zero) | (sd > NO_NEWS * prior_sd) | np.isinf(sd))
     undetermined = [
-        Undetermined(names[int(k)], float(x[k]), float(sd[k]), float(relative[k]), float(prior_sd[k]))
+        Undetermined(names[int(k)], float(x[k]), float(sd[k]), float(relative[k]), float(prior_sd[k]), units[int(k)])
         for k in open_[np.argsort(-relative[open_], kind="stable")]
     ]
     inner = np.flatnonzero((variance > 0.0) & np.isfinite(variance))
@@ -161,7 +176,13 @@ def identifiability(
     return Identifiability(
         tuple(undetermined),
         _pairs([names[int(k)] for k in inner], correlation),
-        _directions([names[int(k)] for k in inner[scaled]], C[np.ix_(scaled, scaled)] / np.outer(unit, unit)),
+        _directions(
+            [names[int(k)] for k in inner[scaled]],
+            C[np.ix_(scaled, scaled)] / np.outer(unit, unit),
+            unit,
+            np.abs(x[inner][scaled]),
+            [units[int(k)] for k in inner[scaled]],
+        ),
         np.inf if np.any(np.isinf(variance)) else _condition(C),
     )
 
@@ -175,8 +196,10 @@ def _pairs(names: Sequence[str], correlation: Array) -> tuple[CorrelatedPair, ..
     )
 
 
-def _directions(names: Sequence[str], relative: Array) -> tuple[Direction, ...]:
-    """Eigenvectors of a relative covariance along which it is wide."""
+def _directions(
+    names: Sequence[str], relative: Array, size: Array, estimate: Array, units: Sequence[str]
+) -> tuple[Direction, ...]:
+    """Eigenvectors of a covariance relative to sizes along which it is wide; estimates are absolute values."""
     variances, vectors = np.linalg.eigh(relative)
     found = []
     for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
@@ -186,7 +209,11 @@ def _directions(names: Sequence[str], relative: Array) -> tuple[Direction, ...]:
         order = np.argsort(-np.abs(vector), kind="stable")[:NAMED]
         order = order[np.abs(vector[order]) >= LEAST_NAMED * np.abs(vector[order[0]])]
         moves = spread * vector[order] * np.sign(vector[order[0]])
-        found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread))
+        changes = [
+            _with_unit(f"{move * size[k]:+.2g}", units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
+            for k, move in zip(order, moves, strict=True)
+        ]
+        found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
     return tuple(found)
 
 
@@ -203,20 +230,25 @@ def _condition(covariance: Array) -> float:
     return float(np.linalg.cond(normal * np.outer(by, by)))
 
 
+def _with_unit(number: str, unit: str) -> str:
+    return number if unit in ("1", "") else f"{number} {unit}"
+
+
 def left_open(fit: Fit) -> Identifiability | None:
     """Parameters weakly identifiable, or only in combination; None where its covariance was not kept."""
     if fit.covariance is None:
         return None
-    names, x, places, prior_sd, start = [], [], [], [], 0
+    names, x, places, prior_sd, units, start = [], [], [], [], [], 0
     for p in fit.model.parameters:
         if p.shape == () and not p.fixed:
             names.append(p.name)
             x.append(float(p.array))
             places.append(start)
+            units.append(p.unit)
             prior_sd.append(np.inf if p.prior is None else float(np.asarray(p.prior.sd)))
         start += p.size
     inside = fit.covariance[np.ix_(places, places)]
-    return identifiability(names, np.array(x), inside, prior_sd=np.array(prior_sd))
+    return identifiability(names, np.array(x), inside, prior_sd=np.array(prior_sd), units=units)
 
 
 def told_together(fit: Fit) -> list[str]:

@@ -9,7 +9,14 @@ from late_readings import NOISE, car, driven
 from toys import drive, without
 
 import greybox_id as gb
-from greybox_id.adaptation.choosing import STRENGTHS, AdaptedCandidate, chosen, foretold
+from greybox_id.adaptation.choosing import (
+    BETWEEN_RUNS,
+    STRENGTHS,
+    AdaptedCandidate,
+    between_runs,
+    chosen,
+    foretold,
+)  # fmt: skip
 from greybox_id.adaptation.outcome import parted
 from greybox_id.adaptation.verb import adapt
 from greybox_id.errors import BadInput
@@ -122,6 +129,21 @@ def test_the_expected_interval_holds_the_error_of_further_seconds():
         low, high = foretold(pieces[:20], 40.0)
         held += low <= np.sqrt(np.mean(pieces[20:])) <= high
     assert held / 300 > 0.95
+
+
+def test_the_expected_interval_is_as_wide_as_runs_of_the_old_car_differ(trained):
+    """Two runs that differ by a factor of three in their error make what a third one will do uncertain."""
+    part, long = build("msnn_bench_lat", {"v_x": [0.5, 4.0]}), 600
+    part = part.with_values(car().values)
+    alike = [driven(car(), long, seed, noise=0.05) for seed in (1, 2, 3, 4)]
+    unlike = [driven(car(), long, seed, noise=0.05 * size) for seed, size in ((1, 1), (2, 3), (3, 1), (4, 3))]
+    assert between_runs(part, None) == between_runs(part, alike[:1]) == BETWEEN_RUNS
+    small, large = between_runs(part, alike), between_runs(part, unlike)
+    spread = np.log(3) * np.array([-0.5, 0.5, -0.5, 0.5])
+    assert large == pytest.approx(np.sqrt((3 * BETWEEN_RUNS**2 + np.sum(spread**2)) / 6), rel=0.1)
+    assert small == pytest.approx(np.sqrt(3 * BETWEEN_RUNS**2 / 6), rel=0.1)
+    pieces = np.ones(20)
+    assert foretold(pieces, 40.0, between=small)[1] < foretold(pieces, 40.0, between=large)[1]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,9 @@ import pytest
 from calling import greybox, refused
 from linear_bicycle import manoeuvres
 
+from greybox_id.fit import load
+from greybox_id.models.registry import build
+
 SMALL = ("--set", "hidden=[3]", "--set", "window=40", "--set", "warm_up=10")
 FIX = ("--fix", "I_z=700", "--fix", "m=930", "--fix", "l_f=1.175", "--fix", "l_r=1.171")
 
@@ -93,3 +96,19 @@ def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_pa
 def test_the_models_are_listed():
     assert "hybrid_stiffness" in greybox("models").out
     assert "25 × 25" in greybox("models", "hybrid_force").out
+
+
+def test_training_is_carried_on_from_a_fit(fitted, files, tmp_path, monkeypatch):
+    monkeypatch.setattr("greybox_id.fitting.hybrid.STEPS", 3)
+    path, _ = fitted
+    again = ("fit", "--model", "hybrid_force", *files, "--columns", "canonical", "--out", tmp_path / "again")
+    done = greybox(*again, "--pretrain", path, "--json")
+    assert done.code in (0, 3), done.err
+    saved = load(tmp_path / "again" / "fit.json", build)
+    assert saved.how["pretrained_from"] == str(path)
+    assert "every fifth of 12 pieces of 70 rows" in saved.how["stopped_by"]
+    assert saved.model.settings == load(path, build).model.settings
+    assert "--starts" in refused(*again, "--pretrain", path, "--starts", "2")
+    other = ("fit", "--model", "hybrid_stiffness", *files, "--columns", "canonical", "--out", tmp_path / "other")
+    assert "a fit of hybrid_stiffness is needed" in refused(*other, "--pretrain", path)
+    assert "fit it with --pretrain" in refused("adapt", path, files[0], "--columns", "canonical")

@@ -80,6 +80,17 @@ def test_tyres_may_lag_behind():
     assert np.max(np.abs(lagging.C_alpha_f[~np.isnan(lagging.C_alpha_f)] / lagging.C_0f - 1.0)) > 0.2
 
 
+def test_tyres_rate_and_noise_may_be_others():
+    manoeuvre, stated = MANOEUVRES[0], simrod().parameters
+    (plain,), (soft,) = drive([manoeuvre], [1]), drive([manoeuvre], [1], tyres={"B_f": 0.8 * stated["B_f"]}, rate=50.0)
+    assert soft.truth.C_0f == pytest.approx(0.8 * plain.truth.C_0f)
+    assert soft.truth.C_0r == plain.truth.C_0r
+    assert len(soft.recording) == len(plain.recording) / 2
+    (coloured,) = drive([manoeuvre], [1], colour=0.8)
+    noise = coloured.recording["a_y"] - coloured.truth.a_y
+    assert np.corrcoef(noise[1:], noise[:-1])[0, 1] > 0.5
+
+
 def test_held_out_manoeuvres_are_none_of_those_trained_on():
     trained = {(m.kind, m.speed) for m in MANOEUVRES if m.part == "train"}
     held_out = [m for m in MANOEUVRES if m.part == "held out"]

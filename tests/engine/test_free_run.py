@@ -1,11 +1,9 @@
 """Closed loop against naive loops."""
 
-import casadi as cs
 import numpy as np
 import pytest
 from toys import drive, scattered, speed_toy, tiny, without
 
-from greybox_id.engine.free_run import free_run, free_run_expression
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
 from greybox_id.models.effects import steering_rate_limit
@@ -63,15 +61,3 @@ def test_without_feedback_a_simulation_is_the_prediction():
     model = scattered(tiny("msnn_lat"))
     run = loop(model, drive(60))
     assert np.array_equal(run.simulate(model.values)[run.first :], run.predict(model.values))
-
-
-@pytest.mark.parametrize("model", [LOOPS[0], LOOPS[3]], ids=["full", "loop"])
-def test_the_casadi_expression_of_a_free_run_is_the_free_run(model):
-    model = scattered(model, 3)
-    trace = Trace(model)
-    run = loop(model, drive(30))
-    p = cs.MX.sym("p", model.size)
-    u, _ = run.inputs(model.values, run.measured)
-    expression = cs.Function("f", [p], [free_run_expression(trace, cs.MX(cs.DM(u.T)), run.measured, p)])
-    numbers = free_run(trace, u, run.measured, model.values)
-    np.testing.assert_allclose(expression(model.values).full().T, numbers, atol=1e-11)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys import drive, joined, linear_toy, scattered, speed_toy, tiny
+from toys import TINY, drive, joined, linear_toy, scattered, speed_toy, tiny
 
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
@@ -99,6 +99,34 @@ def test_the_gradient_of_the_normal_equations_is_that_of_the_objective(case):
         )
         scale = np.linalg.norm(g * direction)
         assert (up - down) / 2e-6 == pytest.approx(g @ direction, abs=1e-4 * scale)
+
+
+OPEN = [
+    *(tiny(name) for name in TINY if name != "msnn_full"),
+    *(limited(lat), late(lat), replace(lat, symmetric=True), lat + steering_rate_limit.at(1.7)),
+]
+
+
+@pytest.mark.parametrize("model", OPEN, ids=lambda model: "+".join([model.name, *model.effects]))
+def test_the_adjoint_gradient_is_that_of_the_normal_equations(model):
+    problem = problem_of(scattered(model, 3, share=0.2))
+    x = problem.start
+    expected = np.where(problem.free, problem.normal_equations(x, []).g, 0.0)
+    np.testing.assert_allclose(problem.gradient(x), expected, atol=1e-12 * np.max(np.abs(expected)))
+
+
+def test_a_problem_counted_otherwise_is_the_one_made_so():
+    recording, prior = joined(60, 40), Prior(0.5, mean=0.2, strength="held")
+    keep = [(np.arange(60) < 30).astype(float), np.ones(40)]
+    F, noise = np.array([0.7, -0.3]), np.array([0.11])
+    plain = problem_of(linear_toy(2, prior), recording)
+    plain.normal_equations(F, [])
+    other = plain.counted(noise=noise, strengths={"held": 3.0}, keep=keep)
+    made = Problem(Trace(linear_toy(2, prior)), [recording], noise=noise, strengths={"held": 3.0}, keep=keep)
+    for mine, theirs in ((other, made), (plain, problem_of(linear_toy(2, prior), recording))):
+        assert mine.objective(F, []) == theirs.objective(F, [])
+        np.testing.assert_allclose(mine.normal_equations(F, []).H, theirs.normal_equations(F, []).H, rtol=1e-14)
+        np.testing.assert_allclose(mine.normal_equations(F, []).g, theirs.normal_equations(F, []).g, rtol=1e-14)
 
 
 def test_the_objective_is_written_out_half_the_sum_of_squares():

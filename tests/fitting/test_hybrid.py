@@ -10,7 +10,8 @@ from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting import How, fit
-from greybox_id.fitting.hybrid import mirrored
+from greybox_id.fitting.how import quiet
+from greybox_id.fitting.hybrid import mirrored, update_hybrid, window_error
 from greybox_id.models.registry import build, prepared
 from greybox_id.recording import join
 from greybox_id.scores.estimates import apply_hybrid
@@ -65,6 +66,29 @@ def test_the_fit_tells_what_stopped_it_and_how_far_off_it_is(stiffness):
     assert trained_on == pytest.approx(1.0, abs=0.1)
     assert held_out == pytest.approx(1.0, abs=0.15)
     assert stiffness.metrics["train"]["free run"]["yaw_rate"]["rmse"] == pytest.approx(0.01, rel=0.1)
+
+
+def test_training_is_carried_on_with_other_tyres_and_without_the_old_drives(stiffness):
+    new = [recorded(steps(0.02), 14.0, 0.8 * C_F, 0.8 * C_R), recorded(sine(0.03, 0.5), 12.0, 0.8 * C_F, 0.8 * C_R)]
+    told = update_hybrid(stiffness.model, new, How(), quiet)
+    other = recorded(steps(-0.025), 13.0, 0.8 * C_F, 0.8 * C_R)
+    before, after = (apply_hybrid(replace(stiffness, model=m), other) for m in (stiffness.model, told.model))
+    for name, true in (("C_alpha_f", 0.8 * C_F), ("C_alpha_r", 0.8 * C_R)):
+        off, now = (np.nanmax(np.abs(own[name] / true - 1)) for own in (before, after))
+        assert now < 0.03 < 0.08 < off
+    noise = np.array([stiffness.stages[0].noise[name] for name in stiffness.model.outputs])
+    assert window_error(told.model, other, noise) < 0.5 * window_error(stiffness.model, other, noise)
+
+
+def test_where_nothing_changed_training_goes_nowhere(stiffness):
+    same = [recorded(steps(0.02), 14.0, C_F, C_R), recorded(sine(0.03, 0.5), 12.0, C_F, C_R)]
+    told = update_hybrid(stiffness.model, same, How(), quiet)
+    held_out = told.stage.history
+    assert held_out[told.stage.steps] <= held_out[0]
+    found = apply_hybrid(replace(stiffness, model=told.model), recorded(steps(-0.025), 13.0, C_F, C_R))
+    assert np.nanmax(np.abs(found["C_alpha_f"] / C_F - 1)) < 0.03
+    with pytest.raises(BadInput, match="takes 5 pieces of 85 unbroken rows; there are 2"):
+        update_hybrid(stiffness.model, [same[0].rows(0, 180)], How(), quiet)
 
 
 def test_a_fit_is_the_same_after_being_saved(stiffness, tmp_path):

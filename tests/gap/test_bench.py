@@ -1,11 +1,14 @@
 """The bench simulates as the package simulates, many vectors at once as one at a time, with true derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from driven import driven, without
 from gap_cases import CAR
 
-from greybox_id.gap.bench import SETTLING, Bench
+from greybox_id.gap.bench import Bench
+from greybox_id.gap.calibration import CAL
 from greybox_id.models.registry import build
 from greybox_id.recording import join
 from greybox_id.scores.prediction import simulate
@@ -135,7 +138,7 @@ def test_a_run_s_first_moments_and_missing_readings_do_not_count(drive):
     c = bench.channels.index("a_y")
     assert not np.any(bench.counted[:, bench.channels.index("v_y")])
     assert not np.any(bench.counted[50:60, c])
-    first = bench.time - np.where(np.arange(250) < 125, bench.time[0], bench.time[125]) < SETTLING
+    first = bench.time - np.where(np.arange(250) < 125, bench.time[0], bench.time[125]) < CAL.settling
     there = ~first
     there[50:60] = False
     np.testing.assert_array_equal(bench.counted[:, c], there)
@@ -161,7 +164,7 @@ def test_a_simulation_that_was_made_is_not_made_again(bench, monkeypatch):
 
 
 def test_what_was_asked_for_long_ago_is_forgotten(bench, monkeypatch):
-    monkeypatch.setattr("greybox_id.gap.bench.REMEMBERED", 0)  # one call's lanes are kept anyway
+    monkeypatch.setattr("greybox_id.gap.bench.CAL", replace(CAL, remembered=0))  # one call's lanes are kept anyway
     asked = counted(bench, monkeypatch)
     many = np.array([moved(bench, "accel_bias_y", 0.01 * k) for k in range(12)])
     found = bench.simulate(many)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.gap.between_runs import Told, VaryingNumber, common, explained, values_of
+from greybox_id.gap.between_runs import Curve, Told, VaryingNumber, common, descended, explained, values_of
 
 NUMBERS = (
     VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
@@ -79,3 +79,31 @@ def test_what_would_leave_its_bounds_is_held_there():
     own = ride([2.0, 400.0], [1.0, 1.0])
     found = explained(Read(), [own], np.zeros(2), np.zeros(2), np.diag([1e6, 1e6]))
     assert found.x == pytest.approx([2.0, 50.0], rel=1e-3)
+
+
+@pytest.mark.parametrize("known", [0.3, 1.0, 4.0])
+def test_a_hessian_that_is_wrong_by_a_factor_in_some_directions_leads_to_the_minimum_all_the_same(known):
+    rng = np.random.default_rng(3)
+    n = 12
+    ways = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    true = ways @ np.diag(np.geomspace(1.0, 1e5, n)) @ ways.T
+    told = ways @ np.diag(np.geomspace(1.0, 1e5, n) * np.where(np.arange(n) % 2, 1.0, known)) @ ways.T
+    best, counted = rng.standard_normal(n), []
+
+    def cost(u):
+        return 0.5 * float((u - best) @ true @ (u - best))
+
+    def curve(u):
+        counted.append(u)
+        return Curve(cost(u), true @ (u - best), told)
+
+    wide = np.full(n, 50.0)
+    _, found = descended(cost, curve, best + 0.3 * rng.standard_normal(n), -wide, wide)
+    assert found.cost < 0.3
+    assert len(counted) < 30
+    bound = best + wide
+    bound[0] = best[0] - 0.2
+    u, found = descended(cost, curve, best - 0.5, -wide, bound)
+    assert u[0] == pytest.approx(bound[0], abs=0.01)
+    rest = np.linalg.solve(true[1:, 1:], true[1:, 0] * 0.2)  # where the first is held at its bound
+    assert found.cost - cost(best + np.concatenate([[-0.2], rest])) < 0.5

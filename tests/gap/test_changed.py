@@ -8,7 +8,7 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap.between_runs import VaryingNumber
-from greybox_id.gap.calibration import CALIBRATION
+from greybox_id.gap.calibration import CAL
 from greybox_id.gap.changed import Change, diagnose_change, drifting, filtered_alike
 from greybox_id.gap.closed_vehicle import closed_vehicle
 from greybox_id.gap.usual import USUAL
@@ -67,10 +67,16 @@ def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
     assert closed_vehicle(found.vehicle, found.gap).model.effects["steering_delay"].value == own["magnitude"]
 
 
-def test_a_change_counts_by_the_smaller_of_what_it_gains_where_it_was_chosen_and_elsewhere():
-    cost, elsewhere = CALIBRATION["cost"], CALIBRATION["cost_held_out"]
+def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
+    cost, elsewhere = CAL.cost_of_change, CAL.cost_held_out
     assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
-    assert Change(0, (1.0, 0.1), cost + 2.0, elsewhere + 90.0).least == pytest.approx(2.0)
+    assert Change(0, (1.0, 0.1), cost - 5.0, elsewhere + 4.0).least == pytest.approx(elsewhere - 1.0)
+    assert Change(0, (1.0, 0.1), cost, elsewhere + 90.0, apart=False).least == pytest.approx(cost - CAL.cost)
+
+
+def test_what_would_be_further_off_than_ever_changes_is_no_change():
+    far = Change(0, (1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.tolerated_sd)
+    assert far.least == -np.inf
 
 
 @pytest.mark.parametrize(("offsets", "said"), [([0.0, 0.02, 0.04], True), ([0.02, 0.0, 0.021], False)])

@@ -12,7 +12,8 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
-from greybox_id.gap.diagnosis import FORM, _of_sets, diagnose, something_unnamed
+from greybox_id.gap.calibration import CAL
+from greybox_id.gap.diagnosis import _of_sets, diagnose, something_unnamed
 from greybox_id.gap.gap import Unnamed
 from greybox_id.gap.model_error import believed
 from greybox_id.models.effects import EFFECTS
@@ -272,7 +273,8 @@ def test_an_effect_is_found_beside_tolerances():
         assert 0 < (found - stated) / (WITHIN[name] - stated) < 2
     told(gap, "steering_delay", 0.05, within=0.1)
     low, high = gap.ranking[0].interval
-    assert (high - low) / 2 >= 1.96 * FORM * gap.ranking[0].magnitude  # the delay's own equation is rough as well
+    rough = CAL.form_of_size * gap.ranking[0].magnitude  # the delay's own equation is rough as well
+    assert (high - low) / 2 >= 1.96 * rough
 
 
 @pytest.mark.slow

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from greybox_id.gap.axes import Candidate
+from greybox_id.gap.calibration import CAL
 from greybox_id.gap.evidence import (
-    COST,
-    SECOND_PARAMETER,
     evidence,
     heaviest,
     p_value,
@@ -79,7 +78,9 @@ def test_without_a_gain_nothing_is_present():
     assert weighed(1000.0, []).weights == (1.0,)
 
 
-@pytest.mark.parametrize(("gain", "there"), [(COST - 1.0, False), (COST - 0.4, True)])
+@pytest.mark.parametrize(
+    ("gain", "there"), [(CAL.cost_without_forces - 1.0, False), (CAL.cost_without_forces - 0.4, True)]
+)
 def test_aliases_outweigh_nothing_together(gain, there):
     own = [hypothesis(1000.0 - gain, "accel_bias_y"), hypothesis(1000.0 - gain, "imu_mount_roll")]
     found = weighed(1000.0, own)
@@ -90,10 +91,10 @@ def test_aliases_outweigh_nothing_together(gain, there):
 
 def test_every_further_effect_and_second_parameter_costs():
     assert price(hypothesis(0.0)) == 0.0
-    assert price(hypothesis(0.0, "a")) == COST
-    assert price(hypothesis(0.0, "a", "b")) == 2 * COST
-    assert price(hypothesis(0.0, "wind", axes=2)) == COST + SECOND_PARAMETER
-    own = [hypothesis(900.0, "a"), hypothesis(900.0 - 0.9 * COST, "a", "b")]
+    assert price(hypothesis(0.0, "a")) == CAL.cost_without_forces
+    assert price(hypothesis(0.0, "a", "b")) == 2 * CAL.cost_without_forces
+    assert price(hypothesis(0.0, "wind", axes=2)) == CAL.cost_without_forces + CAL.second_parameter
+    own = [hypothesis(900.0, "a"), hypothesis(900.0 - 0.9 * CAL.cost_without_forces, "a", "b")]
     found = weighed(1000.0, own)
     assert found.weights[0] > found.weights[1]
 

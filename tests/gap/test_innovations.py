@@ -5,7 +5,8 @@ import pytest
 from gap_cases import CAR, lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap.innovations import APART, FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
+from greybox_id.gap.calibration import CAL
+from greybox_id.gap.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
 
 READ = ("v_x", "yaw_rate")
 ROWS = 10
@@ -27,7 +28,7 @@ def test_readings_are_kept_a_while_apart_and_in_motion_alone():
     ride = FollowedRun.of(own, READ)
     taken = np.isfinite(ride.recording["yaw_rate"])
     steps = np.diff(ride.recording.time[taken])
-    assert np.min(steps) == pytest.approx(APART, abs=0.5 * own.sample_time)
+    assert np.min(steps) == pytest.approx(CAL.apart, abs=0.5 * own.sample_time)
     assert len(ride.recording) <= len(own)
     assert np.all(np.isfinite(ride.recording["steer"]))
 
@@ -51,6 +52,24 @@ def test_a_channel_that_is_louder_leaves_the_others_their_word():
     loud[:, 0::2] *= 5.0
     own = FilterInnovations(loud, quiet.there, quiet.spread, quiet.runs)
     assert noise.scales(own) == pytest.approx(noise.scales(quiet) * [5.0, 1.0], rel=1e-3)
+
+
+def test_scales_are_where_a_recording_costs_least():
+    correlated = noise_of([drawn(2, 1500, memory=0.6)], 2)
+    heavy = drawn(7, 60)
+    heavy.white[::5] *= 6.0  # moments in which something happened
+    found = correlated.scales(heavy)
+
+    def cost(scales):
+        louder = np.sum(heavy.there.reshape(-1, 2), axis=0) @ np.log(scales)
+        energy = np.sum(correlated.white(heavy, scales) ** 2, axis=1)
+        count = np.sum(heavy.there, axis=1)
+        return 0.5 * np.sum((correlated.degrees + count) * np.log1p(energy / correlated.degrees)) + louder
+
+    for beside in ([1.01, 1.0], [0.99, 1.0], [1.0, 1.01], [1.0, 0.99], [1.01, 0.99]):
+        assert cost(found * beside) > cost(found)
+    quiet = FilterInnovations(0.1 * heavy.white, heavy.there, heavy.spread, heavy.runs)
+    assert correlated.scales(quiet) == pytest.approx(CAL.least_scale)
 
 
 def test_the_covariance_of_blocks_is_that_of_their_series():

@@ -5,9 +5,7 @@ import pytest
 from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 
-from greybox_id.exam.answers import SIZABLE
 from greybox_id.gap.bench import Bench
-from greybox_id.gap.calibration import CALIBRATION, PROVENANCE
 from greybox_id.gap.model_error import Amplitudes, ForceSizes, believed, estimated, linearised, model_error
 from greybox_id.gap.preparing import prepare_plain
 from greybox_id.models.effects import EFFECTS
@@ -149,13 +147,3 @@ def test_amplitudes_are_their_logarithms():
     assert again.memory == pytest.approx(own.memory)
     np.testing.assert_allclose(again.noise, own.noise)
     np.testing.assert_allclose(again.colour, own.colour)
-
-
-def test_every_number_says_where_it_comes_from():
-    for name, own in PROVENANCE.items():
-        assert len(own.how) > 15, name
-        assert CALIBRATION[name] == own.value
-
-
-def test_a_gap_that_shows_is_one_that_examinations_want_detected():
-    assert CALIBRATION["shows"] == SIZABLE

@@ -7,9 +7,9 @@ import pytest
 from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
 
 from greybox_id.gap.axes import Candidate
+from greybox_id.gap.calibration import CAL
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit, settled
-from greybox_id.gap.search import MOST_SD, REACH_SD
 
 SD = np.array([0.1, 0.4])
 
@@ -53,7 +53,7 @@ def test_a_tolerance_that_is_freed_is_charged_nothing_and_held_to_nothing():
     search = search_on(bench, SD, [axis(0, sd=0.005), axis(1, sd=0.1)])
     (base,) = refit(search, [search.start_of(search.at_means())])
     (found,) = refit(search, [alone(search, Candidate("freed", (axis(0),)))])
-    assert search.charge(base) > MOST_SD**2
+    assert search.charge(base) > CAL.tolerated_sd**2
     assert found.m[0] == pytest.approx(2.0, abs=0.05)
     assert found.theta[0] == 0.0  # moves as the candidate, not as the tolerance
     assert search.charge(found) == pytest.approx((found.theta[1] / 0.1) ** 2)
@@ -84,7 +84,7 @@ def test_a_tolerance_reaches_so_far_and_what_is_further_off_is_a_gap():
     bench = linear_bench(X, [1.0, 0.0], SD)
     search = search_on(bench, SD, [axis(0, sd=0.01)])
     (base,) = refit(search, [search.start_of(search.at_means())])
-    assert base.theta[0] == pytest.approx(REACH_SD * 0.01)
+    assert base.theta[0] == pytest.approx(CAL.reach_sd * 0.01)
     found = search.project(base.e, X[:, :, 1:], base.theta, base.linear)
     assert found.step[0] == pytest.approx(1.0 - base.theta[0], abs=0.02)  # the tolerance stays at its bound
     (gap,) = refit(search, [Start((candidate(1),), np.array([0.0]), base.theta, base.linear)])

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
+from greybox_id.gap.calibration import CAL
 from greybox_id.gap.colour import colour, white_noise
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
-from greybox_id.gap.selection import CLOSE, NEAR, REPLACING, _in_each_place, _polished, select
+from greybox_id.gap.selection import _in_each_place, _polished, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -76,7 +77,7 @@ def test_what_stands_in_an_effects_place_is_looked_for_beside_the_other_one():
     best = min(replacing, key=lambda found: found.cost)
     assert set(best.names) == of_effects(0, 1)
     assert best.cost < pair.cost - 10 * WORTH
-    assert len(replacing) <= 2 * REPLACING
+    assert len(replacing) <= 2 * CAL.replacing
     assert _in_each_place(search, [single], own, WORTH) == []
     assert (
         _in_each_place(search, [single, pair], own, 2 * (single.cost - pair.cost)) == []
@@ -90,7 +91,7 @@ def test_polishing_goes_about_the_three_best_however_far_apart(monkeypatch):
     (nothing,) = refit(search, [Start((), np.empty(0), base.theta, base.linear)])
     found = refit(search, [Start((candidate(k),), np.zeros(1), base.theta, base.linear) for k in range(4)])
     found.sort(key=lambda own: own.cost)
-    assert CLOSE * WORTH < found[1].cost - found[0].cost < found[2].cost - found[0].cost < NEAR * WORTH
+    assert CAL.close * WORTH < found[1].cost - found[0].cost < found[2].cost - found[0].cost < CAL.near * WORTH
     about, plainly = [], search.about
     monkeypatch.setattr(search, "about", lambda own, **more: (about.append(own.names), plainly(own, **more)))
     _polished(search, nothing, found, found, WORTH)

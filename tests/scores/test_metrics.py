@@ -1,14 +1,15 @@
 """Errors under every protocol, against examples written out."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny, without
 
 from greybox_id.datasets.read import read
-from greybox_id.models.registry import prepared
-from greybox_id.scores.metrics import Prediction, aic, as_dict, errors, predictions, score
+from greybox_id.models.registry import build, prepared
+from greybox_id.scores.metrics import BATCH, Prediction, aic, as_dict, errors, predictions, score
 
 
 def as_prediction(residual, measured=None):
@@ -140,3 +141,50 @@ def test_the_authors_weights_have_the_figures_that_their_validator_printed(real_
     assert len(residual) - len(full) < 100
     assert np.var(full) / np.var(measured) == pytest.approx(0.0309, abs=5e-5)
     assert aic(residual, model.size) == pytest.approx(-1234.5, abs=0.05)
+
+
+def lateral_benchmark(net):
+    """The authors' weight A has a pole above the speeds driven, which the model's bounds forbid."""
+    F = np.array([weights_of(net, name) for name in ("PFir7W", "PFir9W")])
+    model = build("msnn_bench_lat", {"v_x": net["Functions"]["FFuzzify5"]["centers"]})
+    free = replace(model["A"], bounds=(-1.0, 1.0)).with_value(weights_of(net, "FParamFun11A")[0])
+    return model.with_parameters(free, model["F"].with_value(F))
+
+
+def longitudinal_benchmark(net):
+    named = {"w": "PLinear4W", "b": "PLinear4b", "F_t": "PFir10W", "b_t": "PFir10b", "F_b": "PFir13W", "b_b": "PFir13b"}
+    model = build("msnn_bench_long")
+    return model.with_parameters(
+        *(model[own].with_value(weights_of(net, theirs).reshape(model[own].shape)) for own, theirs in named.items())
+    )
+
+
+def weights_of(net, name):
+    return np.ravel(net["Parameters"][name]["values"])
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "batch_mean", "pooled", "fvu", "variances", "akaike"),
+    [
+        ("Lateral_Dynamics_Benchmark", lateral_benchmark, 0.1604, 0.1668, 0.0653, 0.0614, -676.8),
+        ("longitudinal_dynamics_Benchmark", longitudinal_benchmark, 0.6110, 0.7613, 0.467, 0.341, 2457.7),
+    ],
+)
+def test_the_authors_benchmarks_have_the_figures_that_their_validator_printed(
+    real_data, name, made, batch_mean, pooled, fvu, variances, akaike
+):
+    """Golden rows, where trained_models/ of the authors' repository lies beside the recordings."""
+    file = real_data / "roboracer" / "trained_models" / name / "net.json"
+    if not file.exists():
+        pytest.skip(f"trained_models/{name}/net.json of the authors' repository is not there")
+    model = made(json.loads(file.read_text()))
+    found = predictions(model, read(real_data / "roboracer" / "valid.csv", "roboracer"), "published")
+    residual, measured = found.predicted[:, 0] - found.measured[:, 0], found.measured[:, 0]
+    error = errors(model, found, "published")[model.outputs[0]]
+    full = len(residual) // BATCH * BATCH
+    assert error.rmse == pytest.approx(batch_mean, abs=5e-5)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(pooled, abs=5e-5)
+    assert error.fvu_published == pytest.approx(fvu, abs=5e-5 if fvu < 0.1 else 5e-4)
+    share = np.var(residual[:full]) / np.var(measured[:full])
+    assert share == pytest.approx(variances, abs=5e-5 if fvu < 0.1 else 5e-4)
+    assert aic(residual, model.size) == pytest.approx(akaike, abs=0.05)

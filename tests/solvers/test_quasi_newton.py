@@ -2,8 +2,13 @@
 
 import numpy as np
 import pytest
+from toys import drive, joined, linear_toy, tiny
 
-from greybox_id.solvers.quasi_newton import descend
+from greybox_id.engine.shooting import Problem
+from greybox_id.engine.trace import Trace
+from greybox_id.parameter import Parameter
+from greybox_id.solvers.gauss_newton import gauss_newton
+from greybox_id.solvers.quasi_newton import descend, refine
 
 SCALES = np.array([1.0, 30.0, 5.0])
 FREE = np.full((3, 2), [-np.inf, np.inf])
@@ -54,3 +59,26 @@ def test_an_interruption_keeps_the_best_so_far():
     assert found.status == "interrupted"
     assert not found.converged
     assert found.held_out[found.best] < found.held_out[0]
+
+
+def test_refining_comes_to_the_optimum_without_linearising_again():
+    problem = Problem(Trace(tiny("msnn_lat")), [joined(300, 200)], noise=np.array([0.3]))
+    near = gauss_newton(problem, problem.start, tolerance=1e-5)
+    best = gauss_newton(problem, near.x, tolerance=1e-13, negligible=0.0)
+    linearised, usual = [], problem.normal_equations
+    problem.normal_equations = lambda *given: linearised.append(given) or usual(*given)
+    x, history = refine(problem, near.x, problem.gradient, tolerance=1e-11, steps=40)
+    assert len(linearised) == 1
+    assert all(after < before for before, after in zip(history[:-1], history[1:], strict=True))
+    assert history[-1] == problem.objective(x, [])
+    assert history[-1] - best.objective < 2e-11 * best.objective < near.objective - best.objective
+
+
+def test_refining_stops_before_a_bound_and_leaves_what_is_held():
+    model = linear_toy(2)
+    bounded = model.with_parameters(Parameter("F", "1/s", np.zeros(2), (-0.01, 0.01)))
+    for own in (bounded, model.with_parameters(Parameter("F", "1/s", np.zeros(2), fixed=True))):
+        problem = Problem(Trace(own), [drive(100)], noise=np.array([0.3]))
+        x, history = refine(problem, problem.start, problem.gradient, tolerance=1e-9, steps=9)
+        assert np.array_equal(x, problem.start)
+        assert len(history) == 1

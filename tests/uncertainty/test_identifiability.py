@@ -107,3 +107,19 @@ def test_a_direction_that_is_open_reads_as_parameters_moving_together():
 def test_a_parameter_that_is_open_alone_is_a_direction_of_its_own():
     (direction,) = identifiability(NAMES, X, covariance([0.9, 0.1, 1e-4, 0.1])).directions
     assert direction.about() == "One standard deviation moves mass by +90% alone, and the residuals hardly change."
+
+
+def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in_per_cent_of_it():
+    """A curve's shape is a departure from a given one, with a prior about zero; a mass has a size of its own."""
+    prior, x = np.array([np.inf, 0.5, np.inf, 0.2]), np.array([1000.0, 0.003, 0.02, -0.01])
+    C = np.diag(np.array([500.0, 0.2, 1e-4, 0.18]) ** 2)
+    C[0, 1] = C[1, 0] = 0.99 * 500.0 * 0.2
+    first, second = identifiability(
+        ("mass", "curve", "offset", "tilt"), x, C, prior, ("kg", "1", "rad", "rad")
+    ).directions
+    assert first.about() == ("One standard deviation moves tilt by +0.18 rad alone, and the residuals hardly change.")
+    assert second.about() == (
+        "One standard deviation moves mass by +50% and curve by +0.2 together, and the residuals hardly change."
+    )
+    (alone,) = identifiability(("offset",), np.array([0.01]), np.array([[0.04]]), units=("rad",)).undetermined
+    assert alone.about() == "offset: its standard deviation, 0.2 rad, is larger than the estimate, 0.01 rad."

@@ -218,6 +218,9 @@ RUNS: Mapping[str, tuple[DrivenRun, ...]] = MappingProxyType(
 """The runs of each recording, in order; time restarts with each."""
 
 
+_CAR = Car()
+
+
 def simulate(car: Car, command: Command, duration: float, start: CarMotion | None = None) -> dict[str, Array]:
     """Drive the car from a state.
 
@@ -252,19 +255,20 @@ def simulate(car: Car, command: Command, duration: float, start: CarMotion | Non
     return signals
 
 
-def drive(run: DrivenRun, rng: np.random.Generator) -> dict[str, Array]:
+def drive(run: DrivenRun, rng: np.random.Generator, car: Car = _CAR) -> dict[str, Array]:
     """Simulate one run and measure it.
 
     Parameters
     ----------
     run : what to drive.
     rng : source of everything that differs from run to run.
+    car : that is driven, but for the run's own dead time of the steering.
 
     Returns
     -------
     Columns of `sensors.COLUMNS` in the file's units, each (run.rows,).
     """
-    car = replace(Car(), steer_delay=run.steer_delay)
+    car = replace(car, steer_delay=run.steer_delay)
     track = raceline(rng, run.clockwise)
     speeds = speed_profile(track, run.v_max, run.a_y_max, run.a_x_max)
     driver = Driver(
