@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from ..recording import Array, Recording
@@ -58,26 +57,16 @@ def pairs(recording: Recording) -> list[Pair]:
                  r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
         )  # fmt: skip
     if r.has("yaw_rate", "yaw"):
-        found.append(
-            Pair(
-                "yaw_rate",
-                "d(yaw)/dt",
-                ("yaw_rate", "yaw"),
-                ("yaw_rate", "yaw"),
-                r["yaw_rate"],
-                rate(r, r["yaw"], True),
-            )
-        )
+        both = ("yaw_rate", "yaw")
+        found.append(Pair("yaw_rate", "d(yaw)/dt", both, both, r["yaw_rate"], rate(r, r["yaw"], True)))
     if r.has("a_x", "v_x"):
-        turning = r["yaw_rate"] * r["v_y"] if r.has("yaw_rate", "v_y") else 0.0
-        right = "dv_x/dt - yaw_rate · v_y" if r.has("yaw_rate", "v_y") else "dv_x/dt"
-        found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], rate(r, r["v_x"]) - turning))
+        right, values = acceleration_ahead(r)
+        found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], values))
     if r.has("a_y", "v_x", "yaw_rate"):
-        sliding = rate(r, r["v_y"]) if r.has("v_y") else 0.0
-        right = "v_x · yaw_rate + dv_y/dt" if r.has("v_y") else "v_x · yaw_rate"
+        right, values = acceleration_aside(r)
         found.append(
-            Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"),
-                 r["a_y"], r["v_x"] * r["yaw_rate"] + sliding, lag_smoothing=0.06 if r.has("v_y") else None)
+            Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"), r["a_y"], values,
+                 lag_smoothing=0.06 if r.has("v_y") else None)
         )  # fmt: skip
     if r.has("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < 1.0
@@ -86,6 +75,20 @@ def pairs(recording: Recording) -> list[Pair]:
             Pair("sideslip", "atan2(v_y, v_x)", ("sideslip", "v_y"), ("sideslip", "v_y"), r["sideslip"], angle)
         )
     return found + _over_ground(r)
+
+
+def acceleration_ahead(r: Recording) -> tuple[str, Array]:
+    """What a_x is by the motion, in words and values."""
+    if r.has("yaw_rate", "v_y"):
+        return "dv_x/dt - yaw_rate · v_y", rate(r, r["v_x"]) - r["yaw_rate"] * r["v_y"]
+    return "dv_x/dt", rate(r, r["v_x"])
+
+
+def acceleration_aside(r: Recording) -> tuple[str, Array]:
+    """What a_y is by the motion, in words and values."""
+    if r.has("v_y"):
+        return "v_x · yaw_rate + dv_y/dt", r["v_x"] * r["yaw_rate"] + rate(r, r["v_y"])
+    return "v_x · yaw_rate", r["v_x"] * r["yaw_rate"]
 
 
 @dataclass(frozen=True)
@@ -112,10 +115,14 @@ class Ground:
         """A series smoothed as the difference of two chords is."""
         return smooth(r, smooth(r, values, self.seconds), self.seconds)
 
-    def follows(self, r: Recording, yaw_rate: Array) -> NDArray[np.bool_]:
-        """Where the course keeps up with a yaw rate: past half a turn within a chord it comes round the other way."""
-        gentle: NDArray[np.bool_] = self.twice_smoothed(r, np.abs(yaw_rate)) * self.seconds < SHARPEST
-        return gentle
+    def turning(self, r: Recording) -> Array:
+        """The yaw rate as the course follows it: past half a turn within a chord that comes round the other way."""
+        gentle = self.twice_smoothed(r, np.abs(r["yaw_rate"])) * self.seconds < SHARPEST
+        return np.where(gentle, self.twice_smoothed(r, r["yaw_rate"]), np.nan)
+
+    def steered(self, r: Recording) -> Array:
+        """v_x · steer, smoothed alike."""
+        return self.twice_smoothed(r, r["v_x"] * r["steer"])
 
 
 def grounds(r: Recording) -> list[Ground]:
@@ -139,14 +146,12 @@ def _over_ground(r: Recording) -> list[Pair]:
         words, channels = place.words, place.channels
         node, along = f"course over ground ({words})", f"the course over ground ({words})"
         if "yaw_rate" in r:
-            turned = np.where(place.follows(r, r["yaw_rate"]), place.twice_smoothed(r, r["yaw_rate"]), np.nan)
-            found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), turned, turn))
+            sides = place.turning(r), turn
+            found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), *sides))
         elif "steer" in r and "v_x" in r:
-            turned = place.twice_smoothed(r, r["v_x"] * r["steer"])
-            involved = ("v_x", "steer", *channels)
-            found.append(
-                replace(_coarse("v_x · steer", along, ("steer", node), involved, turned, turn), kinematic=False)
-            )
+            sides = place.steered(r), turn
+            coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
+            found.append(replace(coarse, kinematic=False))
         if "v_x" in r:
             pace, ground = smooth(r, np.abs(r["v_x"]), place.seconds), f"the speed over ground ({words})"
             found.append(

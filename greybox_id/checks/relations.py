@@ -14,7 +14,7 @@ import numpy as np
 from ..recording import Array, Recording
 from ..signals import ANGLES_AROUND
 from .agreement import TINY, independent_samples
-from .pairs import course_and_speed, grounds, rate, smooth
+from .pairs import acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth
 
 RATE, MOST_ROWS, SLOWEST = 20.0, 30_000, 5.0
 """Rows a second to which a recording is thinned: what a vehicle does as a whole is slower than 10 Hz. Recordings with
@@ -177,17 +177,13 @@ def _rear_axle(r: Recording) -> Relation | None:
 
 def _pushing(asked: _Asked) -> list[Relation | None]:
     r, found = asked.recording, list[Relation | None]()
-    turned = r.has("yaw_rate", "v_y")
-    involved: tuple[str, ...] = ("a_x", "v_x", "yaw_rate", "v_y") if turned else ("a_x", "v_x")
+    involved = ("a_x", "v_x", *(("yaw_rate", "v_y") if r.has("yaw_rate", "v_y") else ()))
     if asked.wants(*involved):
-        right = rate(r, r["v_x"]) - (r["yaw_rate"] * r["v_y"] if turned else 0.0)
-        words = "dv_x/dt - yaw_rate · v_y" if turned else "dv_x/dt"
+        words, right = acceleration_ahead(r)
         found.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
-    slides = r.has("v_y")
-    involved = ("a_y", "v_x", "yaw_rate", "v_y") if slides else ("a_y", "v_x", "yaw_rate")
+    involved = ("a_y", "v_x", "yaw_rate", *(("v_y",) if r.has("v_y") else ()))
     if asked.wants(*involved):
-        right = r["v_x"] * r["yaw_rate"] + (rate(r, r["v_y"]) if slides else 0.0)
-        words = "v_x · yaw_rate + dv_y/dt" if slides else "v_x · yaw_rate"
+        words, right = acceleration_aside(r)
         offsets = (PUSHES, TURNS * _usual(r["v_x"]))
         found.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
     if asked.wants("sideslip", "v_x", "v_y"):
@@ -209,14 +205,12 @@ def _over_ground(asked: _Asked) -> list[Relation | None]:
             continue
         words = f"the course over ground ({place.words})"
         if asked.wants("yaw_rate", *place.channels):
-            left = np.where(place.follows(r, r["yaw_rate"]), place.twice_smoothed(r, r["yaw_rate"]), np.nan)
-            found.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), left, turn, (TURNS, 0.0),
-                                   PLACES, smoothing=0.0))  # fmt: skip
+            found.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
+                                   (TURNS, 0.0), PLACES, smoothing=0.0))  # fmt: skip
         if asked.wants("v_x", "steer", *place.channels):
-            left = place.twice_smoothed(r, r["v_x"] * r["steer"])
             offsets = (STEERS * _usual(r["v_x"]), 0.0)
-            found.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), left, turn, offsets,
-                                   LENGTHS, False, 0.0))  # fmt: skip
+            found.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
+                                   offsets, LENGTHS, False, 0.0))  # fmt: skip
         if asked.wants("v_x", *place.channels):
             sides = ("|v_x|", f"the speed over ground ({place.words})")
             pace = smooth(r, np.abs(r["v_x"]), place.seconds)

@@ -78,7 +78,7 @@ Diagnose = Callable[[Path], dict[str, Any]]
 """Folder of a case -> diagnosis as plain data; it may leave closed.toml in the folder."""
 
 
-class Candidate:
+class ExamCandidate:
     """Who is examined, in a process of its own.
 
     Parameters
@@ -177,7 +177,7 @@ class Desk:
             return self._candidate
         try:
             self._candidate = candidate = Contained(
-                "greybox_id.exam.desk:Candidate", self._diagnoser, str(self._exam), heard=True
+                "greybox_id.exam.desk:ExamCandidate", self._diagnoser, str(self._exam), heard=True
             )
             if self._stop.is_set():  # meanwhile
                 self.leave()

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -47,6 +48,22 @@ def test_what_ends_a_unit_is_told_and_the_next_one_is_done(nursery, name, how):
 
 def test_what_a_unit_told_before_it_ended_is_kept(nursery):
     assert done(nursery, "crashing").told == [{"a": 1}]
+
+
+def test_what_a_unit_tells_is_heard_while_it_goes_on(nursery):
+    heard = []
+    ended = nursery.unit("working:slowly", {}, 20.0, 200e6, lambda body: heard.append((time.monotonic(), body)))
+    (first, one), (second, two) = heard
+    assert [one, two] == ended.told == [{"at": 1}, {"at": 2}]
+    assert second - first > 0.5
+
+
+def test_a_nursery_that_is_closed_meanwhile_begins_nothing_more():
+    own = Nursery()
+    threading.Timer(3.0, own.close).start()
+    began = time.monotonic()
+    assert done(own, "sleeping", seconds=300.0).how != "done"
+    assert time.monotonic() - began < 60
 
 
 @pytest.mark.parametrize(("name", "hows"), [("sleeping", {"clock"}), ("spinning", {"time", "clock"})])

@@ -46,3 +46,9 @@ def leaving_children(job, tell):
     if os.fork() == 0:
         time.sleep(600)
     tell({"a": 1})
+
+
+def slowly(job, tell):
+    tell({"at": 1})
+    time.sleep(1.0)
+    tell({"at": 2})
