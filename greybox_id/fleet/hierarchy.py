@@ -47,8 +47,8 @@ class Informed:
     vehicle : (recordings,) number of the vehicle.
     vehicles : how many there are.
     freedom : (recordings,) degrees of freedom of what they say.
-    prior : information and vector, (parameters,) each, of the prior that the fits share: taken off each of them, it counts
-        once, for the mean; directions that no recording informs are left to it.
+    prior : information and vector, (parameters,) each, of the prior that the fits share: taken off each of them, it
+        counts once, for the mean; directions that no recording informs are left to it.
     """
 
     information: Array
