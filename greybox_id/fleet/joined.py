@@ -143,13 +143,9 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
 
 def _shared_prior(kept: pd.DataFrame, names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array]:
     """Information and vector of the prior that fits share: of each parameter, what is usual among them."""
-    said: dict[tuple[str, bool], list[tuple[float, float]]] = {own: [] for own in zip(names, logs, strict=True)}
-    columns = (kept[name] for name in ("names", "logarithm", "prior_mean", "prior_sd"))
-    for row in zip(*columns, strict=True):
-        for name, log, mean, sd in zip(*row, strict=True):
-            if (name, bool(log)) in said:
-                said[name, bool(log)].append((mean, sd))
-    mean, sd = np.array([np.median(own, axis=0) for own in said.values()]).T
+    name, log, mean, sd = (np.concatenate(kept[own]) for own in ("names", "logarithm", "prior_mean", "prior_sd"))
+    own = [(name == called) & (log.astype(bool) == is_log) for called, is_log in zip(names, logs, strict=True)]
+    mean, sd = (np.array([np.median(values[here]) for here in own]) for values in (mean, sd))
     return 1.0 / np.square(sd), mean / np.square(sd)
 
 
