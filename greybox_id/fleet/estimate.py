@@ -93,7 +93,8 @@ class FleetEstimate:
         lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
         if not said:
             tested = self.drift["vehicle"].nunique()
-            lines.append(f"changed  nothing found in {counted(tested, 'vehicle')} with enough recordings")
+            found = f"nothing found in {counted(tested, 'vehicle')} with enough recordings"
+            lines.append(f"changed  {found if tested else 'no vehicle has enough recordings to say'}")
         lines.append(f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}")
         return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 

@@ -47,6 +47,8 @@ class Informed:
     vehicle : (recordings,) number of the vehicle.
     vehicles : how many there are.
     freedom : (recordings,) degrees of freedom of what they say.
+    prior : information and vector, (parameters,) each, of the prior that the fits share: taken off each of them, it
+        counts once, for the mean; directions that no recording informs are left to it.
     """
 
     information: Array
@@ -54,6 +56,7 @@ class Informed:
     vehicle: np.ndarray[tuple[int], np.dtype[np.int64]]
     vehicles: int
     freedom: Array = field(default_factory=lambda: np.array([np.inf]))
+    prior: tuple[Array, Array] | None = None
 
     def __post_init__(self) -> None:
         """One number of degrees of freedom is that of all."""
@@ -239,10 +242,12 @@ def _given(seen: Informed, at: Array) -> _Given:
     # information about the mean, (T + 1 / of_vehicle)^-1, and its vector
     about = _symmetric(np.eye(size) - inner) / np.outer(root, root)
     side = (inner @ (vector_of * root)[:, :, None])[:, :, 0] / root
-    total = about.sum(axis=0)
+    total, weighed = about.sum(axis=0), side.sum(axis=0)
+    if seen.prior is not None:
+        total, weighed = total + np.diag(seen.prior[0]), weighed + seen.prior[1]
     unit = np.sqrt(np.maximum(np.diag(total), 1e-300))
     mean_covariance = _symmetric(la.inv(total / np.outer(unit, unit))) / np.outer(unit, unit)
-    mean = mean_covariance @ side.sum(axis=0)
+    mean = mean_covariance @ weighed
     vehicle = (given @ (vector_of + mean / spread)[:, :, None])[:, :, 0]
     return _Given(information, vector, of_vehicle, given, vehicle, mean, mean_covariance)
 

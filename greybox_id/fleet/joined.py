@@ -85,7 +85,7 @@ def joined_fits(
         along = values[first] - values.min()
         x.append(along / along[-1] if along[-1] > 0 else along)
         over.append(by)
-    seen = Informed(information, vector, of, len(vehicles), freedom)
+    seen = Informed(information, vector, of, len(vehicles), freedom, _shared_prior(kept, names, logs))
     keys = [str(own) for own in kept["key"]]
     return JoinedFits(names, units, logs, seen, keys, vehicles, order, x, over, kept, again), dict(left_out)
 
@@ -139,6 +139,14 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
     whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
     whole[np.ix_(places, places)], of[places] = data, vector
     return whole, of, float(np.nanmin(np.append(parts[-1], np.inf)))
+
+
+def _shared_prior(kept: pd.DataFrame, names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array]:
+    """Information and vector of the prior that fits share: of each parameter, what is usual among them."""
+    name, log, mean, sd = (np.concatenate(kept[own]) for own in ("names", "logarithm", "prior_mean", "prior_sd"))
+    own = [(name == called) & (log.astype(bool) == is_log) for called, is_log in zip(names, logs, strict=True)]
+    mean, sd = (np.array([np.median(values[here]) for here in own]) for values in (mean, sd))
+    return 1.0 / np.square(sd), mean / np.square(sd)
 
 
 def _along(rows: pd.DataFrame) -> tuple[Array, str]:

@@ -14,7 +14,6 @@ import numpy as np
 
 from .. import __version__
 from ..api import given
-from ..api.diagnosing import diagnose
 from ..api.fitting import planned
 from ..checks import Finding, check, distrusted
 from ..choices.parameters import Choices, magnitudes, noise_of
@@ -227,6 +226,8 @@ def _gap(
 ) -> dict[str, Any]:
     if vehicle is None:
         raise BadInput("The step gap needs a vehicle, whose simulation is compared; name its file in [vehicle].")
+    from ..api.diagnosing import diagnose  # a third of the memory of all modules, for one step
+
     named = options.get("model", fit.get("model") if vehicle.model is None else None)
     found = (
         diagnose(vehicle, [recording], seed=int(options.get("seed", 0)))

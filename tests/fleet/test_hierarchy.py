@@ -72,6 +72,19 @@ def test_what_a_prior_alone_says_is_no_information():
     assert np.allclose(vector, [0.0, 100.0])
 
 
+@pytest.mark.parametrize(("vehicles", "each"), [(1, 1), (1, 8), (5, 8)])
+def test_directions_that_no_recording_informs_are_left_to_the_prior_which_counts_once(vehicles, each):
+    of, along = np.repeat(np.arange(vehicles), each), np.array([1.0, 1.0])
+    information = np.tile(100.0 * np.outer(along, along), (len(of), 1, 1))
+    vector = np.tile(100.0 * along * (along @ [1.4, 0.8]), (len(of), 1))
+    found = population(Informed(information, vector, of, vehicles, prior=(np.full(2, 4.0), 4.0 * np.array([1.0, 1.0]))))
+    across = np.array([1.0, -1.0]) / np.sqrt(2.0)
+    assert across @ found.mean_covariance @ across == pytest.approx(0.25, rel=0.01)
+    assert across @ found.mean == pytest.approx(0.0, abs=1e-3)
+    assert along @ found.mean == pytest.approx(2.2, abs=0.05)
+    assert np.all(np.diagonal(found.covariance, axis1=1, axis2=2) > 0)
+
+
 def test_few_degrees_of_freedom_widen_what_a_fit_says():
     wide, _ = informed(np.eye(1), np.ones(1), np.zeros(1), np.array([np.inf]), np.array([6.0]))
     assert np.isclose(wide[0, 0], 4.0 / 6.0)  # the variance of Student's t is dof / (dof - 2)
