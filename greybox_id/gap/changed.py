@@ -133,8 +133,7 @@ class Change:
         """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
         if self.beyond > CAL.tolerated_sd:
             return -np.inf
-        asked = CAL.cost_of_change if self.apart else CAL.cost
-        return min(self.total - asked, self.held_out - CAL.cost_held_out)
+        return min(self.total - CAL.cost, self.held_out - CAL.cost_held_out)
 
 
 def diagnose_change(

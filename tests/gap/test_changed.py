@@ -68,10 +68,10 @@ def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
 
 
 def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
-    cost, elsewhere = CAL.cost_of_change, CAL.cost_held_out
+    cost, elsewhere = CAL.cost, CAL.cost_held_out
     assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
     assert Change(0, (1.0, 0.1), cost - 5.0, elsewhere + 4.0).least == pytest.approx(elsewhere - 1.0)
-    assert Change(0, (1.0, 0.1), cost, elsewhere + 90.0, apart=False).least == pytest.approx(cost - CAL.cost)
+    assert Change(0, (1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
 
 
 def test_what_would_be_further_off_than_ever_changes_is_no_change():
