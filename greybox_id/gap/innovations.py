@@ -278,20 +278,21 @@ class Follower:
         histories = self._one.histories(runs, p)
         columns = [self.model.outputs.index(name) for name in self.read]
         size = round(CAL.block / CAL.apart)
-        blocks = list[tuple[Array, Array, int]]()
+        blocks = list[tuple[Array, Array, NDArray[np.bool_], int]]()
         for number, (own, history) in enumerate(zip(runs, histories, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
             off, variance = (each[own.row_segment[rows]][:, columns] for each in (history.off, history.spread))
-            off = np.where(np.isfinite(own.run.measured[rows][:, columns]), off, np.nan)
+            read = np.isfinite(own.run.measured[rows][:, columns])
             for at in range(0, len(rows), size):
-                blocks.append((off[at : at + size], variance[at : at + size], number))
+                part = slice(at, at + size)
+                blocks.append((off[part], variance[part], read[part], number))
         shape = (len(blocks), size * len(columns))
         white, spread, there = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
-        for k, (off, variance, _) in enumerate(blocks):
-            own_there = ~np.isnan(off).ravel()
-            there[k, : off.size] = own_there
-            white[k, : off.size][own_there] = (off / np.sqrt(variance)).ravel()[own_there]
-            spread[k, : off.size][own_there] = 0.5 * np.log(variance).ravel()[own_there]
+        with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
+            for k, (off, variance, read, _) in enumerate(blocks):
+                there[k, : off.size] = read.ravel()
+                white[k, : off.size] = np.where(read, off / np.sqrt(variance), 0.0).ravel()
+                spread[k, : off.size] = np.where(read, 0.5 * np.log(variance), 0.0).ravel()
         if not (np.all(np.isfinite(white)) and np.all(np.isfinite(spread))):
             return None
         return FilterInnovations(white, there, spread, np.array([own for *_, own in blocks], dtype=np.intp))
