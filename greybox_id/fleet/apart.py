@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, stdtr
 
 from ..parameter import Array
+from ..statistics import robust_sd
 from .hierarchy import LEAST_DOF, NOT_INFORMED, Informed, marginal
 
 FALSE = 0.05
@@ -24,8 +25,6 @@ FALSE = 0.05
 TAILS = 4.0
 """Degrees of freedom of Student's t for recordings that are doubted, as usual in robust regression (Lange, Little &
 Taylor, Robust statistical modeling using the t distribution, JASA 84 (1989))."""
-NORMAL = 1.4826
-"""A normal standard deviation over the median of absolute deviations."""
 OWN = 3
 """Recordings of a vehicle from which on their median holds against one that is apart."""
 
@@ -114,7 +113,7 @@ def strangers(seen: Informed) -> Flags:
         scatter = np.zeros(len(off))
         for group in (few, ~few):
             some = good & group
-            scatter[group] = NORMAL * float(np.median(off[some])) if some.any() else 0.0
+            scatter[group] = robust_sd(off[some]) if some.any() else 0.0
         freedom = np.where(np.isfinite(seen.freedom), np.maximum(seen.freedom, LEAST_DOF), 1e6)
         p = 2.0 * stdtr(freedom, -off / np.hypot(sd[:, k], scatter))
         found |= here & (p * looked_at < FALSE)

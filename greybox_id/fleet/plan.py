@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,7 +14,7 @@ from ..choices.parameters import wanted_vehicle
 from ..datasets.column_map import column_map, shipped_maps
 from ..datasets.vehicle_file import shipped_vehicles
 from ..errors import BadInput, near_or_all
-from ..files import near_file
+from ..toml_file import must_know, read_toml
 from . import FIT, GAP, STEPS
 
 KEYS = ("recordings", "vehicle", "columns", "steps", "limits", *STEPS)
@@ -80,10 +79,8 @@ def plan_of(path: str | Path) -> FleetPlan:
     BadInput : it cannot be read, lacks something, or holds what is not known.
     """
     file = Path(path)
-    body = _read(file)
-    for name in body:
-        if name not in KEYS:
-            raise BadInput(f"{file}: there is no key {name!r}.{near_or_all(name, KEYS)}")
+    body = read_toml(file, "fleet plan")
+    must_know(body, KEYS, str(file))
     if "recordings" not in body:
         raise BadInput(f'{file} names no recordings; write recordings = "data/{{vehicle}}/*.parquet", or a manifest.')
     steps = _steps(file, body.get("steps", ["check", "fit"]))
@@ -102,15 +99,6 @@ def plan_of(path: str | Path) -> FleetPlan:
         except BadInput as error:
             raise BadInput(f"{file}: {error.args[0]}") from error
     return plan
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{file} cannot be read: {error.strerror}.{near_file(file)}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadInput(f"{file} is no TOML: {error}. Mend it there.") from error
 
 
 def _patterns(file: Path, value: Any) -> tuple[str, ...]:
