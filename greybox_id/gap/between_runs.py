@@ -111,7 +111,7 @@ class Weigher:
             step = own.step if x[k] + own.step <= own.high else -own.step
             beside[k] += step
             there = self.innovations(ride, beside)
-            if there is not None:
+            if there is not None and np.array_equal(there.white == CAL.astray, here.white == CAL.astray):
                 J[..., k] = (self.noise.white(there, scales) - white) / step
                 wider[:, k] = np.sum(there.spread - here.spread, axis=1) / step
         weights = self.noise.weights(here, white)

@@ -131,7 +131,7 @@ class Change:
     @property
     def least(self) -> float:
         """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
-        if self.beyond > CAL.tolerated_sd:
+        if self.beyond > CAL.reach_sd:
             return -np.inf
         return min(self.total - CAL.cost, self.held_out - CAL.cost_held_out)
 
@@ -365,7 +365,7 @@ def _answer(
         number = known.numbers[one.place]
         name, size = effects[number.name], number.value(known.x[one.place] + one.shift[0])
         reason = reasons.get(one.place, "")
-        if one.beyond > CAL.tolerated_sd:
+        if one.beyond > CAL.reach_sd:
             reason = "it would be further off than ever changes: a symptom of something else, no size"
         ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.total, reason))
     applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)

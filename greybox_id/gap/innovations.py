@@ -272,7 +272,10 @@ class Follower:
         self.p = np.concatenate([self.model.values, found.p[self.model.size :]])
 
     def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
-        """What the filter did not foresee with these numbers of the model; None where it diverges."""
+        """What the filter did not foresee with these numbers of the model; None where it diverges at once.
+
+        Where it diverges later, readings are far off: no number is the better for losing the vehicle.
+        """
         p = np.concatenate([self._numbers(values), self.p[self.model.size :]])
         runs = self._runs(ride, p)
         histories = self._one.histories(runs, p)
@@ -293,8 +296,10 @@ class Follower:
                 there[k, : off.size] = read.ravel()
                 white[k, : off.size] = np.where(read, off / np.sqrt(variance), 0.0).ravel()
                 spread[k, : off.size] = np.where(read, 0.5 * np.log(variance), 0.0).ravel()
-        if not (np.all(np.isfinite(white)) and np.all(np.isfinite(spread))):
+        astray = ~(np.isfinite(white) & np.isfinite(spread))
+        if np.array_equal(astray, there):
             return None
+        white[astray], spread[astray] = CAL.astray, 0.0
         return FilterInnovations(white, there, spread, np.array([own for *_, own in blocks], dtype=np.intp))
 
     def _numbers(self, values: Mapping[str, float]) -> Array:

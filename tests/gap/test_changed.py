@@ -75,7 +75,7 @@ def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it()
 
 
 def test_what_would_be_further_off_than_ever_changes_is_no_change():
-    far = Change(0, (1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.tolerated_sd)
+    far = Change(0, (1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.reach_sd)
     assert far.least == -np.inf
 
 
