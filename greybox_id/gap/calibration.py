@@ -54,7 +54,7 @@ class Calibration:
     of_weight: float = _known(0.007, "usual size of forces over the weight: 100 N of 1 450 kg")
     of_drag: float = _known(0.5, "usual size of a change of drag over c_2: 0.2 of 0.45 N s^2/m^2")
     tolerated_sd: float = _known(3.0, "sds within which an effect is its tolerance, and no gap: 0.3 % are beyond")
-    reach_sd: float = _known(6.0, "sds that a nuisance or a change may go: its prior holds it nearer, a bound would be a gap")
+    reach_sd: float = _known(6.0, "sds that a nuisance or a change may go: its prior holds it nearer")
     jumps_sd: float = _known(1.0, "of what the least abrupt tolerance does, which is there wholly or not at all")
     curve_off: float = _known(0.015, "rms of a magic formula with slope and peak stated, over the peak", CURVES)
     slope_off: float = _known(0.015, "sd of slope B C beyond its tolerance, relative: stated slopes are measured")
