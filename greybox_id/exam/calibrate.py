@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import fields
@@ -103,7 +104,14 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
     changes = [{}, *_drawn(draws, seed)]
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
         asked = [(own, case) for own in changes for case in cases]
-        said = list(pool.map(_diagnosed, *zip(*((own, case, diagnoser) for own, case in asked), strict=True)))
+        said = list[dict[str, Any]]()
+        for own in pool.map(_diagnosed, *zip(*((own, case, diagnoser) for own, case in asked), strict=True)):
+            said.append(own)
+            print(
+                f"{len(said)} of {len(asked)}: {asked[len(said) - 1][1].name}  {_words(own)}",
+                file=sys.stderr,
+                flush=True,
+            )
     usual, rest = said[: len(cases)], said[len(cases) :]
     rows = list[dict[str, Any]]()
     for k, change in enumerate(changes[1:]):
@@ -120,6 +128,10 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
                                     for k in range(len(changes))],
         "rows": [own for own in rows if own["verdict"]],
     }  # fmt: skip
+
+
+def _words(said: Mapping[str, Any]) -> str:
+    return f"{', '.join(said['applied']) or 'nothing'}, {said['cpu']:.0f} CPU s"
 
 
 def _searched() -> list[str]:
