@@ -29,6 +29,7 @@ import numpy as np
 from scipy.optimize import curve_fit, minimize
 from scipy.special import expit
 
+from ..errors import BadInput
 from ..gap.calibration import CAL, SEARCHED, Calibration
 from ..json_data import read_json
 from ..parameter import Array
@@ -236,14 +237,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--diagnoser", default=DIAGNOSER)
     own = parser.parse_args(arguments)
-    if own.part == "curves":
-        body = curves()
-    elif not own.folders:
+    if own.part != "curves" and not own.folders:
         parser.error(f"{own.part} needs the folders of examinations for development")
-    elif own.part == "thresholds":
-        body = thresholds(own.folders)
-    else:
-        body = search(own.folders, own.draws, own.seed, own.jobs, own.diagnoser)
+    try:
+        if own.part == "curves":
+            body = curves()
+        elif own.part == "thresholds":
+            body = thresholds(own.folders)
+        else:
+            body = search(own.folders, own.draws, own.seed, own.jobs, own.diagnoser)
+    except BadInput as error:
+        parser.error(str(error))
     print(json.dumps(body, indent=1))
 
 

@@ -150,7 +150,9 @@ class Calibration:
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")
-    cost_held_out: float = _known(3.0, "log-likelihood that a change gains where it was not chosen: a factor of 20")
+    cost_held_out: float = _known(
+        3.0, "log-likelihood that a change gains where it was chosen, and where not: a factor of 20"
+    )
     least_scale: float = _known(0.8, "least noise of a recording over that of those before it: sensors stay")
     apart: float = _known(0.1, "between readings that a filter takes, s: motion, not noise", RUNS)
     block: float = _known(1.0, "over which innovations are taken together, s", RUNS)

@@ -130,10 +130,10 @@ class Change:
 
     @property
     def least(self) -> float:
-        """Evidence over what is asked of it, of all recordings and where it was not chosen, the smaller one."""
+        """Evidence over what is asked of it: of all recordings, where chosen, and where not; the least."""
         if self.beyond > CAL.reach_sd:
             return -np.inf
-        return min(self.total - CAL.cost, self.held_out - CAL.cost_held_out)
+        return min(self.total - CAL.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
 
 
 def diagnose_change(
@@ -255,8 +255,9 @@ def changes(
     promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
     tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
     refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
-    nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
-    base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)  # it must have had the same chance
+    if refits:  # what is compared must have had the same chance
+        nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
+        base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)
     found = list[Change]()
     for own, best, shift in refits:
         occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
@@ -271,10 +272,12 @@ def changes(
         for judge, alone, by in zip(judges, plain, shifts, strict=True):
             mean = known.x.copy()
             mean[own.place] += by
-            there = without(judge, mean, alone.x + mean - known.x).cost
-            if there > alone.cost:  # it may have got stuck where it began
-                there = min(there, without(judge, mean, alone.x).cost)
-            held += alone.cost - there
+            there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
+            if there.cost > least:  # either may have got stuck where it began
+                there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
+            elif least - there.cost > CAL.cost_held_out:
+                least = min(least, without(judge, known.x, there.x).cost)
+            held += least - there.cost
         width = CAL.widened * USUAL[known.numbers[own.place].name]
         gain, apart = base.cost - best.cost - occam, bool(others) and known.numbers[own.place].name not in SPECIFIED
         found.append(Change(own.place, (shift, sd), gain, held, apart, abs(shift) / width))

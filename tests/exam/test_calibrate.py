@@ -78,3 +78,11 @@ def test_folders_are_asked_for(capsys):
         main(["thresholds"])
     assert ended.value.code == 2
     assert "folders of examinations" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("part", ["thresholds", "search"])
+def test_a_folder_that_is_no_examination_is_a_sentence(tmp_path, capsys, part):
+    with pytest.raises(SystemExit) as ended:
+        main([part, str(tmp_path / "nothing")])
+    assert ended.value.code == 2
+    assert "holds no cases" in capsys.readouterr().err

@@ -7,9 +7,9 @@ import pytest
 from gap_cases import CAR, NUMBERS, lap, nominal
 
 from greybox_id.errors import BadInput
-from greybox_id.gap.between_runs import VaryingNumber
+from greybox_id.gap.between_runs import Told, VaryingNumber
 from greybox_id.gap.calibration import CAL
-from greybox_id.gap.changed import Change, diagnose_change, drifting, filtered_alike
+from greybox_id.gap.changed import Change, changes, diagnose_change, drifting, filtered_alike
 from greybox_id.gap.closed_vehicle import closed_vehicle
 from greybox_id.gap.usual import USUAL
 from greybox_id.models.effects import EFFECTS
@@ -71,6 +71,7 @@ def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it()
     cost, elsewhere = CAL.cost, CAL.cost_held_out
     assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
     assert Change(0, (1.0, 0.1), cost - 5.0, elsewhere + 4.0).least == pytest.approx(elsewhere - 1.0)
+    assert Change(0, (1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
     assert Change(0, (1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
 
 
@@ -101,3 +102,13 @@ def test_recordings_at_other_rates_have_passed_other_filters():
     assert filtered_alike([fast, slow])
     thinned = Recording("thin", slow.time[::3], {name: values[::3] for name, values in slow.signals.items()})
     assert not filtered_alike([fast, thinned])
+
+
+def test_where_nothing_may_be_named_nothing_is():
+    told = Told(1.0, np.zeros(1), np.eye(1), np.zeros((1, 1)))
+    number = VaryingNumber("yaw_rate_scale", True, 0.0, 0.1, 1e-3, -1.0, 1.0)
+    weigher = SimpleNamespace(numbers=(number,), told=lambda *_: told, cost=lambda *_: 1.0)
+    known = SimpleNamespace(weigher=weigher, of_a_run=np.eye(1), varying=(0,), numbers=(number,), x=np.zeros(1))
+    base, found = changes(known, ["ride"], ["other"], nameless=["yaw_rate_scale"])
+    assert found == []
+    assert base.cost == 1.0
