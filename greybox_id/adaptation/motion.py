@@ -18,7 +18,7 @@ from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..fitting.how import How
+from ..fitting.how import How, Say, quiet
 from ..fitting.verb import fit as fit_model
 from ..model import Model
 from ..motion_model import MotionModel
@@ -36,7 +36,9 @@ ESTIMATED = "estimated parameters"
 """What moves unless parameters are named."""
 
 
-def adapt_motion(fit: Fit, recording: Recording, seconds: float, free: str, validate: Recording | None) -> Adaptation:
+def adapt_motion(
+    fit: Fit, recording: Recording, seconds: float, free: str, validate: Recording | None, say: Say = quiet
+) -> Adaptation:
     """Adapt a fit of equations of motion.
 
     Parameters
@@ -46,6 +48,7 @@ def adapt_motion(fit: Fit, recording: Recording, seconds: float, free: str, vali
     seconds : of motion to adapt to.
     free : "auto" or "all", the parameters that the fit estimated; or names of some, with commas.
     validate : what is scored in place of the rest.
+    say : told what is being done.
 
     Raises
     ------
@@ -59,6 +62,11 @@ def adapt_motion(fit: Fit, recording: Recording, seconds: float, free: str, vali
     new, rest = parted(recording, seconds)
     rest = rest if validate is None else validate
     must_be_recorded(model, [new] if rest is None else [new, rest])
+    if new.sample_time > AHEAD:
+        raise BadInput(
+            f"{recording.name} has a row every {new.sample_time:.3g} s, but errors {AHEAD:g} s ahead are compared. Is "
+            "its time in another unit? Check it with greybox data check."
+        )
     folds = _folds(new)
     if len(folds) < 2:
         raise BadInput(
@@ -74,12 +82,16 @@ def adapt_motion(fit: Fit, recording: Recording, seconds: float, free: str, vali
     several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
     squares = [zero]
     for strength in STRENGTHS:
-        held = _about(fit, names, strength)
-        told = _errors_in_folds(folds, [_fitted(held, train, how) for train, _ in folds])
+        held, fitted = _about(fit, names, strength), []
+        for number, (train, _) in enumerate(folds, 1):
+            say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
+            fitted.append(_fitted(held, train, how))
+        told = _errors_in_folds(folds, fitted)
         several.append(AdaptedCandidate(words, strength, False, _pieces(told, scale)))
         squares.append(told)
     best = chosen(several)
     other = chosen(several[1:])
+    say(f"fitted to {seconds:g} s, and scored")
     made = {id(own): _adapted(fit, names, own, new, how) for own in (several[0], best, other)}
     role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
     length = 0.0 if rest is None else rest.duration
@@ -171,7 +183,7 @@ def _folds(new: Recording) -> Folds:
 
 def _unbroken(recording: Recording) -> list[Recording]:
     """Its runs that are long enough."""
-    if not len(recording):
+    if len(recording) < 2:
         return []
     least = round(LEAST / recording.sample_time) + 1
     return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]

@@ -63,6 +63,7 @@ class Adaptation:
     seconds : of motion that were adapted to.
     in_sample : output -> pooled error on the new seconds themselves, as the paper tells it; no test.
     cpu_seconds : s.
+    doubts : sentences on why the recordings are not to be trusted, which come before everything else.
     """
 
     fit: Fit
@@ -77,12 +78,14 @@ class Adaptation:
     seconds: float
     in_sample: Mapping[str, Mapping[str, float]]
     cpu_seconds: float
+    doubts: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """All of it but the fit, as plain data."""
         return {
             "model": self.fit.model.name,
             "seconds": self.seconds,
+            "doubts": list(self.doubts),
             "chosen": self.chosen.as_dict(),
             "zero_shot": self.zero_shot.as_dict(),
             "adapted": self.adapted.as_dict(),

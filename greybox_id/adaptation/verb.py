@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..fitting.how import Say, quiet
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..models.effects import EFFECTS
@@ -30,6 +31,7 @@ from ..scores.timing import (
     run_delays,
     timed,
 )
+from ..scores.verdict import doubted
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .choosing import AdaptedCandidate, LinearisedPart, between_runs, chosen, foretold, surely_better
@@ -60,6 +62,7 @@ def adapt(
     validate: Recording | None = None,
     calibrate: str | Sequence[str] = (),
     trained: Sequence[Recording] | None = None,
+    say: Say = quiet,
 ) -> Adaptation:
     """Adapt a fit of a map with memory, or of equations of motion, to the first seconds of a new recording.
 
@@ -76,6 +79,7 @@ def adapt(
         which are then not scored.
     trained : the recordings that the fit was made from, where they are at hand: what they say of a weight that the new
         seconds hardly move keeps it. Without them, its standard deviation stands in.
+    say : told what is being done, and why the recordings are not to be trusted, if they are not.
 
     Raises
     ------
@@ -95,16 +99,21 @@ def adapt(
     if not (isinstance(seconds, int | float) and 0 < seconds < np.inf):
         raise BadInput(f"‹seconds›: a number above zero is needed, not {seconds!r:.40}.")
     calibrated = calibrated_seconds(calibrate)
+    doubts = doubted(model, [recording] if validate is None else [recording, validate])
+    for own in doubts:
+        say(own)
     if not isinstance(model, MemoryModel):
         if calibrated is not None:
             must_have_timing(model)
         with threadpool_limits(1):
-            return adapt_motion(fit, recording, float(seconds), free, validate)
+            found = adapt_motion(fit, recording, float(seconds), free, validate, say)
+        return replace(found, doubts=doubts)
     parts = [about_itself(part_with_few(part)) for part in parts_of(model)]
     if free != "auto":
         must_name_something(free, parts)
     with threadpool_limits(1):  # the matrices are small
-        return _adapted(fit, model, parts, recording, trained, seconds, free, validate, calibrated, clock)
+        found = _adapted(fit, model, parts, recording, trained, seconds, free, validate, calibrated, clock, say)
+    return replace(found, doubts=doubts)
 
 
 def tuned_in_sample(fit: Fit, recording: Recording) -> dict[str, dict[str, float]]:
@@ -132,7 +141,7 @@ def _adapted(
     trained: Sequence[Recording] | None,
     seconds: float,
     free: str,
-    validate: Recording | None, calibrate: float | None, clock: float,
+    validate: Recording | None, calibrate: float | None, clock: float, say: Say,
 ) -> Adaptation:  # fmt: skip
     new, rest = parted(recording, seconds)
     rest = rest if validate is None else validate
@@ -145,6 +154,7 @@ def _adapted(
     scatter: dict[str, float] = {}
     for part in parts:
         name = part.outputs[0]
+        say(f"{name}: what may move, compared on {seconds:g} s")
         known, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
         found[name] = run_delays(part, new, noise)
         straight = aligned(new, part.inputs, {own.run: own.delay for own in found[name]})

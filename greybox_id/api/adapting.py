@@ -14,11 +14,13 @@ from ..condition import span
 from ..datasets.read import read as read_file
 from ..errors import BadInput
 from ..fit import Fit
+from ..fitting.how import Say, quiet
 from ..recording import Recording
 from ..reports.text.adapt import parts
 from ..reports.text.screen import as_text
 from . import given
 from .fit_result import FitResult, found_again
+from .fitting import Progress
 from .given import Columns
 
 
@@ -69,6 +71,7 @@ def adapt(
     validation: Recording | str | Path | None = None,
     calibrate: str | Iterable[str] = (),
     columns: Columns = "canonical",
+    progress: Progress | None = None,
 ) -> AdaptationResult:
     """Adapt a fit of a model with memory, or of equations of motion, to the first seconds of a new recording.
 
@@ -88,11 +91,13 @@ def adapt(
     calibrate : "timing" or "timing=8s": every run that is scored tells its delay in its first 5 s, or 8 s, of motion,
         which are not scored.
     columns : column map, where files are named.
+    progress : called with lines on what is being done.
 
     Returns
     -------
     Adaptation
-        The adapted `fit`; `chosen`, `zero_shot`, `adapted` with errors on the rest; `summary()`, `as_dict()`.
+        The adapted `fit`; `chosen`, `zero_shot`, `adapted` with errors on the rest; `doubts`, sentences on why the
+        recordings are not to be trusted; `summary()`, `as_dict()`.
 
     Raises
     ------
@@ -116,17 +121,17 @@ def adapt(
         raise BadInput(f"fit: a Fit or the path of its file is needed, not {one!r:.60}.")
     new = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
-    return adapted(one, new, seconds, free, scored, given.listed(calibrate, "calibrate"))
+    return adapted(one, new, seconds, free, scored, given.listed(calibrate, "calibrate"), say=progress or quiet)
 
 
 def adapted(
     fit: Fit, new: Recording, seconds: float, free: str, validation: Recording | None, calibrate: Iterable[str],
-    fit_file: Path | None = None,
+    fit_file: Path | None = None, say: Say = quiet,
 ) -> AdaptationResult:  # fmt: skip
     """A fit adapted, its training data read again where they still are."""
     trained = training_data(fit, fit_file)
     found = adapt_fit(
-        fit, new, seconds=seconds, free=free, validate=validation, calibrate=tuple(calibrate), trained=trained
+        fit, new, seconds=seconds, free=free, validate=validation, calibrate=tuple(calibrate), trained=trained, say=say
     )
     return AdaptationResult.of(replace(found, fit=FitResult.of(found.fit)))
 

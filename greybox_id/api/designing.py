@@ -28,7 +28,7 @@ from ..motion_model import MotionModel
 from ..reports.gap.saved import KIND as GAP_KIND
 from ..reports.gap.saved import Made, load_gap
 from ..reports.manoeuvre import manoeuvre
-from ..reports.numbers import number, pretty_unit
+from ..reports.numbers import alike, pretty_unit
 from ..reports.text.screen import as_text, plain_table
 from ..saved import format_of
 from ..vehicle import Stated, Vehicle
@@ -270,7 +270,7 @@ def _sd_table(own: Design) -> Table:
     units = {parameter.name: parameter.unit for parameter in build(own.model).parameters}
     units |= {name: effect.parameter.unit for name, effect in EFFECTS.items()}
     for name, (before, after) in own.predicted_sd.items():
-        table.add_row(name, number(before), number(after), pretty_unit(units.get(name, "")))
+        table.add_row(name, *alike(before, after, by=after), pretty_unit(units.get(name, "")))
     return table
 
 

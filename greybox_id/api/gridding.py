@@ -68,7 +68,8 @@ def grid(
     Returns
     -------
     Grid
-        `table`, a row per structure; `chosen`, by the one-standard-error rule on cross-validation; `aic_best`.
+        `table`, a row per structure; `chosen`, by the one-standard-error rule on cross-validation; `aic_best`;
+        `doubts`, sentences on why the recordings are not to be trusted.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def grid(
     train = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
     found = fit_grid(model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs)
-    return GridResult(found.table, found.names, found.chosen, found.aic_best, found.interrupted)
+    return GridResult(found.table, found.names, found.chosen, found.aic_best, found.interrupted, found.doubts)
 
 
 def spanned(pairs: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, Any]]:
@@ -129,6 +130,8 @@ def written_to(target: Path) -> Callable[[pd.DataFrame], None]:
 
 def grid_parts(found: Grid) -> Iterator[RenderableType]:
     """A grid, part by part."""
+    for doubt in found.doubts:
+        yield led("mind", doubt)
     for word, row in (("chosen", found.chosen), ("AIC", found.aic_best)):
         cell = ", ".join(f"{name}={row[name]}" for name in found.names)
         what = "fewest parameters within one standard error" if word == "chosen" else "least as published"

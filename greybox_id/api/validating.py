@@ -70,7 +70,7 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     """
     model = fit.model
     must_be_recorded(model, list(recordings.values()))
-    found = {name: distrust(used_signals(fit), recording) for name, recording in recordings.items()}
+    found = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
     scores: Mapping[str, Scores]
     if not isinstance(model, MotionModel):

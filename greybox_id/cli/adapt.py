@@ -8,7 +8,7 @@ import click
 
 from .defaults import command_line
 from .options import calibrate_option, columns_option, json_option, own_option, read_part
-from .output import console, print_json, show
+from .output import console, print_json, progress, show
 
 
 @click.command(name="adapt")
@@ -68,7 +68,8 @@ def adapt(
     recording = read_part(file, columns)
     scored = None if validate is None else read_part(validate, columns)
     ensure_writable(target.parent)
-    found = adapted(fit, recording, seconds, free, scored, [calibrate] if calibrate else [], Path(fit_file))
+    with progress() as say:
+        found = adapted(fit, recording, seconds, free, scored, [calibrate] if calibrate else [], Path(fit_file), say)
     path = replace(found.fit, command=command_line()).save(target)
     if as_json:
         print_json(found.as_dict() | {"written": str(path)})

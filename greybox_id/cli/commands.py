@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from importlib import import_module
 from keyword import iskeyword
@@ -56,11 +57,30 @@ class Guarded(_Type):
         return self.own.shell_complete(ctx, param, incomplete)
 
 
+class Finite(click.types.FloatParamType):
+    """A number that is one: click's own takes what is not a number, and ranges let it pass."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"a finite number is needed, not {value}.", param, ctx)
+        return found
+
+
+class FiniteRange(click.FloatRange, Finite):
+    """A finite number within a range, which click looks at last."""
+
+
 def guarded(command: click.Command) -> click.Command:
-    """A command whose texts the guard is told of; one that writes can be told to overwrite."""
+    """A command whose numbers are finite and whose texts the guard is told of; one that writes can overwrite."""
     if isinstance(command, click.Group):
         return command
     for own in command.params:
+        if isinstance(own.type, click.FloatRange):
+            own.type = FiniteRange(own.type.min, own.type.max, own.type.min_open, own.type.max_open, own.type.clamp)
+        elif isinstance(own.type, click.types.FloatParamType):
+            own.type = Finite()
         if isinstance(own.type, (click.types.StringParamType, click.Path)):
             own.type = Guarded(own.type, next((option for option in own.opts if option in WRITTEN), ""))
     writes = any(isinstance(own.type, Guarded) and own.type.written for own in command.params)

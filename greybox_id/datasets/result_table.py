@@ -29,7 +29,7 @@ def target_of(out: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
     """Where a table is to be written. Raises `BadInput` for a kind of file that is not written."""
     target = Path(out)
     if target.suffix not in suffixes:
-        kinds = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+        kinds = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
         raise BadInput(f"{out}: tables are written as {kinds}; name such a file (‹out›).")
     if target.suffix == ".mf4":
         needed("asammdf", "mdf", out, mdf.KIND)

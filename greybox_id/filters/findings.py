@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from ..checks import check
-from ..checks.finding import Severity
 from ..engine.motion.runs import Mask
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..scores.verdict import distrust
 from ..signals import unit_of
 from .kernel import History
 from .laid import LaidRun
@@ -133,12 +132,7 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping
 
 def distrusted_data(recording: Recording, used: Collection[str]) -> list[str]:
     """What the checks of the data hold against signals that a filter believes or reads."""
-    return [
-        f"Data check: {own.sentence}"
-        for own in check(recording)
-        if own.severity is Severity.DISTRUST
-        and (own.where.channel == "time" or set(used) & {*own.where.channel.split(", ")})
-    ]
+    return [f"Data check: {own.sentence}" for own in distrust(used, recording)]
 
 
 def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from ..parameter import Array
 from ..processes import side_by_side
 from ..recording import Recording
 from ..scores.metrics import Error, aic, errors, predictions
+from ..scores.verdict import doubted
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
@@ -51,6 +53,7 @@ class Grid:
     names : the settings that were varied.
     chosen, aic_best : rows: by the one-standard-error rule on cross-validation; of least AIC.
     interrupted : whether it was stopped before its end.
+    doubts : sentences on why the recordings are not to be trusted, which come before everything else.
     """
 
     table: pd.DataFrame
@@ -58,10 +61,12 @@ class Grid:
     chosen: Mapping[str, Any]
     aic_best: Mapping[str, Any]
     interrupted: bool
+    doubts: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
         return {
+            "doubts": list(self.doubts),
             "fits": len(self.table),
             "cpu_seconds": float(self.table["cpu_seconds"].sum()),
             "chosen": dict(self.chosen),
@@ -73,12 +78,12 @@ class Grid:
 
 def cells(varied: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     """All combinations of values, the last setting varying first."""
-    found = [dict(zip(varied, own, strict=True)) for own in itertools.product(*varied.values())]
-    if len(found) > MOST_CELLS:
+    count = math.prod(map(len, varied.values()))
+    if not 0 < count <= MOST_CELLS:
         raise BadInput(
-            f"A grid of {len(found)} structures; {MOST_CELLS} are the most. Vary fewer settings (‹settings›)."
+            f"A grid of {count} structures; 1 to {MOST_CELLS} can be fitted. Vary other settings (‹settings›)."
         )
-    return found
+    return [dict(zip(varied, own, strict=True)) for own in itertools.product(*varied.values())]
 
 
 def fit_grid(
@@ -119,6 +124,9 @@ def fit_grid(
     data = fingerprint(name, train, validate, base)
     rows = _kept(done, data, several)
     strengths = _strengths(name, train, base, strength, rows, jobs, say)
+    doubts = _doubts(models[0], train, validate)
+    for own in doubts:
+        say(own)
     missing = [k for k, cell in enumerate(several) if _key(cell) not in rows]
     if len(missing) < len(several):
         say(f"{len(several) - len(missing)} of {len(several)} structures are there already")
@@ -145,12 +153,21 @@ def fit_grid(
     table = _table(rows, several)
     if not len(table):
         raise KeyboardInterrupt
-    return Grid(table, tuple(varied), _plain(one_standard_error(table)), _plain(_least(table)), interrupted)
+    return Grid(table, tuple(varied), _plain(one_standard_error(table)), _plain(_least(table)), interrupted, doubts)
+
+
+def _doubts(model: MemoryModel, train: Recording, validate: Recording | None) -> tuple[str, ...]:
+    found = doubted(model, [train] if validate is None else [train, validate])
+    if validate is None or fingerprint("", train, None, {}) != fingerprint("", validate, None, {}):
+        return found
+    return (*found, f"{validate.name} is the data that was fitted to: nothing was held out.")
 
 
 def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
     """The structure with the fewest parameters whose cross-validated error is within a standard error of the least."""
     usable = table[np.isfinite(table["cv_error"])]
+    if usable.empty:
+        raise BadInput("No structure predicts anything that is finite: check the recording with greybox data check.")
     best = usable.iloc[int(np.argmin(usable["cv_error"]))]
     near = usable[usable["cv_error"] <= best["cv_error"] + best["cv_se"]]
     fewest: pd.DataFrame = near[near["parameters"] == near["parameters"].min()]
@@ -311,7 +328,9 @@ def values_of(text: str) -> Iterator[Any]:
             if colon:
                 first, last = int(low), int(high)
                 if not 0 <= last - first < MOST_CELLS:
-                    raise ValueError
+                    raise BadInput(
+                        f"‹settings›: {piece}: a range goes from small to large and holds {MOST_CELLS} values at most."
+                    )
                 yield from range(first, last + 1)
             else:
                 yield json.loads(piece)

@@ -80,15 +80,15 @@ class FitOptions:
                            ("robust", "standard deviations above zero are needed, or None")):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not _above_zero(value):
-                raise BadInput(f"{name}: {what}, not {value!r:.40}.")
+                raise BadInput(f"‹{name}›: {what}, not {value!r:.40}.")
         for name, least in (("starts", 1), ("jobs", 1), ("seed", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise BadInput(f"{name}: a whole number from {least} on is needed, not {value!r:.40}.")
+                raise BadInput(f"‹{name}›: a whole number from {least} on is needed, not {value!r:.40}.")
         for name, words in (("solver", get_args(Solver)), ("start_from", get_args(Starts))):
             value = getattr(self, name)
             if value not in words:
-                raise BadInput(f"{name}: there is no {value!r:.40}.{near_or_all(str(value), words)}")
+                raise BadInput(f"‹{name}›: there is no {value!r:.40}.{near_or_all(str(value), words)}")
         if self.strengths not in ("cross-validation", "early stopping") and not _above_zero(self.strengths):
             raise BadInput(
                 f'strengths: "cross-validation", "early stopping" or a factor above zero, not {self.strengths!r:.40}.'

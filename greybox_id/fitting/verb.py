@@ -305,7 +305,7 @@ def judged_motion(
 
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
     """What the checks hold against the data of a fit, by role."""
-    used = used_signals(fit)
+    used = used_signals(fit.model)
     found = {"train": [own for recording in recordings for own in distrust(used, recording)]}
     return found if validate is None else found | {"validate": distrust(used, validate)}
 

@@ -129,7 +129,7 @@ def run(
     if scheduler is not None and engine != "dask":
         raise BadInput("‹scheduler› is of the engine dask; add ‹engine› dask.")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise BadInput(f"jobs: a whole number from 1 on is needed, not {jobs!r:.40}.")
+        raise BadInput(f"‹jobs›: a whole number from 1 on is needed, not {jobs!r:.40}.")
     asked = plan if isinstance(plan, FleetPlan) else plan_of(plan)
     protect(asked.file)
     began = time.monotonic()

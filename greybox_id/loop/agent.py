@@ -115,7 +115,7 @@ class AgentOutcome:
                 f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {error}  {own['crashes']:7d}  {own['policy'][:8]}"
             )
         for own in self.trainings:
-            applied = ", ".join(f"{name} {value:.3g}" for name, value in own["applied"].items()) or "nothing"
+            applied = effect_words(own["applied"])
             lines.append(f"learned ({own['reason']}): applied {applied}; {own['refused'] or 'swapped'}")
         return "\n".join([*lines, f"written  {self.folder}"])
 

@@ -49,7 +49,7 @@ from .arms import Twin, oracle, twin
 from .demo_report import demo_report, lap_words
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
-from .scene import DrivenRows, Hands, Scene, driven
+from .scene import DrivenRows, Hands, Scene, driven, effect_words
 from .state import begun, keep
 from .swap import WORSE, NotSwapped, Seat, read_learned
 
@@ -110,18 +110,16 @@ class Demo:
 
     def summary(self) -> str:
         """For people."""
-        said = ", ".join(f"{name} {value:.4g}" for name, value in self.withheld.items())
         lines = [
-            f"withheld   {said}",
+            f"withheld   {effect_words(self.withheld)}",
             "",
             "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
         ]
         for k, own in enumerate(self.cycles, 1):
-            applied = ", ".join(f"{name} {value:.3g}" for name, value in own["applied"].items()) or "nothing"
             swapped = "yes" if own["swapped"] else "no"
             lines.append(
                 f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {1e3 * own['path_error_rms']:7.1f} mm"
-                f"  {lap_words(own['lap_time']):>8}  {own['crashes']:7d}  {applied:24s} {swapped}"
+                f"  {lap_words(own['lap_time']):>8}  {own['crashes']:7d}  {effect_words(own['applied']):24s} {swapped}"
             )
         lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
         for name, own in self.arms.items():

@@ -11,6 +11,8 @@ from .. import __version__
 from ..reports.document import Document, Drawing, Table, Text, titled
 from ..reports.figures.sheet import Sheet
 from ..reports.figures.style import BLUE, INK, ORANGE, PALE, PURPLE, look
+from ..reports.numbers import percent, quantity
+from .scene import effect_words
 
 if TYPE_CHECKING:
     from .demo import Demo
@@ -23,11 +25,10 @@ COLOURS = (PALE, ORANGE, BLUE, PURPLE, INK)
 
 def demo_report(found: Demo) -> Document:
     """The report of a demo."""
-    withheld = ", ".join(f"{name} {value:.4g}" for name, value in found.withheld.items())
     parts = (
         Text(
-            f"A 1:10 car in simulation has what its vehicle file does not state: {withheld}. Neither the diagnosis nor "
-            "the driver is told. The car shares no code with the models that are diagnosed and learned on; it is no "
+            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(found.withheld)}. Neither "
+            "the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed and learned on; it is no "
             "real car.",
             small=False,
         ),
@@ -47,7 +48,7 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
     rows = []
     for k, one in enumerate(cycles, 1):
         named = "; ".join(
-            f"{own['effect']} {own['magnitude']:.3g} {own['unit']} ({own['probability']:.2f})"
+            f"{own['effect']} {quantity(own['magnitude'], own['unit'])} ({own['probability']:.2f})"
             + ("" if own["effect"] in one["applied"] else ", not applied")
             for own in one["named"]
         )
@@ -58,7 +59,7 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
             lap_words(one["lap_time"]),
             str(one["crashes"]),
         )
-        cap, seconds = f"{one['cap']:.0%}", f"{one['seconds']:.0f}"
+        cap, seconds = percent(one["cap"]), f"{one['seconds']:.0f}"
         rows.append((str(k), str(one["rows"]), cap, *driven, named or "nothing", swapped, seconds))
     heads = (
         "cycle",
@@ -70,7 +71,7 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
         "crashes",
         "named (probability)",
         "policy",
-        "s",
+        "time, s",
     )
     return Table(heads, tuple(rows), "rrrrrrrLLr")
 
@@ -84,7 +85,7 @@ def _path_errors(cycles: Sequence[Mapping[str, Any]]) -> Drawing | Text:
     for k, one in enumerate(cycles):
         errors = 1e3 * np.array(one["trace"]["e_y"])
         ax.plot(one["trace"]["s"], errors, **look(COLOURS[k % len(COLOURS)], label=f"cycle {k + 1}"))
-    ax.set(xlabel="distance along the track, m", ylabel="lateral error, mm")
+    ax.set(xlabel="distance along the track [m]", ylabel="lateral error [mm]")
     caption = "Distance of the car from its path, to the left, in the last episode of each cycle."
     return Drawing("path_errors", sheet, caption, "Lateral error along the track, cycle by cycle.")
 

@@ -25,6 +25,7 @@ from ..errors import BadInput
 from ..parameter import Array
 from ..racing.world import HALTED, HALTED_FOR, SPUN, Observations, World
 from ..recording import Recording
+from ..reports.numbers import quantity
 from ..vehicle import Vehicle
 from .adapting import SETTLED
 
@@ -48,6 +49,13 @@ SHORTEST = 2.0
 """s of an episode that are diagnosed at least."""
 START = 0.7
 """Share of the speed wanted at the start with which a vehicle begins."""
+
+
+def effect_words(effects: Mapping[str, float]) -> str:
+    """Effects with their magnitudes and units, for people."""
+    known = {**EFFECTS, **OUTSIDE}
+    units = {name: known[name].unit if name in known else "" for name in effects}
+    return ", ".join(f"{name} {quantity(value, units[name])}" for name, value in effects.items()) or "nothing"
 
 
 class Hands:

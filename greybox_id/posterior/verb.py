@@ -62,11 +62,11 @@ class SampleOptions:
         for name, words in (("method", get_args(Method)), ("distance", get_args(Distance))):
             value = getattr(self, name)
             if value not in words:
-                raise BadInput(f"{name}: there is no {value!r:.40}.{near_or_all(str(value), words)}")
+                raise BadInput(f"‹{name}›: there is no {value!r:.40}.{near_or_all(str(value), words)}")
         for name, least, most in (("draws", 10, MOST_DRAWS), ("seed", 0, 2**63)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise BadInput(f"{name}: a whole number from {least} to {most} is needed, not {value!r:.40}.")
+                raise BadInput(f"‹{name}›: a whole number from {least} to {most} is needed, not {value!r:.40}.")
 
 
 def must_suit_sampling(fit: Fit) -> None:

@@ -99,6 +99,15 @@ class together:  # noqa: N801 - reads as a word where it is used
         self.words = tuple(_minus(f"{value / 10.0**self.power:.{decimals}f}") for value in values)
 
 
+def alike(*values: float, by: float) -> tuple[str, ...]:
+    """Numbers of a row, all to two digits of a standard deviation and with one power of ten."""
+    if not (all(map(math.isfinite, values)) and math.isfinite(by) and by > 0.0):
+        return tuple(number(value) for value in values)
+    shown = together(*values, by=by)
+    times = f"·10{_raised(shown.power)}" if shown.power else ""
+    return tuple(f"{words}{times}" for words in shown.words)
+
+
 def percent(share: float) -> str:
     """A share in percent, to two digits."""
     if not math.isfinite(share):

@@ -16,6 +16,7 @@ import numpy as np
 from ..checks import check
 from ..checks.finding import Finding, Severity
 from ..fit import SURPRISING, Fit
+from ..model import Model
 from ..motion_model import MotionModel
 from ..provenance import DataRecord
 from ..recording import Recording
@@ -104,9 +105,18 @@ def distrust(fit_inputs: Iterable[str], recording: Recording) -> list[Finding]:
     ]
 
 
-def used_signals(fit: Fit) -> tuple[str, ...]:
-    """The signals that a fit's model is driven by and fitted to, by all names they may be recorded under."""
-    model = fit.model
+def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
+    """Sentences on recordings that the checks do not trust, as regards the signals of a model."""
+    used = used_signals(model)
+    return tuple(
+        f"Data check of {recording.name}: {own.sentence}"
+        for recording in recordings
+        for own in distrust(used, recording)
+    )
+
+
+def used_signals(model: Model) -> tuple[str, ...]:
+    """The signals that a model is driven by and fitted to, by all names they may be recorded under."""
     aliases: Mapping[str, Sequence[str]] = model.aliases if isinstance(model, MotionModel) else {}
     inputs = [signal for name in model.inputs for signal in (name, *aliases.get(name, ()))]
     return tuple(dict.fromkeys([*inputs, *model.outputs]))

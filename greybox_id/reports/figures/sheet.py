@@ -43,6 +43,9 @@ FEW = 200.0
 SHADES = 12
 """Shades of a map: cells of one shade are one path."""
 FAMILY = "'Libertinus Serif','STIX Two Text','Times New Roman',Times,serif"
+ADJUSTED = 0.43
+"""Height of the first family's small letters, of their size: where another stands in, it is set as small, since layout knows
+how wide these letters are."""
 LOWERED, INDEX = 0.22, 0.72
 """How far below the line an index stands, and how large it is, of the letters' size."""
 STYLE: dict[Any, Any] = {
@@ -139,7 +142,8 @@ class Sheet(Figure):
         title = f"<title>{escape(alt)}</title>" if alt else ""
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="{MARK}" viewBox="0 0 {width:g} {height:.1f}" '
-            f'width="{width:g}pt" height="{height:.1f}pt" font-family="{FAMILY}" stroke-linejoin="round" role="img">'
+            f'width="{width:g}pt" height="{height:.1f}pt" font-family="{FAMILY}" style="font-size-adjust:{ADJUSTED}" '
+            f'stroke-linejoin="round" role="img">'
             f"{title}{body}</svg>"
         )
 

@@ -18,10 +18,12 @@ MOST_MOVED = 8
 
 def parts(found: Adaptation) -> Iterator[RenderableType]:
     """An adaptation, part by part."""
+    for doubt in found.doubts:
+        yield led("mind", doubt)
     for output, words in found.choices.items():
         yield led("chosen", f"{output}: {words}")
     for run, delays in found.delays.items():
-        said = ", ".join(f"{output} {1e3 * own:+.0f} ms" for output, own in delays.items())
+        said = ", ".join(f"{output} {round(1e3 * own) or 0:+d} ms" for output, own in delays.items())
         yield led("timing", f"run {run}: {said} against the inputs, compared with the fit's training data")
     if found.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(found.moved.items())[:MOST_MOVED]]

@@ -11,7 +11,7 @@ from rich.console import RenderableType
 
 from ...filters import Track
 from ...signals import unit_of
-from ..numbers import counted, pretty_unit
+from ..numbers import alike, counted, pretty_unit
 from ..numbers import number as decimal
 from ..track.digest import Digest
 from .screen import plain_table
@@ -29,8 +29,8 @@ def parts(found: Track, told: Digest) -> Iterator[RenderableType]:
     for name, values in found.values.items():
         low, middle, high = np.nanquantile(values, [0.05, 0.5, 0.95])
         share = f"{100 * found.told[name]:.0f} % of rows" if name in found.told else ""
-        numbers = [f"{value:.4g}".replace("-", "−") for value in (low, middle, high)]
-        table.add_row(name, *numbers, f"{np.nanmedian(found.sds[name]):.2g}", pretty_unit(found.units[name]), share)
+        sd = float(np.nanmedian(found.sds[name]))
+        table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(found.units[name]), share)
     yield table
     yield ""
     tests = ("NIS (1)", "windows within 95 %", "next to next", "gated")

@@ -19,7 +19,7 @@ from ..equations.tracing import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import Sheet, band
 from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
-from ..numbers import counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
+from ..numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from .digest import Course, Digest, Measured
 
 MOST_NAMED = 4
@@ -121,7 +121,7 @@ def estimates(found: Digest) -> Table:
     walks = any(own.told is not None for own in found.estimates.values())
     rows = tuple(
         (
-            signal_words(name), number(own.low), number(own.median), number(own.high), number(own.sd, 2),
+            signal_words(name), *alike(own.low, own.median, own.high, own.sd, by=own.sd),
             pretty_unit(own.unit), *(("" if own.told is None else percent(own.told),) if walks else ()),
         )
         for name, own in found.estimates.items()
@@ -296,7 +296,7 @@ def whiteness(found: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Told in: of what walks, the share of rows in which the recording tells more than was known before."
+    "track left. Identifiable in: of what walks, the share of rows in which the recording tells more than was known before."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "
