@@ -49,7 +49,8 @@ def near_file(path: Path) -> str:
             return ""
         if not path.parent.is_dir():
             return f" There is no folder {path.parent}."
-        found = nearest(path.name, (own.name for own in path.parent.iterdir()))
+        beside = {own.stem: own.name for own in path.parent.iterdir()}  # endings are alike anyway
+        found = beside.get(nearest(path.stem, beside) or "")
     except (OSError, ValueError):  # ValueError: a null byte in the path
         return ""
     return f" Did you mean {path.parent / found}?" if found is not None else ""

@@ -348,8 +348,8 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
     recording.require([n for n in _needed(trace) if n not in model.defaults], f"model {model.name}")
     if abs(recording.sample_time / model.sample_time - 1.0) > SAMPLE_TIME_TOLERANCE:
         raise BadInput(
-            f"{recording.name} is sampled every {recording.sample_time * 1e3:.4g} ms, model {model.name} every "
-            f"{model.sample_time * 1e3:.4g} ms. Resample the recording, or build the model with another sample time."
+            f"{recording.name} is sampled every {_duration(recording.sample_time)}, model {model.name} every "
+            f"{_duration(model.sample_time)}. Resample the recording, or build the model with another sample time."
         )
     joins = [start for start, _ in recording.runs] if across_joins else []
     if across_joins:
@@ -364,6 +364,10 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
             f"({shortest * model.sample_time:.3g} s), which model {model.name} needs to predict one."
         )
     return found
+
+
+def _duration(seconds: float) -> str:
+    return f"{1e3 * seconds:.4g} ms" if seconds < 1.0 else f"{seconds:.4g} s"
 
 
 def _needed(trace: Trace) -> tuple[str, ...]:

@@ -139,7 +139,7 @@ def fit_grid(
         cell = several[missing[number]]
         rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
         said = ", ".join(f"{n}={v}" for n, v in cell.items())
-        say(f"{name} {said}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4f}")
+        say(f"{name} {said}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4g}")
         if keep is not None:
             keep(_table(rows, several))
         return True
@@ -169,7 +169,7 @@ def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
     if usable.empty:
         raise BadInput("No structure predicts anything that is finite: check the recording with greybox data check.")
     best = usable.iloc[int(np.argmin(usable["cv_error"]))]
-    near = usable[usable["cv_error"] <= best["cv_error"] + best["cv_se"]]
+    near = usable[usable["cv_error"] <= best["cv_error"] + np.nan_to_num(best["cv_se"])]
     fewest: pd.DataFrame = near[near["parameters"] == near["parameters"].min()]
     return fewest.iloc[int(np.argmin(fewest["cv_error"]))]
 
@@ -312,7 +312,7 @@ def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, fl
         raise BadInput("The training data are too short for cross-validation: record more.")
     by_fold = np.array(squares)
     least = float(np.sqrt(np.mean(by_fold)))
-    return least, float(np.std(by_fold, ddof=1) / np.sqrt(len(by_fold)) / (2 * least))
+    return least, float(np.std(by_fold, ddof=1) / np.sqrt(len(by_fold)) / (2 * least)) if least > 0 else 0.0
 
 
 def values_of(text: str) -> Iterator[Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
-from ..reports.numbers import counted, number, pretty_unit, with_interval
+from ..reports.numbers import counted, number, pretty_unit, quantity, with_interval
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
 from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows
@@ -86,7 +86,9 @@ class FleetEstimate:
         lines = [f"fleet    {counted(self.used, 'recording')} of {counted(names, 'vehicle')}{second}"]
         lines += [f"omitted  {count}: {words}" for words, count in self.left_out.items()]
         for row in _records(self.population):
-            spread = f", vehicles spread by {number(row['spread'], 2)}" if row["spread"] is not None else ""
+            spread = (
+                f", vehicles spread by {quantity(row['spread'], row['unit'], 2)}" if row["spread"] is not None else ""
+            )
             lines.append(f"mean     {row['name']} {_ranged(row['mean'], row['low'], row['high'], row['unit'])}{spread}")
         lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
         said = self.sentences()

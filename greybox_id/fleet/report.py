@@ -61,7 +61,7 @@ def report(folder: str | Path, out: str | Path | None = None, *, vehicle: str | 
     how_far, found = status(folder), estimate(folder)
     store = Store.existing(folder)
     if vehicle is not None and vehicle not in how_far.vehicles:
-        raise BadInput(f"vehicle: the fleet has no {vehicle!r}.{near_or_all(vehicle, how_far.vehicles)}")
+        raise BadInput(f"‹vehicle›: the fleet has no {vehicle!r}.{near_or_all(vehicle, how_far.vehicles)}")
     return write_html(_document(store, how_far, found, vehicle), target)
 
 

@@ -29,7 +29,7 @@ from .client import Client, Unanswered
 from .demo import CAP, Underway, Watched, joined
 from .protocol import ARMS
 from .safety import Cap
-from .scene import DrivenRows, Scene, driven
+from .scene import DrivenRows, Scene, driven, effect_words
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat
 from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond

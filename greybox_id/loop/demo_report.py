@@ -27,9 +27,9 @@ def demo_report(found: Demo) -> Document:
     """The report of a demo."""
     parts = (
         Text(
-            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(found.withheld)}. Neither "
-            "the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed and learned on; it is no "
-            "real car.",
+            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(found.withheld)}. "
+            "Neither the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed "
+            "and learned on; it is no real car.",
             small=False,
         ),
         *titled("Cycles", _cycles(found.cycles)),

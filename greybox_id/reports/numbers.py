@@ -25,9 +25,9 @@ def raised(text: str) -> str:
     return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), text)
 
 
-def quantity(value: float, unit: str) -> str:
-    """A number of three digits with its unit."""
-    return f"{number(value)} {pretty_unit(unit)}" if unit not in ("", "1") else number(value)
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """A number of three digits, unless told otherwise, with its unit."""
+    return f"{number(value, digits)} {pretty_unit(unit)}" if unit not in ("", "1") else number(value, digits)
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -78,6 +78,8 @@ def with_interval(value: float, low: float, high: float, sd: float) -> str:
         return number(value)
     shown = together(value, low, high, by=sd)
     times = f"·10{_raised(shown.power)}" if shown.power else ""
+    if value != 0.0 and not any(digit in shown.words[0] for digit in "123456789"):  # such an interval is of a logarithm
+        return f"{number(value, 2)} [{number(low, 2)}, {number(high, 2)}]"
     return f"{shown.words[0]} [{shown.words[1]}, {shown.words[2]}]{times}"
 
 

@@ -44,8 +44,8 @@ SHADES = 12
 """Shades of a map: cells of one shade are one path."""
 FAMILY = "'Libertinus Serif','STIX Two Text','Times New Roman',Times,serif"
 ADJUSTED = 0.43
-"""Height of the first family's small letters, of their size: where another stands in, it is set as small, since layout knows
-how wide these letters are."""
+"""Height of the first family's small letters, of their size: another that stands in for it is set as small, since the
+layout knows how wide these letters are."""
 LOWERED, INDEX = 0.22, 0.72
 """How far below the line an index stands, and how large it is, of the letters' size."""
 STYLE: dict[Any, Any] = {

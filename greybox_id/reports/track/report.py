@@ -296,7 +296,8 @@ def whiteness(found: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Identifiable in: of what walks, the share of rows in which the recording tells more than was known before."
+    "track left. Identifiable in: of what walks, the share of rows in which the recording tells more than was known "
+    "before."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "
