@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from numbers import Real
 from pathlib import Path
 from types import TracebackType
@@ -33,19 +34,26 @@ def called(
     ------
     BadModel : they read a name that there is not, branch on a symbol, or give no mapping of names.
     """
-    try:
+    with tracing(model, spaces):
         found = equations(*arguments)
-    except GreyboxError:
-        raise
-    except Exception as error:
-        where = _line(error.__traceback__)
-        raise BadModel(f"Model {model.name}{where}: {_reason(model, error, spaces)}") from error
     if not isinstance(found, Mapping):
         raise BadModel(f"The equations of {model.name} must give a mapping of names to expressions, not {found!r:.40}.")
     for name, value in found.items():
         if isinstance(value, str) or not isinstance(value, Real | cs.SX | cs.MX | cs.DM):
             raise BadModel(f"The equations of {model.name} give {name} as {value!r:.40}, which is no expression.")
     return dict(found)
+
+
+@contextmanager
+def tracing(model: Model, spaces: Mapping[str, Namespace]) -> Iterator[None]:
+    """Say what goes wrong in equations, of a model or of its effects, as `BadModel`."""
+    try:
+        yield
+    except GreyboxError:
+        raise
+    except Exception as error:
+        where = _line(error.__traceback__)
+        raise BadModel(f"Model {model.name}{where}: {_reason(model, error, spaces)}") from error
 
 
 def must_be_numbers(model: Model, expressions: Mapping[str, Any], symbols: list[Any]) -> None:

@@ -165,9 +165,7 @@ def _doubts(model: MemoryModel, train: Recording, validate: Recording | None) ->
 
 def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
     """The structure with the fewest parameters whose cross-validated error is within a standard error of the least."""
-    usable = table[np.isfinite(table["cv_error"])]
-    if usable.empty:
-        raise BadInput("No structure predicts anything that is finite: check the recording with greybox data check.")
+    usable = _finite(table, "cv_error")
     best = usable.iloc[int(np.argmin(usable["cv_error"]))]
     near = usable[usable["cv_error"] <= best["cv_error"] + np.nan_to_num(best["cv_se"])]
     fewest: pd.DataFrame = near[near["parameters"] == near["parameters"].min()]
@@ -181,7 +179,18 @@ def fingerprint(name: str, train: Recording, validate: Recording | None, setting
 
 
 def _least(table: pd.DataFrame) -> pd.Series[Any]:
-    return table.iloc[int(np.argmin(table["aic"]))]
+    usable = _finite(table, "aic")
+    return usable.iloc[int(np.argmin(usable["aic"]))]
+
+
+def _finite(table: pd.DataFrame, column: str) -> pd.DataFrame:
+    usable: pd.DataFrame = table[np.isfinite(table[column])]
+    if usable.empty:
+        raise BadInput(
+            "No structure has an error that structures can be compared by: does anything move in this recording? Check "
+            "it with greybox data check."
+        )
+    return usable
 
 
 def _plain(row: pd.Series[Any]) -> dict[str, Any]:

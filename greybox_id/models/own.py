@@ -85,10 +85,14 @@ def _loaded(file: Path) -> ModuleType:
     module = sys.modules[called] = module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[called]
-        raise BadInput(f"{file}{_line_of(error, file)}: {type(error).__name__}: {error}") from error
+        raise _failed(file, error) from error
     return module
+
+
+def _failed(file: Path, error: BaseException) -> BadInput:
+    return BadInput(f"{file}{_line_of(error, file)}: {type(error).__name__}: {error}")
 
 
 def _called(function: object, place: str) -> object:
@@ -97,6 +101,8 @@ def _called(function: object, place: str) -> object:
         return function()
     except TypeError as error:
         raise BadInput(f"{place} cannot be called without arguments: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise _failed(Path(place.rpartition(":")[0]), error) from error
 
 
 def _line_of(error: BaseException, file: Path) -> str:

@@ -94,6 +94,9 @@ def ipopt(
     scale = np.ones(program.size) if isinstance(program, Lifted) else program.scale
     low, high = (bound / scale for bound in bounds_of(problem, limited, program.size))
     start = program.start(limited, warm)
+    if np.any(np.isnan([start, low, high])):
+        where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
+        return where, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
     found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
     unknowns = np.clip((np.asarray(found["x"].full()).ravel() * scale)[: len(x)], *problem.bounds)

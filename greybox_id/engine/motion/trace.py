@@ -19,7 +19,7 @@ import casadi as cs
 from ...errors import BadModel, near_or_all
 from ...model import Namespace, Symbol
 from ...motion_model import MotionModel
-from ..equations import called, must_be_numbers
+from ..equations import called, must_be_numbers, tracing
 from ..sampled import SampledFunction
 from .quantities import (
     JUST_AFTER,
@@ -170,7 +170,8 @@ class MotionTrace:
         model = self.model
         state, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), {}
         for _ in range(model.passes if q is None else max(1, model.passes - 1)):
-            q = NamedQuantities(model, state, SimpleNamespace(**u), p, relax, before=q)
+            with tracing(model, {"x": state, "p": p}):  # effects alter inputs and parameters
+                q = NamedQuantities(model, state, SimpleNamespace(**u), p, relax, before=q)
             rates = called(model, model.dynamics, {"x": q.x, "u": q.u, "p": q.p}, q.x, q.u, q.p, q)
         assert q is not None
         for more in model.extra_rates:
