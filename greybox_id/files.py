@@ -18,6 +18,8 @@ from .scratch import SET_ASIDE, scratch_name
 
 AT_CWD, EXCHANGE = -100, 2
 """AT_FDCWD, and RENAME_EXCHANGE of Linux, which macOS calls RENAME_SWAP."""
+LOCK = ".lock"
+"""The file of a folder that a process locks to have it for itself."""
 SMALL = 1 << 20
 """Bytes of a parameter or tyre file at most: those in use have some kilobytes."""
 _batch: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("batch", default=None)
@@ -83,6 +85,35 @@ def ensure_writable(folder: Path) -> None:
         beside = scratch_name(folder)
         beside.touch()
         beside.unlink()
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """A folder for one process at a time, by a lock of the system: it goes with the process however that ends.
+
+    Raises
+    ------
+    BadInput : another process holds it, or it cannot be locked.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    with writable(folder):
+        lock = (folder / LOCK).open("a")
+    with lock:
+        try:
+            fcntl.flock(lock.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise BadInput(f"Another run writes to {folder}; wait until it ends, or name another folder.") from error
+        except OSError as error:
+            if error.errno is None:
+                raise
+            raise BadInput(
+                f"{folder} cannot be locked: {os.strerror(error.errno)}. Name a folder on another disk."
+            ) from error
+        yield
 
 
 @contextmanager

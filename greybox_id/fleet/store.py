@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BadInput
-from ..files import new_folder, replacing, writable
+from ..files import held, new_folder, replacing, writable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
 SCHEMA = "2"
 """Version of the columns; kept in every file."""
 MARK = "greybox_fleet"
-JOURNAL, LOCK = "journal", ".lock"
+JOURNAL = "journal"
 TEXT, NUMBER, COUNT, YES = "string", "double", "int64", "bool"
 COLUMNS: Mapping[str, Mapping[str, str]] = {
     "recordings": {
@@ -113,9 +111,7 @@ class Store:
                     f"{self.folder} holds {strangers[0]}, and no results of a fleet; name another with ‹out›."
                 )
             (self.folder / JOURNAL).mkdir(parents=True, exist_ok=True)
-            lock = (self.folder / LOCK).open("a")
-        with lock:
-            _hold(lock.fileno(), self.folder)
+        with held(self.folder):
             for left in self._journals():
                 self._settle(left)
             for name in OF_RESULTS:  # readers find every dataset, with no rows if need be
@@ -296,21 +292,3 @@ def _read(file: Path, columns: list[str] | None) -> pa.Table:
         was = f"columns of version {told}" if told else "no results of a fleet"
         raise BadInput(f"{file} holds {was}; this greybox-id reads version {SCHEMA}. Run the fleet into a new folder.")
     return found
-
-
-def _hold(handle: int, folder: Path) -> None:
-    """Hold the lock of a folder, which goes with the process however it ends."""
-    if sys.platform == "win32":
-        return
-    import fcntl
-
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise BadInput(f"Another run writes to {folder}; wait until it ends, or name another folder.") from error
-    except OSError as error:
-        if error.errno is None:
-            raise
-        raise BadInput(
-            f"{folder} cannot be locked: {os.strerror(error.errno)}. Name a folder on another disk."
-        ) from error

@@ -20,6 +20,7 @@ from ..datasets.read import read
 from ..datasets.vehicle_file import parse_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
+from ..files import held
 from ..json_data import plain
 from ..models.registry import motion_model_of
 from ..racing.draws import by_hand
@@ -150,6 +151,10 @@ class _Agent(Underway):
 
     def run(self) -> AgentOutcome:
         """All that is not done yet."""
+        with held(self.folder):
+            return self._run()
+
+    def _run(self) -> AgentOutcome:
         self.client.get("/healthz")
         good = self.base(BASE).policy
         base, file = (self.folder / "base.json").read_bytes(), self.folder / "policy.json"

@@ -23,7 +23,7 @@ from .. import __version__
 from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
-from ..files import write_atomically
+from ..files import held, write_atomically
 from ..learned.injection import InjectedModel
 from ..models.registry import motion_model_of
 from ..motion_model import MotionModel
@@ -217,6 +217,10 @@ class _Running(Underway):
 
     def run(self) -> Demo:
         """All that is not done yet."""
+        with held(self.folder):
+            return self._run()
+
+    def _run(self) -> Demo:
         base = self.base(self.size.base)
         while len(self.state["cycles"]) < self.cycles:
             self._cycle(base)

@@ -22,6 +22,7 @@ from typing import Any, TypeAlias
 
 from .. import __version__
 from ..errors import BadInput
+from ..files import held
 from ..json_data import finite
 from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, Declined, digest_of, is_signed
 from .store import Busy, Full, Missing, ServerStore
@@ -127,8 +128,12 @@ class Server:
 
         Raises
         ------
-        BadInput : it cannot listen there.
+        BadInput : it cannot listen there, or another server holds its folder.
         """
+        with held(self._store.folder):
+            await self._run(ready)
+
+    async def _run(self, ready: Callable[[str], None]) -> None:
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             with suppress(NotImplementedError, ValueError):  # Windows; a thread that is not the main one
