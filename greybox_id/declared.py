@@ -1,11 +1,88 @@
-"""Whether what was read from a file has the types that a dataclass declares: files may be forged or mended by hand."""
+"""Whether values have the types that are declared: files may be forged or mended by hand, arguments may be mistaken."""
 
 from __future__ import annotations
 
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from functools import wraps
+from inspect import signature
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from .errors import BadInput, GreyboxError
+
+P = ParamSpec("P")
+Returned = TypeVar("Returned")
+WORDS: Mapping[Any, str] = {
+    float: "a number", int: "a whole number", str: "a text", bool: "True or False", Path: "a path",
+    type(None): "None", Mapping: "a mapping of names to values", Callable: "a function",
+}  # fmt: skip
+"""What types are called."""
+
+
+def understood(function: Callable[P, Returned]) -> Callable[P, Returned]:
+    """A function that names the argument where it fails because that is of another type than declared.
+
+    What works is not refused: types are only looked at when something went wrong.
+    """
+
+    @wraps(function)
+    def told(*args: P.args, **kwargs: P.kwargs) -> Returned:
+        try:
+            return function(*args, **kwargs)
+        except GreyboxError:
+            raise
+        except (AttributeError, TypeError, ValueError) as error:
+            said = _mistaken(function, args, kwargs)
+            if not said:
+                raise
+            raise BadInput(said) from error
+
+    return told
+
+
+def _mistaken(function: Callable[..., Any], args: Any, kwargs: Any) -> str:
+    """What is wrong with the first argument of another type than declared; empty where none is."""
+    try:
+        given = signature(function).bind(*args, **kwargs).arguments
+    except TypeError:  # it is not called so at all
+        return ""
+    for name, value in given.items():
+        stated = types.SimpleNamespace(__annotations__={name: function.__annotations__.get(name, Any)})
+        with suppress(NameError):  # types of modules that only type checkers import
+            kind = get_type_hints(stated, function.__globals__)[name]
+            if not _suits(value, kind):
+                return f"‹{name}›: {' or '.join(_words(kind))} is needed, not {value!r:.40}."
+    return ""
+
+
+def _suits(value: Any, kind: Any) -> bool:
+    origin = get_origin(kind)
+    if origin in (Union, types.UnionType):
+        return any(_suits(value, own) for own in get_args(kind))
+    if origin is Literal:
+        return value in get_args(kind)
+    bare = origin or kind
+    if isinstance(value, Mapping) and bare is Mapping and get_args(kind):
+        names, values = get_args(kind)
+        return all(_suits(name, names) and _suits(own, values) for name, own in value.items())
+    if bare in (float, int):
+        return isinstance(value, Real if bare is float else Integral) and not isinstance(value, bool)
+    return bare is Any or not isinstance(bare, type) or isinstance(value, bare)
+
+
+def _words(kind: Any) -> list[str]:
+    origin = get_origin(kind)
+    if origin in (Union, types.UnionType):
+        return list(dict.fromkeys(words for own in get_args(kind) for words in _words(own)))
+    if origin is Literal:
+        return [repr(own) for own in get_args(kind)]
+    bare = origin or kind
+    several = isinstance(bare, type) and issubclass(bare, Iterable) and bare not in WORDS and origin is not None
+    return [WORDS.get(bare) or ("a list" if several else f"a {getattr(bare, '__name__', bare)}")]
 
 
 def must_be(value: Any, kind: Any, name: str) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
+from .declared import understood
 from .errors import BadModel
 from .memory_model import MemoryModel
 from .model import Model
@@ -91,6 +92,7 @@ class Effect:
         """The same effect at another magnitude, held there when fitting."""
         return self._with(lambda parameter: replace(parameter.with_value(value), fixed=True))
 
+    @understood
     def free(self, start: float | None = None) -> Effect:
         """The same effect, estimated when fitting.
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from . import __version__
 from .combined import Combined, combined, reach
 from .condition import span
-from .declared import must_be
+from .declared import must_be, understood
 from .errors import BadInput
 from .files import write_atomically
 from .memory_model import MemoryModel
@@ -177,6 +177,7 @@ class Fit:
             **({} if self.verdict is None else self.verdict.as_dict()),
         }
 
+    @understood
     def save(self, path: str | Path) -> Path:
         """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
         return write_atomically(Path(path), KIND.text(self.as_dict()))

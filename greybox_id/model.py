@@ -13,6 +13,7 @@ from html import escape
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Self
 
+from .declared import understood
 from .errors import BadModel, near
 from .origin import Origin, origin_of
 from .parameter import Array, Parameter, pack, unpack
@@ -123,6 +124,7 @@ class Model:
     def __contains__(self, name: object) -> bool:
         return any(parameter.name == name for parameter in self.parameters)
 
+    @understood
     def __add__(self, effect: Callable[[Self], Self]) -> Self:
         """The model with an effect."""
         return effect(self)

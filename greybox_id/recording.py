@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .condition import holds
+from .declared import understood
 from .errors import BadInput, near_or_all
 from .signals import SIGNALS, unit_of
 from .units import to_si
@@ -147,6 +148,7 @@ class Recording:
         return self.signals[name]
 
     @classmethod
+    @understood
     def from_pandas(
         cls,
         table: pd.DataFrame,
@@ -279,6 +281,7 @@ class Recording:
         for number, (start, stop) in enumerate(self.runs, 1):
             yield replace(self.rows(start, stop), name=f"{self.name}, run {number}")
 
+    @understood
     def rows(self, start: int, stop: int) -> Recording:
         """The rows [start, stop), joins kept."""
         inside = [(max(a, start) - start, min(b, stop) - start) for a, b in self.runs]
@@ -289,6 +292,7 @@ class Recording:
             runs=tuple((a, b) for a, b in inside if b > a),
         )
 
+    @understood
     def between(self, start: float | None = None, stop: float | None = None) -> Recording:
         """The rows from one time to another, s, both included; None for an open end.
 
@@ -302,6 +306,7 @@ class Recording:
         kept = self._kept((self.time >= low) & (self.time <= high), f"between {asked} s")
         return replace(kept, source=replace(kept.source, between=asked))
 
+    @understood
     def where(self, condition: str) -> Recording:
         """The rows at which a condition on signals and `time` holds, as `condition.holds` understands it.
 

@@ -12,6 +12,7 @@ from ..adaptation.outcome import Adaptation
 from ..adaptation.verb import adapt as adapt_fit
 from ..condition import span
 from ..datasets.read import read as read_file
+from ..declared import understood
 from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.how import Say, quiet
@@ -62,6 +63,7 @@ class AdaptationResult(Adaptation):
         return f"Adaptation of {self.fit.model.name}: {self.chosen.name}"
 
 
+@understood
 def adapt(
     fit: Fit | str | Path,
     recording: Recording | str | Path,

@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
+from ..declared import understood
 from ..design.arena import arena as arena_of
 from ..design.discriminate import detecting, discriminating
 from ..design.limits import must_agree, read_limits, stated, usual_limits
@@ -109,6 +110,7 @@ class DesignResult(Design):
         return f"Design for {self.goal}: {self.sentence or '; '.join((*self.said, *self.impossible))}"
 
 
+@understood
 def design(
     of: Fit | Gap | str | Path,
     goal: str | None = None,

@@ -9,6 +9,7 @@ from typing import Any
 
 from .. import __version__
 from ..choices.wanted import doubts, must_be_recorded
+from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
 from ..fit import Fit
@@ -33,6 +34,7 @@ from .gap_result import ChangeResult, GapResult
 from .given import Columns, ModelLike, Recordings, VehicleLike
 
 
+@understood
 def diagnose(
     model: ModelLike | Fit | Vehicle,
     after: Recordings,

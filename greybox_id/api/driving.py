@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..declared import understood
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..racing.draws import Randomisation
@@ -21,6 +22,7 @@ SAME = 1e-6
 """Share by which units may differ: rounding on another machine."""
 
 
+@understood
 def learn_policy(
     vehicle: VehicleLike = "roboracer",
     steps: int = 3_000_000,

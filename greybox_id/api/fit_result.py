@@ -13,6 +13,7 @@ import pandas as pd
 
 from ..combined import reach
 from ..datasets.read import read
+from ..declared import understood
 from ..errors import BadInput
 from ..export.equations import entries
 from ..fit import Fit
@@ -202,6 +203,7 @@ class FitResult(Fit):
         """Profile likelihood of a parameter, all others re-optimised, as `gb.profile` gives it."""
         return profiles.profile(self, parameter, confidence=confidence)
 
+    @understood
     def linearise(self, v_x: float, steer: float = 0.0) -> control.StateSpace:
         """The linear system about a steady turn, for poles, Bode plots and step responses with python-control.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..choices.parameters import with_choices
 from ..choices.wanted import Wanted, doubts, must_be_recorded
+from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
 from ..fit import Fit
@@ -38,6 +39,7 @@ Progress = Callable[..., None]
 """Called with a line of progress at a time."""
 
 
+@understood
 def fit(
     model: ModelLike,
     recordings: Recordings,
@@ -235,6 +237,7 @@ def _about(fit: Fit) -> Array:
     return np.asarray(np.clip(fit.model.values + drawn, low, high))
 
 
+@understood
 def load(
     path: str | Path,
     *,

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from rich.console import RenderableType
 
+from ..declared import understood
 from ..errors import BadInput
 from ..files import replacing
 from ..fitting.grid import Grid, fit_grid, values_of
@@ -41,6 +42,7 @@ class GridResult(Grid):
         return as_text(grid_parts(self))
 
 
+@understood
 def grid(
     model: str,
     recording: Recording | str | Path,

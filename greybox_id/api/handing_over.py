@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
 from ..export.subject import Subject
@@ -36,6 +37,7 @@ from .track_result import TrackResult
 Result = Fit | Gap | TrackResult
 
 
+@understood
 def export(
     model: ModelLike | Fit | Policy | Learned | Path,
     to: str | Path,
@@ -92,6 +94,7 @@ def export(
     return export_subject(subject, target, to)
 
 
+@understood
 def report(
     results: Result | Sequence[Result],
     out: str | Path,

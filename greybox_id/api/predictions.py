@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..choices.wanted import must_be_recorded
+from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..memory_model import MemoryModel
@@ -31,6 +32,7 @@ from . import given
 from .given import Columns, Effects, ModelLike, VehicleLike
 
 
+@understood
 def simulate(
     model: ModelLike | Fit,
     recording: Recording | str | Path,
@@ -77,6 +79,7 @@ def simulate(
     return _as_recording(chosen, own, simulate_runs(chosen, own, start), chosen.name)
 
 
+@understood
 def predict(
     model: ModelLike | Fit,
     recording: Recording | str | Path,
@@ -156,6 +159,7 @@ def residuals(
     return replace(found, name=f"{found.name}, residuals", signals=left)
 
 
+@understood
 def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
     """Errors of a model on a recording, over horizons and in free run.
 

@@ -13,6 +13,7 @@ import pandas as pd
 from rich.console import RenderableType
 from rich.table import Table
 
+from ..declared import understood
 from ..engine.motion.shooting import MotionProblem
 from ..errors import BadInput
 from ..fit import Fit
@@ -109,6 +110,7 @@ class Profiles:
         }
 
 
+@understood
 def profile(
     fit: Fit,
     parameter: str,

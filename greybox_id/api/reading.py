@@ -9,12 +9,14 @@ from ..checks import Finding
 from ..checks import check as check_recording
 from ..datasets.read import read as read_file
 from ..datasets.vehicle_file import shipped_vehicles
+from ..declared import understood
 from ..errors import BadInput
 from ..recording import Recording
 from . import given
 from .given import Columns
 
 
+@understood
 def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical") -> Recording | list[Recording]:
     """Read a recording and turn it into SI units and ISO 8855 signs.
 
@@ -51,6 +53,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical"
     return [read_file(own, columns) for each in path for own in given.files(each, "path")]
 
 
+@understood
 def check(
     recording: Recording | str | Path, wheelbase: float | None = None, columns: Columns = "canonical"
 ) -> list[Finding]:
@@ -84,6 +87,7 @@ def check(
     return check_recording(given.recording(recording, columns), wheelbase)
 
 
+@understood
 def vehicles() -> tuple[str, ...]:
     """Names of the vehicles that come with the package.
 

@@ -13,6 +13,7 @@ from rich.console import RenderableType
 
 from ..choices.wanted import must_be_recorded
 from ..datasets.formats.contents import needed
+from ..declared import understood
 from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.how import Say, quiet
@@ -157,6 +158,7 @@ class PosteriorResult(Posterior):
         return found
 
 
+@understood
 def sample(
     fit: Fit,
     recordings: Recordings | None = None,

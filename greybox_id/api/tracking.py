@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__
+from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
 from ..filters.how import TrackOptions
@@ -29,6 +30,7 @@ from .given import Columns, ModelLike, VehicleLike
 from .track_result import TrackResult
 
 
+@understood
 def track(
     model: ModelLike | Fit | Vehicle,
     recording: Recording | str | Path,

@@ -34,7 +34,7 @@ from ..scores.verdict import doubted
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
-from .how import Say, quiet
+from .how import Say, above_zero, quiet
 from .memory import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000
@@ -117,6 +117,10 @@ def fit_grid(
     ------
     BadInput : a setting cannot be used, the model is of another kind, or `done` is of other data.
     """
+    if strength is not None and not above_zero(strength):
+        raise BadInput(f"‹strength›: a factor above zero is needed, or None, not {strength!r:.40}.")
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise BadInput(f"‹jobs›: a whole number from 1 on is needed, not {jobs!r:.40}.")
     base = dict(settings or {})
     train.must_run()
     several = cells(varied)

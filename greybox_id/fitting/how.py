@@ -79,7 +79,7 @@ class FitOptions:
         for name, what in (("horizon", "seconds above zero are needed, or None for whole runs"),
                            ("robust", "standard deviations above zero are needed, or None")):  # fmt: skip
             value = getattr(self, name)
-            if value is not None and not _above_zero(value):
+            if value is not None and not above_zero(value):
                 raise BadInput(f"‹{name}›: {what}, not {value!r:.40}.")
         for name, least in (("starts", 1), ("jobs", 1), ("seed", 0)):
             value = getattr(self, name)
@@ -89,7 +89,7 @@ class FitOptions:
             value = getattr(self, name)
             if value not in words:
                 raise BadInput(f"‹{name}›: there is no {value!r:.40}.{near_or_all(str(value), words)}")
-        if self.strengths not in ("cross-validation", "early stopping") and not _above_zero(self.strengths):
+        if self.strengths not in ("cross-validation", "early stopping") and not above_zero(self.strengths):
             raise BadInput(
                 f'strengths: "cross-validation", "early stopping" or a factor above zero, not {self.strengths!r:.40}.'
             )
@@ -131,7 +131,8 @@ class FitOptions:
         return self.strengths if isinstance(self.strengths, str) else "given"
 
 
-def _above_zero(value: object) -> bool:
+def above_zero(value: object) -> bool:
+    """Whether a value is a finite number above zero."""
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < float("inf")
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
+from ..declared import understood
 from ..reports.numbers import counted, number, pretty_unit, quantity, with_interval
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
@@ -101,6 +102,7 @@ class FleetEstimate:
         return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 
 
+@understood
 def estimate(folder: str | Path) -> FleetEstimate:
     """Estimate population, vehicles and drift from the results of a fleet; no recording is read.
 

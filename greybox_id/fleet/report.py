@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..guard import claim
 from ..parameter import Array
@@ -37,6 +38,7 @@ PANEL, DAY = 92.0, 86400.0
 """Height of a panel, points; s of a day."""
 
 
+@understood
 def report(folder: str | Path, out: str | Path | None = None, *, vehicle: str | None = None) -> Path:
     """Write the report of a fleet as one HTML page.
 

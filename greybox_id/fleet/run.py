@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..contained.process import Broken
+from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
@@ -74,6 +75,7 @@ class FleetRun:
         )
 
 
+@understood
 def run(
     plan: str | Path | FleetPlan,
     out: str | Path,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..declared import understood
 from ..reports.numbers import counted
 from . import BROKEN, WAITING
 from .store import Store
@@ -55,6 +56,7 @@ class FleetStatus:
         return "\n".join(lines)
 
 
+@understood
 def status(folder: str | Path) -> FleetStatus:
     """How far a fleet is: what came of its recordings, in all and by vehicle.
 
