@@ -9,14 +9,14 @@ import pytest
 
 from greybox_id import files, scratch
 from greybox_id.errors import BadInput
-from greybox_id.files import at_once, ensure_writable, new_folder, replacing, write_atomically
+from greybox_id.files import at_once, ensure_writable, held, near_file, new_folder, replacing, write_atomically
 from greybox_id.guard import claim, guarding, protect
 from greybox_id.scratch import NAME, SET_ASIDE, scratch_folder, scratch_name
 
 KILLED = """
 import os, pathlib, signal, sys
 sys.path[:] = {path!r}
-from greybox_id.files import at_once, new_folder, replacing
+from greybox_id.files import at_once, held, new_folder, replacing
 from greybox_id.scratch import scratch_folder
 folder = pathlib.Path({folder!r})
 with {what}:
@@ -201,3 +201,21 @@ def test_looking_for_leftovers_among_many_files_takes_no_time(tmp_path):
     for _ in range(20):
         scratch.sweep(tmp_path)
     assert time.perf_counter() - clock < 1.0
+
+
+def test_a_folder_is_for_one_process_at_a_time(tmp_path):
+    code = f"import sys, pathlib; sys.path[:] = {sys.path!r}; from greybox_id.files import held\n"
+    code += f"with held(pathlib.Path({str(tmp_path)!r})): pass"
+    with held(tmp_path):
+        other = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+        assert "Another run writes to" in other.stderr
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    killed(tmp_path, "held(folder)")
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_file_that_was_meant_is_told_by_its_name_without_ending(tmp_path):
+    (tmp_path / "fl_other.toml").touch()
+    (tmp_path / "lap_seven.parquet").touch()
+    assert near_file(tmp_path / "nope.toml") == ""
+    assert near_file(tmp_path / "lap_sevn.csv").endswith("lap_seven.parquet?")

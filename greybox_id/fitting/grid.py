@@ -157,7 +157,7 @@ def fit_grid(
     table = _table(rows, several)
     if not len(table):
         raise KeyboardInterrupt
-    return Grid(table, tuple(varied), _plain(one_standard_error(table)), _plain(_least(table)), interrupted, doubts)
+    return Grid(table, tuple(varied), _plain(one_standard_error(table)), _plain(least_aic(table)), interrupted, doubts)
 
 
 def _doubts(model: MemoryModel, train: Recording, validate: Recording | None) -> tuple[str, ...]:
@@ -182,7 +182,8 @@ def fingerprint(name: str, train: Recording, validate: Recording | None, setting
     return json.dumps([name, *part, settings], sort_keys=True, default=list)
 
 
-def _least(table: pd.DataFrame) -> pd.Series[Any]:
+def least_aic(table: pd.DataFrame) -> pd.Series[Any]:
+    """The structure of least AIC. Raises `BadInput` where none has one."""
     usable = _finite(table, "aic")
     return usable.iloc[int(np.argmin(usable["aic"]))]
 

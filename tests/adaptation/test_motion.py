@@ -1,5 +1,7 @@
 """Equations of motion meet a vehicle that has changed."""
 
+from dataclasses import replace
+
 import pytest
 from calling import greybox, refused
 from driven import driven, written
@@ -68,3 +70,22 @@ def test_the_command_adapts_and_the_fit_it_writes_is_read_again(fitted, tmp_path
     assert gb.load(told["written"]).params["D_f"] == pytest.approx(WET["D_f"], rel=0.15)
     assert "0.5 s ahead" in greybox("adapt", "fit.json", "wet.csv", "--seconds", 10, "--free", "D_f").out
     assert "10 s in one run" in refused("adapt", "fit.json", "wet.csv", "--seconds", 5)
+
+
+def test_a_recording_that_is_not_trusted_is_told_first(fitted, tmp_path):
+    new = driven(runs=1, seconds=16.0, seed=7)
+    wrong = replace(new, signals={**new.signals, "yaw_rate": new["yaw_rate"] * 1000})
+    said = []
+    found = adapt(fitted, wrong, seconds=11, free="D_f", say=lambda line, passing=False: said.append(line))
+    assert any("yaw_rate" in own for own in found.doubts)
+    assert said[: len(found.doubts)] == list(found.doubts)
+    assert len(said) > len(found.doubts)  # and then what is done
+    assert found.as_dict()["doubts"] == list(found.doubts)
+    assert found.doubts[0].split()[-1] in gb.adapt(fitted, wrong, seconds=11, free="D_f").summary()
+    assert adapt(fitted, new, seconds=11, free="D_f").doubts == ()
+
+
+def test_rows_that_are_too_far_apart_are_a_sentence(fitted):
+    new = driven(runs=1, seconds=16.0, seed=7)
+    with pytest.raises(BadInput, match=r"has a row every .* s, but errors 0.5 s ahead"):
+        adapt(fitted, replace(new, time=new.time * 1000), seconds=11000)

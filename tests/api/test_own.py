@@ -5,6 +5,7 @@ import shutil
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import casadi
 import pytest
 from calling import greybox
 
@@ -176,3 +177,35 @@ def test_installed_packages_bring_models_and_effects(folder, monkeypatch):
     registry.install.cache_clear()
     monkeypatch.undo()
     registry.install()
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("def made(): return 1 / 0", "line 1: ZeroDivisionError"),
+        ("import sys; sys.exit(3)", "line 1: SystemExit: 3"),
+        ("def made():\n    raise SystemExit", "line 2: SystemExit"),
+    ],
+)
+def test_a_file_that_fails_is_a_sentence_with_its_line(code, says, tmp_path):
+    (tmp_path / "failing.py").write_text(code)
+    with pytest.raises(gb.BadInput, match=says):
+        gb.models.own(f"{tmp_path / 'failing.py'}:made")
+
+
+def test_an_effect_that_fails_is_a_sentence_with_its_line(lap):
+    failing = gb.alteration(
+        "steering", "failing", "1", 0.0, (0.0, 1.0), "nothing", typical=0.1, steer=lambda steer, q: steer / int("a")
+    )
+    with pytest.raises(gb.BadModel, match=r"test_own.py, line \d+\).*ValueError"):
+        gb.fit(gb.models.kinematic(vehicle="roboracer") + failing, lap)
+
+
+def test_equations_that_give_no_numbers_are_a_sentence(lap):
+    lost = gb.MotionModel(
+        name="lost", about="", states=(gb.State("yaw_rate", "rad/s"),), inputs=("steer",), outputs=("yaw_rate",),
+        parameters=(gb.Parameter("L", "m", 0.3, (0.1, 1.0)),),
+        dynamics=lambda x, u, p, q: {"yaw_rate": casadi.sqrt(-1 - x.yaw_rate**2) * p.L},
+    )  # fmt: skip
+    with pytest.raises(gb.BadInput, match="gives no finite predictions"):
+        gb.fit(lost, lap)

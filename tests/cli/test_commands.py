@@ -172,3 +172,16 @@ def test_completing_a_command_loads_none():
     asked = {**os.environ, "_GREYBOX_COMPLETE": "bash_complete", "COMP_WORDS": "greybox da", "COMP_CWORD": "1"}
     called = subprocess.run([sys.executable, "-c", code], env=asked, capture_output=True, text=True, check=True)
     assert called.stdout.split() == ["plain,data", "plain,datasets", "False"]
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-inf"])
+def test_no_option_takes_what_is_no_number(word):
+    options = [
+        (words, own) for words, command in commands() for own in command.params
+        if isinstance(own.type, click.types.FloatParamType)
+    ]  # fmt: skip
+    assert len(options) > 10
+    for words, own in options:
+        with pytest.raises(click.BadParameter, match=r"finite number|not in the range"):
+            pytest.fail(f"{words} {own.opts}: {own.type.convert(word, own, None)}")
+    assert "finite number" in refused("predict", "fit.json", "lap.csv", "--horizon", "nan")

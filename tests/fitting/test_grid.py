@@ -1,6 +1,7 @@
 """Grids: every cell is fitted once, cross-validation is what leaving out would have been, one structure is chosen."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadInput
 from greybox_id.fitting.crossvalidation import FOLDS, WORST, blocks
-from greybox_id.fitting.grid import cells, cross_validated, fit_grid, one_standard_error, values_of
+from greybox_id.fitting.grid import cells, cross_validated, fit_grid, least_aic, one_standard_error, values_of
 from greybox_id.models.registry import prepared
 from greybox_id.solvers.gauss_newton import gauss_newton
 
@@ -95,3 +96,42 @@ def test_the_command_writes_a_table_continues_it_and_refuses_in_sentences(tmp_pa
     assert "several values" in refused("grid", "msnn_lat", "train.csv", "--set", "q=3")
     assert "nothing.csv" in refused("grid", "msnn_lat", "nothing.csv", "--set", "q=3,4")
     assert "no setting qq" in refused("grid", "msnn_lat", "train.csv", "--set", "qq=3,4", "--out", "other.parquet")
+
+
+def test_what_speaks_against_the_recordings_is_told_first():
+    recording = drive(600)
+    found = fit_grid("msnn_bench_long", recording, {"gamma": [3, 4]}, strength=1.0, validate=recording)
+    assert any("nothing was held out" in own for own in found.doubts)
+    wrong = replace(recording, signals={**recording.signals, "v_x": recording["v_x"] * 1000})
+    told = fit_grid("msnn_bench_long", wrong, {"gamma": [3, 4]}, strength=1.0)
+    assert any("v_x" in own for own in told.doubts)
+    assert told.as_dict()["doubts"] == list(told.doubts)
+
+
+def test_errors_that_cannot_be_compared_choose_nothing():
+    nothing = pd.DataFrame({"parameters": [3, 4], "cv_error": [0.0, 0.0], "cv_se": [np.nan] * 2, "aic": [np.nan] * 2})
+    assert one_standard_error(nothing)["parameters"] == 3
+    for broken, choose in ((nothing, least_aic), (nothing.assign(cv_error=np.inf), one_standard_error)):
+        with pytest.raises(BadInput, match="does anything move"):
+            choose(broken)
+
+
+@pytest.mark.parametrize(("wrong", "says"), [
+    ({"strength": -1.0}, "above zero"), ({"strength": np.nan}, "above zero"), ({"strength": "a"}, "above zero"),
+    ({"jobs": 0}, "from 1 on"),
+])  # fmt: skip
+def test_numbers_that_are_none_are_refused(wrong, says):
+    with pytest.raises(BadInput, match=says):
+        fit_grid("msnn_bench_long", drive(300), {"gamma": [3, 4]}, **({"strength": 1.0} | wrong))
+
+
+def test_a_grid_is_counted_before_it_is_laid_out():
+    with pytest.raises(BadInput, match="99980001 structures"):
+        cells({"a": range(9999), "b": range(9999)})
+    with pytest.raises(BadInput, match="0 structures"):
+        cells({"a": []})
+
+
+def test_a_range_that_is_too_long_says_so():
+    with pytest.raises(BadInput, match="10000 values at most"):
+        list(values_of("1:100000"))

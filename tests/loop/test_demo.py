@@ -16,7 +16,7 @@ from greybox_id.loop.adapting import world_of
 from greybox_id.loop.arms import Twin, randomised
 from greybox_id.loop.demo import Watched
 from greybox_id.loop.safety import Cap, Log
-from greybox_id.loop.scene import CASES, Hands, Scene, driven
+from greybox_id.loop.scene import CASES, Hands, Scene, driven, effect_words
 from greybox_id.loop.swap import Seat
 from greybox_id.models.registry import motion_model_of, with_effects
 from greybox_id.racing.learner import shipped_learned
@@ -142,3 +142,10 @@ def test_a_demo_that_a_kill_interrupts_carries_on_and_drives_better(tmp_path):
     errors = {name: own["first"]["path_error_rms"] for name, own in found["arms"].items()}
     assert errors["named"] < 0.8 * errors["base"]
     assert "cycle 1" in (tmp_path / "loop" / "index.html").read_text()
+
+
+def test_magnitudes_are_told_with_their_units():
+    both = effect_words({"steering_delay": 0.04, "front_stiffness": 0.76923})
+    assert both == "steering_delay 0.0400 s, front_stiffness 0.769"
+    assert effect_words({"rear_steer": 0.05}) == "rear_steer 0.0500"
+    assert effect_words({}) == "nothing"

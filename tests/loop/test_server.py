@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from calling import refused
 from hand import by_hand
 from hostile_mutations import mutated
 from serving import TOKEN, serving
@@ -309,3 +310,10 @@ def test_nobody_there_is_a_sentence():
         port = own.getsockname()[1]
     with pytest.raises(BadInput, match="does not answer"):
         Client(f"http://127.0.0.1:{port}", TOKEN).get("/v1/jobs/0")
+
+
+def test_one_server_has_a_folder_for_itself(server):
+    folder = server.folder
+    said = refused("serve", "--token-file", folder.parent / "token.txt", "--port", 0, "--out", folder)
+    assert f"Another run writes to {folder}" in said
+    assert server.client.get("/healthz")["status"] == "ok"

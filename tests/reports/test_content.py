@@ -10,7 +10,7 @@ from greybox_id.parameter import Parameter, Prior
 from greybox_id.provenance import Certificate
 from greybox_id.reports.content import scalars
 from greybox_id.reports.memory import verdict, yardsticks
-from greybox_id.reports.numbers import interval, number, percent, pretty_unit, with_sd
+from greybox_id.reports.numbers import alike, interval, number, percent, pretty_unit, quantity, with_interval, with_sd
 from greybox_id.reports.report import prepared
 
 
@@ -87,3 +87,17 @@ def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit)
 )
 def test_numbers_show_the_digits_their_uncertainty_allows(words, expected):
     assert words == expected
+
+
+def test_numbers_of_a_row_are_alike():
+    assert alike(1.195e-8, 1.784, 3.502, 0.0016, by=0.0016) == ("0.0000", "1.7840", "3.5020", "0.0016")
+    assert alike(0.0203, 1.2e-4, by=1.2e-4) == ("0.02030", "0.00012")
+    assert alike(2.0e-5, 1.2e-6, by=1.2e-6) == ("2.00·10⁻⁵", "0.12·10⁻⁵")
+    assert alike(1.0, np.nan, by=0.1) == ("1.00", "–")
+    assert alike(1.0, 2.0, by=0.0) == ("1.00", "2.00")
+
+
+def test_an_interval_over_powers_of_ten_shows_its_estimate():
+    assert with_interval(1.0, 0.5, 1.5, 0.25) == "1.00 [0.50, 1.50]"
+    assert with_interval(7.1e3, 1.2e-5, 5.9e12, 1.5e12) == "7100 [1.2·10⁻⁵, 5.9·10¹²]"
+    assert quantity(0.0016, "kg", 2) == "0.0016 kg"

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.html import POLICY, page, write_html
 from greybox_id.reports.report import kind_of, prepared, report
 
@@ -169,3 +170,22 @@ def test_a_request_would_be_seen(tmp_path):
     (tmp_path / "asks.html").write_text('<img src="http://elsewhere.invalid/a.png">')
     addresses, _ = asked_for(tmp_path / "asks.html", tmp_path)
     assert addresses == {"http://elsewhere.invalid/a.png"}
+
+
+@needs_chromium
+def test_letters_of_a_type_that_stands_in_are_no_wider_than_the_layout_took_them_for(tmp_path):
+    words = "yaw rate [rad/s] −0.25 1.00"
+    sheet = Sheet((60.0,))
+    sheet.first().set(title=words)
+    drawn = sheet.svg()
+    taken = sheet.first().title.get_window_extent(sheet.canvas.get_renderer()).width
+    script = "document.title = [...document.querySelectorAll('text')].at(-1).getComputedTextLength()"
+    (tmp_path / "one.html").write_text(
+        f"<meta charset='utf-8'>{drawn.replace('Libertinus Serif', 'DejaVu Serif')}<script>{script}</script>"
+    )
+    call = [CHROMIUM, *QUIET.split(), f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+    seen = subprocess.run(
+        [*call, (tmp_path / "one.html").as_uri()], check=True, capture_output=True, timeout=120, text=True
+    ).stdout
+    assert words in seen
+    assert 0.8 * taken < float(re.search(r"<title>([\d.]+)</title>", seen)[1]) < 1.1 * taken
