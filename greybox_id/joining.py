@@ -17,7 +17,8 @@ from .checks.lag import estimate_lag
 from .datasets.column_map import Column, ColumnMap, column_map
 from .datasets.read import Part, as_parts, one_signal, read_together
 from .errors import BadInput
-from .recording import Array, Recording
+from .recording import Recording
+from .shorthands import Array
 from .signals import ANGLES_AROUND, COMMANDS
 
 LONGEST = 2.0

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .errors import BadInput
-
-Array = NDArray[np.float64]
+from .shorthands import Array as Array
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from .condition import holds
 from .declared import understood
 from .errors import BadInput, near_or_all
+from .shorthands import Array
 from .signals import SIGNALS, unit_of
 from .units import to_si
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 JITTER_TOLERANCE = 0.5
 """A step in time counts as a join when it differs from the usual step by more than this share of it."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ from ..racing.learner import Learned, shipped_learned
 from ..racing.track import RaceTrack, Usage, track
 from ..racing.world import HALF_WIDTH, NARROWEST, World
 from ..recording import Recording
+from ..shorthands import Say
 from .loop_report import ARMS, BASE, ORACLE, reported
 
 CAPS = (0.6, 0.7, 0.8, 0.9)
@@ -47,8 +48,6 @@ SHARES = (0.6, 0.9)
 WITHOUT_ROWS = ("hand", "nominal", ORACLE)
 CURVE: Mapping[str, tuple[int, ...]] = {"named": (2_000,), "actuator_net": (2_000, 5_000, 10_000, 20_000)}
 """Rows that models are made of besides."""
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 from .pairs import smooth
 
 CERTAIN = 4.0

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from ..recording import Array
+from ..shorthands import Array
 from .agreement import standard
 
 BLOCK_SECONDS = 1.0

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 
 EARTH = 6.371e6
 """Mean radius of the earth, m."""

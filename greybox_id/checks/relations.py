@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 from ..signals import ANGLES_AROUND
 from .agreement import TINY, independent_samples
 from .pairs import acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 from ..signals import ANGLES_AROUND, COMMANDS
 from .agreement import standard
 from .finding import Finding, FoundAt, Severity, file_rows

@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 
 from ..errors import BadInput
-from ..recording import Array, Resampled
+from ..recording import Resampled
+from ..shorthands import Array
 from ..signals import ANGLES_AROUND, COMMANDS
 
 REGULAR = 0.05

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import BadInput, near
-from ..recording import Array
+from ..shorthands import Array
 from ..signals import SIGNALS
 from ..toml_file import must_know, parse_toml, table_of, text_of
 from ..units import to_si

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from ..recording import Array
+from ..shorthands import Array
 from .column_map import Column
 from .formats.contents import RawTable
 

@@ -30,7 +30,8 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from ..errors import BadInput
-from ..recording import Array, split_runs
+from ..recording import split_runs
+from ..shorthands import Array
 from .column_map import Reference
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")

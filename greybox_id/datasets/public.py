@@ -9,7 +9,6 @@ import http.client
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from .. import __version__
 from ..errors import BadInput, near_or_all
 from ..files import cache_folder, replacing, writable, write_atomically
 from ..guard import permit
+from ..shorthands import Say
 from .formats import hash_of
 
 
@@ -145,7 +145,6 @@ ATTEMPTS = 5
 """Times that a transfer is taken up again where it broke off."""
 HASHES = "sha256.json"
 """Hashes of files whose hash is not known beforehand, as they were fetched first."""
-Say = Callable[[str], None]
 
 
 def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda _: None) -> tuple[Path, ...]:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import BadInput, near
-from ..recording import Array, Recording, Source, split_runs
+from ..recording import Recording, Source, split_runs
+from ..shorthands import Array
 from ..signals import SD, unit_of
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps

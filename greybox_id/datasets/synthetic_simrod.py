@@ -23,11 +23,11 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..files import at_once, write_atomically
 from ..recording import Recording
+from ..shorthands import Array
 from .vehicle_file import vehicle
 from .virtual_vehicle import Forms, Truth, VirtualCar, steered
 from .virtual_vehicle.scale import G
@@ -58,7 +58,6 @@ def simrod() -> VirtualCar:
     )
 
 
-Array = NDArray[np.float64]
 Part = Literal["train", "held out"]
 RATIO = 20.0
 """Angle of the steering wheel over that of the road wheels."""

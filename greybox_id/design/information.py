@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..engine.motion.runs import Index, Mask
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
@@ -15,6 +14,7 @@ from ..fit import Fit
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index, Mask
 from .course import PlannedMotion
 from .scatter import ForceScatter, Rough, Scores, by_interval
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..motion_model import MotionModel
 from ..parameter import Array
+from ..shorthands import Say
 from .arena import Arena, Placement
 from .course import AT, PlanCourse, PlannedMotion, strain
 from .driver import driver_of, vehicle_of
@@ -20,7 +21,6 @@ from .plan import Design, Separation
 from .primitives import Handling
 from .search import NEEDED, FoundPlan, PlanSearch
 
-Say = Callable[[str], None]
 DRAWS, AVERAGED = 40, 3
 """Draws of the posterior that must keep to limits; those over which the criterion's median is taken."""
 SHORTEST, LONGEST = 2.0, 300.0

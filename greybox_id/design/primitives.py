@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.motion.runs import Index
 from ..parameter import Array
+from ..shorthands import Index
 from .limits import DriveLimits
 
 Shape = Callable[[Array, float], Array]

@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..engine.motion.runs import Index
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.motion.trace import MotionTrace
@@ -27,6 +26,7 @@ from ..gap.unknown_forces import knows_unknown_forces, with_unknown_forces
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ import numpy as np
 from ..errors import BadModel
 from ..model import Symbol
 from ..parameter import Array
+from ..shorthands import Index
 from .sampled import SampledFunction
-from .trace import Index, Trace, namespace
+from .trace import Trace, namespace
 
 
 class Actuation:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..model import Model
 from ..parameter import Array, Parameter, Prior
-from .trace import Index
+from ..shorthands import Index
 
 
 def prior_rows(

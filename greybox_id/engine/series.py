@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from ..errors import BadInput
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index
 from .free_run import free_run
-from .trace import Columns, Index, Trace, tidy
+from .trace import Columns, Trace, tidy
 
 _BLOCK = 40
 """Rows per matrix product in `weighted_windows`: wide enough for BLAS, narrow enough to waste little on the band."""

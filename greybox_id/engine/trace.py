@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from ..errors import BadModel
 from ..memory_model import MemoryModel
 from ..model import Namespace, Symbol
+from ..shorthands import Index
 from .equations import called, must_be_numbers
 from .sampled import SampledFunction
 
 if TYPE_CHECKING:
     from .elements import Actuation
 
-Index = NDArray[np.intp]
 Columns = slice | Index
 
 

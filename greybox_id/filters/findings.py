@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from ..engine.motion.runs import Mask
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
 from ..scores.verdict import distrust
+from ..shorthands import Mask
 from ..signals import unit_of
 from .kernel import History
 from .laid import LaidRun

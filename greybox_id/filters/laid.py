@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks.values import outlying
-from ..engine.motion.runs import Index, MotionRun, motion_runs
+from ..engine.motion.runs import MotionRun, motion_runs
 from ..engine.motion.schedule import longest_segment, schedule
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index
 from .state_space import StateSpace
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,6 +16,7 @@ from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Say
 from ..signals import unit_of, unit_of_quantity
 from .filtering import Filtering, filtering, smoothed
 from .findings import (
@@ -44,8 +45,6 @@ from .walking import walking
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
 """Estimated besides states and what is tracked, where a model has it."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
-
-Say = Callable[[str], None]
 
 
 def track(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..motion_model import MotionModel
 from ..parameter import Array
 from ..racing.stage import PLANE
 from ..recording import Recording
+from ..shorthands import Say
 from ..solvers.quasi_newton import Descent, descend
 from .injection import fingerprint
 from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, drawn, unpacked
@@ -24,8 +25,6 @@ ADAM, STEPS, PATIENCE = 100, 300, 40
 """Steps of Adam from random weights; of L-BFGS after them (as many as were published epochs); without a better
 held-out error until it ends."""
 _SAID = 20
-
-Say = Callable[[str], None]
 
 
 def train_actuator_net(

@@ -16,6 +16,7 @@ from ..racing.learner import FINE_TUNING, Learned, learn, shipped_learned
 from ..racing.world import Rules, World
 from ..racing.worlds import STEER_MAX
 from ..recording import Recording
+from ..shorthands import Say
 from ..vehicle import Vehicle
 from .arms import Twin, twin
 
@@ -27,8 +28,6 @@ TWIN_LAPS, TWIN_LANES, TWIN_SECONDS = 1.0, 8, 60.0
 
 WINDOW = 2.0
 """s over which a path error is watched while driving."""
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

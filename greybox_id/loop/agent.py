@@ -25,7 +25,8 @@ from ..json_data import plain
 from ..models.registry import motion_model_of
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
-from .adapting import Say, foretold
+from ..shorthands import Say
+from .adapting import foretold
 from .client import Client, Unanswered
 from .demo import CAP, Underway, Watched, joined
 from .protocol import ARMS

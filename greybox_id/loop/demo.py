@@ -34,10 +34,10 @@ from ..racing.policy import Policy
 from ..racing.world import Observations, World
 from ..recording import Recording
 from ..reports.html import page
+from ..shorthands import Say
 from ..vehicle import Vehicle
 from .adapting import (
     TWIN_LANES,
-    Say,
     adapted,
     foretold,
     last_rows,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..datasets.formats import Group
 from ..errors import BadInput
-from ..recording import Array
+from ..shorthands import Array
 from ..signals import SIGNALS
 from ..units import to_si
 from .evidence import MapEntry

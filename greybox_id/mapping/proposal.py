@@ -17,7 +17,8 @@ from ..datasets.column_map import SEPARATORS, Column, ColumnMap
 from ..datasets.formats import Contents, contents
 from ..datasets.read import read
 from ..errors import BadInput
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 from ..signals import SIGNALS, unit_of
 from .evidence import MapEntry, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, guess, time_of

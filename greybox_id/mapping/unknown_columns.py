@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 from ..signals import SIGNALS
 from ..units import to_si
 from .evidence import MARGIN, USUAL, MapEntry, Met, met, misfit, sizes_of

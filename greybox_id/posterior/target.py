@@ -14,13 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..parameter import Array
+from ..shorthands import Mask
 from .density import PosteriorDensity
-
-Mask = NDArray[np.bool_]
 
 ADDING = ("m", "s", "kg", "kg m^2")
 """Units of numbers that make up sums, as wheelbases and delays do: along these a valley is straight in the numbers

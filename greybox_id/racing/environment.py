@@ -13,7 +13,8 @@ from gymnasium.vector.utils import batch_space
 
 from ..errors import BadInput
 from ..parameter import Array
-from .world import LARGEST, Mask, Observations, World
+from ..shorthands import Mask
+from .world import LARGEST, Observations, World
 from .worlds import STEER_MAX as STEER_MAX
 from .worlds import world as world
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
 from ..parameter import Array
+from ..shorthands import Mask
 from .draws import Draws, nothing_drawn
 from .stage import PLANE, Period, stage
 from .track import RaceTrack, Usage, track
 
-Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 Observations = NDArray[np.float32]
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend
 
-from ..recording import Array, Recording
+from ..recording import Recording
+from ..shorthands import Array
 
 REST_SHARE = 0.003
 """At rest: slower than this share of the top speed (the 99 % quantile of speed)."""

@@ -23,7 +23,7 @@ import numpy as np
 from ..engine.elements import Sensing
 from ..engine.hybrid.cell import free_run
 from ..engine.motion.prediction import Predictions, Predictor
-from ..engine.motion.runs import Mask, MotionRun
+from ..engine.motion.runs import MotionRun
 from ..engine.motion.simulator import Simulator
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
@@ -35,6 +35,7 @@ from ..model import Model
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Mask
 
 ASTRAY = 10.0
 """A prediction that is off by more than so many times the range of the readings has diverged."""

@@ -18,11 +18,11 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg as la
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from ..engine.least_squares import LeastSquares, Matched, NormalEquations
 from ..parameter import Array
+from ..shorthands import Mask
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
 """Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are
@@ -36,7 +36,6 @@ NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
 objective in PATIENCE steps has stopped learning anything that its residuals could show."""
 
-Mask = NDArray[np.bool_]
 Search = Literal["line_search", "levenberg_marquardt"]
 
 

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from ..engine.least_squares import LeastSquares, Matched
 from ..parameter import Array
+from ..shorthands import Mask
 from ..statistics import correlation_time
-
-Mask = NDArray[np.bool_]
 
 LONGER = 10
 """A block is this many correlation times long: its sum misses a twentieth of the variance then."""

@@ -24,7 +24,8 @@ from scipy.special import ndtri, stdtrit
 
 from ..engine.least_squares import LeastSquares, Matched
 from ..parameter import Array
-from .blocks import Blocks, Mask, blocks
+from ..shorthands import Mask
+from .blocks import Blocks, blocks
 
 MANY = 200
 """More unknowns than this are a network's weights."""

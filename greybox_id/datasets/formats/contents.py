@@ -16,7 +16,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ...errors import BadInput, GreyboxError
-from ...recording import Array, Recording
+from ...recording import Recording
+from ...shorthands import Array
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 

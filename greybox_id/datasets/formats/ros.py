@@ -20,8 +20,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ...errors import BadInput
-from ...recording import Array
 from ...scratch import scratch_folder
+from ...shorthands import Array
 from ..column_map import ColumnMap
 from .contents import TIME, Columns, Contents, Group, RawTable, needed, sound
 

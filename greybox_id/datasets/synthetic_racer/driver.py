@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from math import atan, atan2, cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ...shorthands import Array
 from .car import CarMotion
-
-Array = NDArray[np.float64]
 
 SPACING = 0.02
 """Distance between points of a path, m (rounded so that a whole number of them closes the path)."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...parameter import Array
-from .runs import Index
+from ...shorthands import Index
 from .schedule import Schedule
 
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from ...parameter import Array
 from ...recording import Recording
+from ...shorthands import Index
 from .lanes import Interval, lay
-from .runs import Index, MotionRun, motion_runs
+from .runs import MotionRun, motion_runs
 from .schedule import Schedule, least_segment, longest_segment, schedule
 from .simulator import Simulator, observed
 

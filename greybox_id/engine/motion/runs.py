@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import BadInput
 from ...motion_model import MotionModel
 from ...parameter import Array
 from ...recording import Recording
-
-Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from ...shorthands import Index as Index
+from ...shorthands import Mask as Mask
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from ...parameter import Array
-from .runs import Index, MotionRun
+from ...shorthands import Index
+from .runs import MotionRun
 from .trace import MotionTrace
 
 AT_ONCE = 1e-9

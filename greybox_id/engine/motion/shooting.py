@@ -22,9 +22,10 @@ import scipy.sparse as sp
 from ...errors import BadInput
 from ...parameter import Array
 from ...recording import Recording
+from ...shorthands import Index, Mask
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
-from .runs import Index, Mask, MotionRun, motion_runs
+from .runs import MotionRun, motion_runs
 from .schedule import Schedule, longest_segment, schedule
 from .simulator import Simulator
 from .starts import IntervalStarts

@@ -7,9 +7,10 @@ import numpy as np
 
 from ...motion_model import MotionModel
 from ...parameter import Array
+from ...shorthands import Index
 from ..kernel import Kernel
 from ..sampled import SampledFunction
-from .runs import Index, MotionRun
+from .runs import MotionRun
 from .schedule import Schedule
 from .trace import MotionTrace
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...parameter import Array
+from ...shorthands import Index, Mask
 from .lanes import Interval, lay
-from .runs import Index, Mask, MotionRun
+from .runs import MotionRun
 from .schedule import Schedule
 from .simulator import Simulator, observed
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from ...motion_model import MotionModel
 from ...parameter import Array
+from ...shorthands import Mask
 from .lanes import Interval
-from .runs import Mask, MotionRun
+from .runs import MotionRun
 
 CRAWLING = 0.1
 """Where equations hold in less than this share of an output's readings, the recording is of nothing else: all count."""
