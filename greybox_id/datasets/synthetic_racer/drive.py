@@ -13,8 +13,9 @@ from scipy import constants
 from scipy.signal import butter, lfilter
 
 from ...files import write_atomically
+from ...shorthands import Array
 from .car import GRAVITY, STEP, Car, CarMotion, advance
-from .driver import PERIOD, Array, Circuit, Driver, Pid, PurePursuit, Stanley, Steering, raceline, speed_profile
+from .driver import PERIOD, Circuit, Driver, Pid, PurePursuit, Stanley, Steering, raceline, speed_profile
 
 SAMPLE_TIME = 0.05
 """Of the file, s."""
