@@ -15,6 +15,7 @@ from ..choices.wanted import must_be_recorded
 from ..datasets.formats.contents import needed
 from ..declared import understood
 from ..errors import BadInput
+from ..files import ensure_writable
 from ..fit import Fit
 from ..fitting.how import Say, quiet
 from ..guard import claim, content_of
@@ -219,7 +220,9 @@ def posterior_target(out: str | Path) -> Path:
     target = Path(out)
     if target.suffix != ".parquet":
         raise BadInput(f"{out}: a posterior is kept as .parquet, which holds what a run goes on from (‹out›).")
-    return claim(target, becomes=WORDS)
+    claim(target, becomes=WORDS)
+    ensure_writable(target.parent)
+    return target
 
 
 def sampled(

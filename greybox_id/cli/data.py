@@ -247,7 +247,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         if proposal.lacking:
             screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
     for finding in proposal.findings:
-        screen.print(f"{finding.severity.value}: {finding.where.channel}: {finding.sentence}")
+        said = finding.sentence.removeprefix(f"{finding.where.channel}: ")
+        screen.print(f"{finding.severity.value}: {finding.where.channel}: {said}")
     asked = {entry.signal for entry in proposal.open}
     if asked:
         screen.print(f"{counted(len(asked), 'signal')} left to you (marked ?): {', '.join(sorted(asked))}")

@@ -15,6 +15,7 @@ from ..fit import Fit, load
 from ..guard import claim
 from ..models.registry import build
 from ..recording import Recording
+from ..reports.numbers import counted
 from ..saved import format_of
 from .options import json_option, own_option, part
 from .output import console, print_json, working
@@ -165,7 +166,9 @@ def recordings_of(
         count = sum(record.role == role for record in fit.data)
         if files and len(files) != count:
             named = option.format(role=role)
-            raise BadInput(f"{fit_file} was made with {count} recordings to {role}, but {named} names {len(files)}.")
+            raise BadInput(
+                f"{fit_file} was made with {counted(count, 'recording')} to {role}, but {named} names {len(files)}."
+            )
     found = []
     for record in fit.data:
         files = moved.get(record.role, [])

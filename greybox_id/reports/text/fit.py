@@ -20,10 +20,12 @@ from ...scores.metrics import FREE_RUN
 from ...signals import unit_of
 from ...uncertainty.identifiability import absent, told_together
 from ...verdict import Verdict
-from ..numbers import counted, interval, number, pretty_unit, with_sd
+from ..numbers import counted, interval, number, percent, pretty_unit, with_sd
 from .screen import led, plain, plain_table
 
 MS = 1e3
+NEGLIGIBLE = 1e-6
+"""Share of an objective that is not worth telling."""
 
 
 def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
@@ -195,7 +197,7 @@ def _stage(result: Fit, stage: Stage, motion: bool) -> Iterator[str]:
     if stage.certificate is not None:
         c = stage.certificate
         ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
-        better = f"objective {100 * c.gained:.2g} % lower" if c.gained > 0 else "objective no lower"
+        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective no lower"
         confirmed = "certified" if c.confirmed else "not certified"
         yield f"{confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
     for number_of, words in enumerate(stage.fallbacks):
