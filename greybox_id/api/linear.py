@@ -40,7 +40,7 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
         raise BadInput(f"{model.name} is none of equations of motion; only these are linearised.")
     equations = Equations(model, moving=())
     for what, seconds in equations.shifts().items():
-        warnings.warn(f"The {what}, {seconds:.4g} s, is no part of the linear system.", stacklevel=3)
+        warnings.warn(f"The {what}, {seconds:.4g} s, is no part of the linear system.", stacklevel=4)
     ode, output, none = equations.ode, equations.output, cs.DM.zeros(0)
     x, u = equations.x, equations.u
     rates, read = ode(x, u, none), output(x, u, none)

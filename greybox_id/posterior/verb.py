@@ -185,7 +185,7 @@ class _Run:
             whole = int(state["whole"])  # blocks that are kept whole: the last one may be cut to the draws asked for
             if whole < len(kept) or (kept and len(kept[-1][0]) < walkers):
                 kept[-1] = (start.at, start.log_posterior)
-            self.say(f"mcmc: goes on after {start.block} blocks")
+            self.say(f"mcmc: goes on after block {start.block}")
         else:
             start = mcmc.begun(target, self.how.seed)
         walkers = len(start.at)
