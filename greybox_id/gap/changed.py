@@ -111,8 +111,7 @@ class Change:
     place : of its number.
     shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
     gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
-    apart : whether the latter is of other recordings, and no part of what chose it. Gains of sensors are none: below
-        one they make quieter whatever predictions err by, in one recording as in the other.
+    apart : whether the latter is of other recordings, and no part of what chose it.
     beyond : how far it moved, over what a change may be.
     """
 
@@ -279,8 +278,8 @@ def changes(
                 least = min(least, without(judge, known.x, there.x).cost)
             held += least - there.cost
         width = CAL.widened * USUAL[known.numbers[own.place].name]
-        gain, apart = base.cost - best.cost - occam, bool(others) and known.numbers[own.place].name not in SPECIFIED
-        found.append(Change(own.place, (shift, sd), gain, held, apart, abs(shift) / width))
+        gain = base.cost - best.cost - occam
+        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width))
     return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 
