@@ -48,6 +48,7 @@ class Change:
     gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
     apart : whether the latter is of other recordings, and no part of what chose it.
     beyond : how far it moved, over what a change may be.
+    cost : what it must gain of all recordings.
     """
 
     place: int
@@ -56,6 +57,7 @@ class Change:
     held_out: float
     apart: bool = True
     beyond: float = 0.0
+    cost: float = CAL.cost_changed
 
     @property
     def total(self) -> float:
@@ -67,7 +69,7 @@ class Change:
         """Evidence over what is asked of it: of all recordings, where chosen, and where not; the least."""
         if self.beyond > CAL.reach_sd:
             return -np.inf
-        return min(self.total - CAL.cost_changed, min(self.gain, self.held_out) - CAL.cost_held_out)
+        return min(self.total - self.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
 
 
 def changes(
@@ -76,6 +78,7 @@ def changes(
     others: Sequence[FollowedRun],
     halves: Sequence[Sequence[FollowedRun]] = (),
     nameless: Sequence[str] = (),
+    cost: float = CAL.cost_changed,
 ) -> tuple[RunExplained, list[Change]]:
     """What recordings from after are without a change, and with each of those that promise most; best first.
 
@@ -86,6 +89,7 @@ def changes(
     others : decide; where there are none,
     halves : of `rides`, of which each decides on what the other one chose.
     nameless : numbers that may differ between runs and are no change.
+    cost : what a change must gain.
     """
     weigher, V = known.weigher, known.of_a_run
     told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
@@ -126,7 +130,7 @@ def changes(
             held += least - there.cost
         width = CAL.widened * USUAL[known.numbers[own.place].name]
         gain = base.cost - best.cost - occam
-        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width))
+        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
     return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 

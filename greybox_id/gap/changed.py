@@ -127,15 +127,16 @@ def diagnose_change(
         before, rides, others = (
             [FollowedRun.of(one, read) for one in part] for part in (since, after, held_out)
         )  # fmt: skip
-        driven = driven_alike([*rides, *others], before)
-        alike = filtered_alike([*after, *held_out, *since]) and driven > CAL.driven
-        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CAL.filters)
+        filtered = filtered_alike([*after, *held_out, *since])
+        driven = driven_alike([*rides, *others], before) > CAL.driven
+        nameless = () if filtered and driven else SPECIFIED
+        scatter = USUAL | dict.fromkeys(nameless, CAL.filters)
         known = usual(Follower(full, read), numbers, before, tell, scatter)
-        if driven <= CAL.driven:
+        if not driven:  # errors of form do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
-        base, found = changes(known, rides, others, halves, () if alike else SPECIFIED)
+        base, found = changes(known, rides, others, halves, nameless, CAL.cost_changed if driven else CAL.cost)
     return _answer(
         model, own, vehicle, known, base, found, rides, others or rides, list(after), list(held_out), list(since)
     )
