@@ -207,9 +207,9 @@ def writable(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise BadInput(
-            f"{path} cannot be written: {error.strerror or error}. Name another place with {option_of(path)}."
-        ) from error
+        in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
+        why = "a file is where a folder has to be" if in_the_way else error.strerror or error
+        raise BadInput(f"{path} cannot be written: {why}. Name another place with {option_of(path)}.") from error
 
 
 def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:

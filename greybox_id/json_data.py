@@ -66,7 +66,15 @@ def read_json(file: Path) -> Any:
     except OSError as error:
         raise BadInput(f"{file} cannot be read: {error.strerror}.{near_file(file)}") from error
     except (ValueError, RecursionError) as error:
+        if _begins(file) not in (b"{", b"[", b""):
+            raise BadInput(f"{file} is not JSON; name a file that greybox-id wrote, such as fit.json.") from error
         raise BadInput(f"{file} is damaged: it is not JSON ({error}). Restore it, or make it again.") from error
+
+
+def _begins(file: Path) -> bytes:
+    """The first character of a file that is no blank."""
+    with file.open("rb") as stream:
+        return stream.read(1000).lstrip()[:1]
 
 
 def checksum(body: Mapping[str, Any]) -> str:

@@ -219,3 +219,10 @@ def test_a_file_that_was_meant_is_told_by_its_name_without_ending(tmp_path):
     (tmp_path / "lap_seven.parquet").touch()
     assert near_file(tmp_path / "nope.toml") == ""
     assert near_file(tmp_path / "lap_sevn.csv").endswith("lap_seven.parquet?")
+
+
+def test_a_file_in_the_place_of_a_folder_is_said_to_be_one(tmp_path):
+    (tmp_path / "lap.csv").touch()
+    for folder in (tmp_path / "lap.csv", tmp_path / "lap.csv" / "inside"):
+        with pytest.raises(BadInput, match="a file is where a folder has to be"):
+            ensure_writable(folder)

@@ -170,7 +170,7 @@ def test_a_changed_digit_in_an_estimate_is_noticed(text, tmp_path, digit):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ("", "not JSON"), ("v_x,steer\n1,2\n", "not JSON"), ("[" * 100_000, "not JSON"),
+        ("", "not JSON"), ("v_x,steer\n1,2\n", "is not JSON; name a file"), ("[" * 100_000, "not JSON"),
         ('{"a": ' + "9" * 5000, "not JSON"),
         ("{}", "not a fit"), ("[1, 2]", "not a fit"), ("null", "not a fit"), ('"fit"', "not a fit"), ("3", "not a fit"),
         ('{"format": "greybox-fit"}', "format version"), ('{"not_finite": "nan"}', "not a fit"),
