@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import BadInput
-from ..fitting.how import How, quiet
-from ..fitting.motion import fit_motion
-from ..memory_model import MemoryModel
+from ..engine.motion.simulator import Simulator
+from ..fitting.attempt import LEAST_NOISE, refitted
+from ..fitting.how import How
+from ..motion_model import MotionModel
 from ..recording import Recording
-from ..solvers.gauss_newton import Status
+from ..statistics import MIDDLE_HALF, correlation_time
 from .calibration import CAL
 from .closing import closure, left_open
 from .examining import Examined
 from .gap import Closure, Errors, Moved
-from .horizons import by_horizon
+from .horizons import between, mean_squares
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
 from .preparing import excerpt, with_beliefs
@@ -40,15 +40,19 @@ def closed_model(
     detected : whether there is a gap: without one, the model is the nominal one.
     held_out : recordings that chose no effect.
     """
-    added = with_effects(found, best)
-    ways = [added]
+    added, nominal = with_effects(found, best), with_effects(found, best, set())
+    own = Simulator(added) if isinstance(added, MotionModel) else None
+    ways = [(added, own)]
     if detected:
-        ways += [_moved_along(found, best, added), *_fitted(found, best, added)]
+        moved = _moved_along(found, best, added)
+        ways += [(moved, own), *_fitted(found, best, moved)]
     judges = list(held_out) or excerpt(found.recordings)
-    nominal = with_effects(found, best, set())
-    errors = [by_horizon(nominal, own, judges, found.sd) for own in ways] if held_out or len(ways) > 1 else []
+    errors = []
+    if held_out or len(ways) > 1:
+        before = mean_squares(nominal, judges, own)
+        errors = [between(added.outputs, before, mean_squares(way[0], judges, way[1]), found.sd) for way in ways]
     least = min(range(len(errors)), key=lambda k: _size(errors[k], "after")) if errors else 0
-    closed = ways[least]
+    closed = ways[least][0]
     if not held_out:
         return closed, None, False
     verified = closure(nominal, added, held_out, found.vehicle, found.effects, False, found.sd, as_it_stands=closed)
@@ -91,30 +95,46 @@ def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagno
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(found: Examined, best: Hypothesis, closed: Diagnosed) -> list[Diagnosed]:
-    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; where that leads.
+def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[MotionModel, Simulator]]:
+    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; with what simulates.
 
     Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
     of it must move together.
+
+    Parameters
+    ----------
+    begin : the closed model where fits begin.
     """
-    if isinstance(closed, MemoryModel):
+    if not isinstance(begin, MotionModel):
         return []
-    believed = with_beliefs(closed, found.effects, found.vehicle)
+    believed = with_beliefs(begin, found.effects, found.vehicle)
+    believed = believed.with_parameters(*(believed[own.name].with_value(own.array) for own in begin.parameters))
     freed = (replace(believed[axis.name], fixed=False) for axis in best.axes)
     ways = [own for own in (believed, *([believed.with_parameters(*freed)] if best.axes else []))
             if not all(parameter.fixed for parameter in own.parameters)]  # fmt: skip
-    ended = list[Diagnosed]()
+    if not ways:
+        return []
+    simulator = Simulator(believed)
+    simulator.kernel.prepare()
+    how = How(solver="gauss-newton", robust=CAL.far_reading, noise=_counted(found, best))
+    recordings, ended = excerpt(found.recordings), list[tuple[MotionModel, Simulator]]()
     for own in ways:
-        try:
-            how = How(solver="gauss-newton", robust=CAL.far_reading)
-            problem, solution, _ = fit_motion(own, excerpt(found.recordings), how, quiet)
-        except BadInput:
-            continue
-        if solution.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        if np.isfinite(solution.objective):
-            ended.append(own.with_values(problem.shared(solution.x)))
+        p = refitted(simulator.of(own), recordings, own.values, how, short=())
+        if p is not None:
+            ended.append((own.with_values(p), simulator))
     return ended
+
+
+def _counted(found: Examined, best: Hypothesis) -> dict[str, float]:
+    """What a reading of each output counts as in free runs: the spread of what is left, over how long that is alike."""
+    own, counted = found.freed.get(frozenset(best.names), best), {}
+    for c, channel in enumerate(found.bench.channels):
+        good = found.good[:, c]
+        if np.any(good):
+            spread = MIDDLE_HALF * float(np.median(np.abs(own.e[good, c])))
+            alike = correlation_time(np.where(good, own.e[:, c], 0.0)[:, None])
+            counted[channel] = max(spread, LEAST_NOISE) * float(np.sqrt(alike))
+    return counted
 
 
 def moved(found: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:

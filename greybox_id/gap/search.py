@@ -68,7 +68,7 @@ class Search:
         self._expand(hypothesis)
         p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
         _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
-        self.theta_by = J @ self._mix
+        self.theta_by = (J.reshape(self.bench.measured.size, J.shape[2]) @ self._mix).reshape(J.shape)
         slopes, jumps = self._secants(p, [delays or not axis.shift for axis in self.shifts])
         if not delays:
             kept, count = [k for k, axis in enumerate(self.shifts) if axis.shift], len(self.shifts)
