@@ -112,11 +112,9 @@ def attempted(
     return Attempt(problem, p, replace(solution, status=Status.INTERRUPTED))
 
 
-def refitted(
-    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, short: Sequence[int] = SHORT_HORIZONS
-) -> Array | None:
+def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How) -> Array | None:
     """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
-    found = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name, short)
+    found = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
     if found is not None and found.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return None if found is None else found.problem.shared(found.solution.x)

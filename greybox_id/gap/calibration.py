@@ -211,6 +211,8 @@ class Calibration:
     # ---- how numbers are found
     iterations: int = _known(10, "steps of a refit", SEARCHED)
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
+    expected: float = _known(0.1, "of that, below which a step is not taken: it is the most that is ever expected")
+    fitted: float = _known(1e-4, "of an objective, that a step of a closed model's fit is expected to gain: as fits do")
     hopeless: float = _known(2e-4, "added to that, of what is left to explain", SEARCHED)
     shortest: float = _known(0.03, "share of a step below which it leads nowhere", SEARCHED)
     short: float = _known(0.1, "the same for a start seen from its origin", SEARCHED)

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
-from ..fitting.attempt import LEAST_NOISE, refitted
-from ..fitting.how import How
+from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
+from ..parameter import Array
 from ..recording import Recording
+from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import MIDDLE_HALF, correlation_time
 from .calibration import CAL
 from .closing import closure, left_open
@@ -116,25 +118,29 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[M
         return []
     simulator = Simulator(believed)
     simulator.kernel.prepare()
-    how = How(solver="gauss-newton", robust=CAL.far_reading, noise=_counted(found, best))
-    recordings, ended = excerpt(found.recordings), list[tuple[MotionModel, Simulator]]()
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(found.recordings)
     for own in ways:
-        p = refitted(simulator.of(own), recordings, own.values, how, short=())
-        if p is not None:
-            ended.append((own.with_values(p), simulator))
+        problem = MotionProblem(
+            simulator.of(own), recordings, noise=_counted(found, best), robust=CAL.far_reading, about=own.values
+        )
+        solution = gauss_newton(
+            problem, problem.unknowns(own.values), tolerance=CAL.fitted, search="levenberg_marquardt"
+        )
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if np.isfinite(solution.objective):
+            ended.append((own.with_values(problem.shared(solution.x)), simulator))
     return ended
 
 
-def _counted(found: Examined, best: Hypothesis) -> dict[str, float]:
-    """What a reading of each output counts as in free runs: the spread of what is left, over how long that is alike."""
-    own, counted = found.freed.get(frozenset(best.names), best), {}
-    for c, channel in enumerate(found.bench.channels):
-        good = found.good[:, c]
-        if np.any(good):
-            spread = MIDDLE_HALF * float(np.median(np.abs(own.e[good, c])))
-            alike = correlation_time(np.where(good, own.e[:, c], 0.0)[:, None])
-            counted[channel] = max(spread, LEAST_NOISE) * float(np.sqrt(alike))
-    return counted
+def _counted(found: Examined, best: Hypothesis) -> Array:
+    """(outputs,) what a reading counts as in free runs: the spread of what is left, over how long that is alike."""
+    own, counted = found.freed.get(frozenset(best.names), best), []
+    for good, e in zip(found.good.T, own.e.T, strict=True):
+        spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
+        alike = correlation_time(np.where(good, e, 0.0)[:, None])
+        counted.append(max(spread, LEAST_NOISE) * float(np.sqrt(alike)))
+    return np.array(counted)
 
 
 def moved(found: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:

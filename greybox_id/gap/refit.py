@@ -162,7 +162,7 @@ class _Work:
         if not (np.isfinite(cost) and np.all(np.isfinite(values[:, :, 1:]))):  # it spins: no place to stay
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
-            self._back()
+            self._back(cost - self.best.cost)
             return
         if not np.isfinite(cost):
             self.done = True
@@ -172,8 +172,9 @@ class _Work:
         J = np.zeros((*values.shape[:2], len(self.axes)))
         J[:, :, self._moving] = values[:, :, 1:]
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, values[:, :, 0].copy(), J)
-        self._least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
-        if gained < self._least:
+        least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
+        self._least = CAL.expected * least
+        if gained < least:
             self.done = True
             return
         count, places = len(u), [0, *(len(u) + 1 + k for k in self._moving)]  # residuals in the place of a coordinate
@@ -201,13 +202,13 @@ class _Work:
         assert self._step is not None
         n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
         step = self._share * self._step
-        if self._here is not None and -(self._here[1] @ step + 0.5 * step @ self._here[0] @ step) < 0.1 * self._least:
+        if self._here is not None and -(self._here[1] @ step + 0.5 * step @ self._here[0] @ step) < self._least:
             self.done = True
             return
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
-    def _back(self) -> None:
-        """The step was too long.
+    def _back(self, rise: float) -> None:
+        """The step was too long: the cost rose by so much.
 
         Where it led away from the origin, another one is taken from there. Elsewhere what shapes curves goes less far
         first, and everything else as far as it then would.
@@ -217,6 +218,11 @@ class _Work:
             self._step = self._solve(*self._here)
             self._go()
             return
+        if self._here is not None and self._step is not None and np.isfinite(rise):
+            slope = -self._share * float(self._here[1] @ self._step)
+            if slope**2 < 4 * (rise + slope) * self._least:  # what the parabola through all that is known gains
+                self.done = True
+                return
         self._share /= 3
         if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
             self._go()
