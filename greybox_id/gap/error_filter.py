@@ -17,8 +17,8 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     nd, nc, L = B.shape[2], colour.shape[0], white.shape[1]
     n = nz + nd + nc
     P, d, M = np.zeros((n, n, L)), np.zeros((n, L)), np.zeros((nz, n, L))
-    h, g, s, nu = np.zeros((n, L)), np.zeros((n, L)), np.zeros(L), np.zeros(L)
-    nll = np.zeros(L)
+    h, g, t, f = np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L))
+    s, nu, nll = np.zeros(L), np.zeros(L), np.zeros(L)
     keep = size.shape[0] > 0
     for k in range(S):
         if first[k]:
@@ -32,104 +32,140 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
                 P[nz + nd + m, nz + nd + m] = colour[m]
         for i in range(pointer[k], pointer[k + 1]):
             c = channel[i]
-            for a in range(nz):
-                h[a] = C[k, c, a]
-            for j in range(nd):
-                h[nz + j] = D[k, c, j] * scale[k, j]
+            own = n
             for m in range(nc):
-                h[nz + nd + m] = 1.0 if coloured[m] == c else 0.0
+                if coloured[m] == c:
+                    own = nz + nd + m
             for a in range(n):
                 for x in range(L):
                     g[a, x] = 0.0
-                for b in range(nz + nd):
+            if own < n:
+                for a in range(n):
                     for x in range(L):
-                        g[a, x] += P[a, b, x] * h[b, x]
-                for m in range(nc):
-                    if coloured[m] == c:
+                        g[a, x] = P[own, a, x]
+            for b in range(nz):
+                y = C[k, c, b]
+                for x in range(L):
+                    h[b, x] = y
+                if y != 0.0:
+                    for a in range(n):
                         for x in range(L):
-                            g[a, x] += P[a, nz + nd + m, x]
+                            g[a, x] += y * P[b, a, x]
+            for j in range(nd):
+                y = D[k, c, j]
+                for x in range(L):
+                    h[nz + j, x] = y * scale[k, j, x]
+                if y != 0.0:
+                    for a in range(n):
+                        for x in range(L):
+                            g[a, x] += h[nz + j, x] * P[nz + j, a, x]
             for x in range(L):
                 s[x] = white[c, x]
                 nu[x] = r[i]
-            for a in range(n):
+            if own < n:
+                for x in range(L):
+                    s[x] += g[own, x]
+                    nu[x] -= d[own, x]
+            for a in range(nz + nd):
                 for x in range(L):
                     s[x] += h[a, x] * g[a, x]
                     nu[x] -= h[a, x] * d[a, x]
             for x in range(L):
                 nll[x] += 0.5 * (nu[x] * nu[x] / s[x] + np.log(s[x]))
+            for a in range(n):
+                for x in range(L):
+                    t[a, x] = g[a, x] / s[x]
             if keep:
                 size[i] = np.sqrt(s[0])
                 for a in range(n):
-                    gain[i, a] = g[a, 0] / s[0]
+                    gain[i, a] = t[a, 0]
             for a in range(n):
                 for x in range(L):
-                    d[a, x] += g[a, x] * nu[x] / s[x]
+                    d[a, x] += t[a, x] * nu[x]
                 for b in range(n):
                     for x in range(L):
-                        P[a, b, x] -= g[a, x] * g[b, x] / s[x]
+                        P[a, b, x] -= g[a, x] * t[b, x]
         if k + 1 == S or first[k + 1]:
             continue
+        for a in range(nd):
+            for x in range(L):
+                f[nz + a, x] = fade[k, a, x]
+        for a in range(nc):
+            for x in range(L):
+                f[nz + nd + a, x] = slow[k, a, x]
         for a in range(nz):
             for b in range(n):
                 for x in range(L):
                     M[a, b, x] = 0.0
-                for i in range(nz):
-                    if A[k, a, i] != 0.0:
+            for i in range(nz):
+                y = A[k, a, i]
+                if y != 0.0:
+                    for b in range(n):
                         for x in range(L):
-                            M[a, b, x] += A[k, a, i] * P[i, b, x]
-                for j in range(nd):
-                    if B[k, a, j] != 0.0:
+                            M[a, b, x] += y * P[i, b, x]
+            for j in range(nd):
+                y = B[k, a, j]
+                if y != 0.0:
+                    for x in range(L):
+                        s[x] = y * scale[k, j, x]
+                    for b in range(n):
                         for x in range(L):
-                            M[a, b, x] += B[k, a, j] * scale[k, j, x] * P[nz + j, b, x]
-        for a in range(nd + nc):
-            for b in range(nd + nc):
+                            M[a, b, x] += s[x] * P[nz + j, b, x]
+        for a in range(nz, n):
+            for b in range(nz, n):
                 for x in range(L):
-                    fa = fade[k, a, x] if a < nd else slow[k, a - nd, x]
-                    fb = fade[k, b, x] if b < nd else slow[k, b - nd, x]
-                    P[nz + a, nz + b, x] *= fa * fb
+                    P[a, b, x] *= f[a, x] * f[b, x]
         for j in range(nd):
             for x in range(L):
-                P[nz + j, nz + j, x] += 1.0 - fade[k, j, x] ** 2
+                P[nz + j, nz + j, x] += 1.0 - f[nz + j, x] * f[nz + j, x]
         for m in range(nc):
             for x in range(L):
-                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - slow[k, m, x] ** 2)
+                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - f[nz + nd + m, x] * f[nz + nd + m, x])
         for a in range(nz):
-            for b in range(nd + nc):
+            for b in range(nz, n):
                 for x in range(L):
-                    f = fade[k, b, x] if b < nd else slow[k, b - nd, x]
-                    P[a, nz + b, x] = M[a, nz + b, x] * f
-                    P[nz + b, a, x] = P[a, nz + b, x]
-        for a in range(nz):
-            for b in range(a + 1):
+                    P[a, b, x] = M[a, b, x] * f[b, x]
+                    P[b, a, x] = P[a, b, x]
+        for b in range(nz):
+            for a in range(b, nz):
                 for x in range(L):
-                    s[x] = 0.0
-                for i in range(nz):
-                    if A[k, b, i] != 0.0:
+                    P[a, b, x] = 0.0
+            for i in range(nz):
+                y = A[k, b, i]
+                if y != 0.0:
+                    for a in range(b, nz):
                         for x in range(L):
-                            s[x] += A[k, b, i] * M[a, i, x]
-                for j in range(nd):
-                    if B[k, b, j] != 0.0:
+                            P[a, b, x] += y * M[a, i, x]
+            for j in range(nd):
+                y = B[k, b, j]
+                if y != 0.0:
+                    for x in range(L):
+                        s[x] = y * scale[k, j, x]
+                    for a in range(b, nz):
                         for x in range(L):
-                            s[x] += B[k, b, j] * scale[k, j, x] * M[a, nz + j, x]
+                            P[a, b, x] += s[x] * M[a, nz + j, x]
+            for a in range(b, nz):
                 for x in range(L):
-                    P[a, b, x] = s[x]
-                    P[b, a, x] = s[x]
+                    P[b, a, x] = P[a, b, x]
         for a in range(nz):
             for x in range(L):
                 h[a, x] = 0.0
-                for i in range(nz):
-                    h[a, x] += A[k, a, i] * d[i, x]
-                for j in range(nd):
-                    h[a, x] += B[k, a, j] * scale[k, j, x] * d[nz + j, x]
+            for i in range(nz):
+                y = A[k, a, i]
+                if y != 0.0:
+                    for x in range(L):
+                        h[a, x] += y * d[i, x]
+            for j in range(nd):
+                y = B[k, a, j]
+                if y != 0.0:
+                    for x in range(L):
+                        h[a, x] += y * scale[k, j, x] * d[nz + j, x]
         for a in range(nz):
             for x in range(L):
                 d[a, x] = h[a, x]
-        for j in range(nd):
+        for a in range(nz, n):
             for x in range(L):
-                d[nz + j, x] *= fade[k, j, x]
-        for m in range(nc):
-            for x in range(L):
-                d[nz + nd + m, x] *= slow[k, m, x]
+                d[a, x] *= f[a, x]
     return nll
 
 

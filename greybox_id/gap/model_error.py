@@ -318,12 +318,13 @@ def estimated(
         at[free] = x
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
+        lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
         laid = _laid(kept, [Amplitudes.of(own) for own in lanes])
         nll = likelihood(
             kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
             r, *none,
         ) + prior.cost(lanes)  # fmt: skip
-        return float(nll[0]), (nll[1:] - nll[0]) / CAL.amplitude_step
+        return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
 
     width = 4.0 * prior.sd[free]
     bounds = list(zip(start[free] - width, start[free] + width, strict=True))
