@@ -191,7 +191,9 @@ class Bench:
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
             J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
-        J = np.nan_to_num(cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0))
+        J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
+        if not np.isfinite(np.sum(J)):
+            J = np.nan_to_num(J, copy=False)
         loose = len(self.loose)
         S = np.zeros((*self.measured.shape, len(self.runs) * loose))
         for k, rows in enumerate(self.rows):

@@ -171,42 +171,41 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @njit(cache=True, error_model="numpy")
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
-    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size
+    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, found
 ):
-    """(R, K) whitened values, by gains that are known."""
+    """Whiten the values, (N, K), that stand at the readings' places, by gains that are known; found in the same places."""
     S, nz, _ = A.shape
     nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
     n = nz + nd + nc
     d, moved = np.zeros((n, K)), np.zeros((nz, K))
-    found = np.empty(values.shape)
     for k in range(S):
         if first[k]:
             d[:] = 0.0
         for i in range(pointer[k], pointer[k + 1]):
-            c = channel[i]
+            c, at = channel[i], place[i]
             for x in range(K):
-                found[i, x] = values[i, x]
+                found[at, x] = values[at, x]
             for a in range(nz):
                 own = C[k, c, a]
                 if own != 0.0:
                     for x in range(K):
-                        found[i, x] -= own * d[a, x]
+                        found[at, x] -= own * d[a, x]
             for j in range(nd):
                 own = D[k, c, j] * scale[k, j]
                 if own != 0.0:
                     for x in range(K):
-                        found[i, x] -= own * d[nz + j, x]
+                        found[at, x] -= own * d[nz + j, x]
             for m in range(nc):
                 if coloured[m] == c:
                     for x in range(K):
-                        found[i, x] -= d[nz + nd + m, x]
+                        found[at, x] -= d[nz + nd + m, x]
             for a in range(n):
                 own = gain[i, a]
                 for x in range(K):
-                    d[a, x] += own * found[i, x]
+                    d[a, x] += own * found[at, x]
             own = 1.0 / size[i]
             for x in range(K):
-                found[i, x] *= own
+                found[at, x] *= own
         if k + 1 == S or first[k + 1]:
             continue
         for a in range(nz):
@@ -231,4 +230,3 @@ def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
         for m in range(nc):
             for x in range(K):
                 d[nz + nd + m, x] *= slow[k, m]
-    return found

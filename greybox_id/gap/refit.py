@@ -38,7 +38,11 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         wanted = [own.wanted() for own in active]
         edges = np.cumsum([0, *(len(each) for each in wanted)])
         e = search.residuals([p for each in wanted for p in each])
-        values = [own.values(e[a:b]) for own, a, b in zip(active, edges[:-1], edges[1:], strict=True)]
+        more = search.first_order(np.array([own.at[2] for own in active]))
+        values = [
+            own.values(e[a:b], more[:, :, k])
+            for k, (own, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))
+        ]
         white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
         white = white.reshape(-1, white.shape[2])
         cross = search.white.T @ white
@@ -140,11 +144,17 @@ class _Work:
         crosses = np.floor(rows + CAL.shifted / self.search.bench.sample_time) > np.floor(rows - CAL.on_a_row)
         return -CAL.shifted if crosses and at >= CAL.shifted else CAL.shifted
 
-    def values(self, e: Array) -> Array:
-        """(N, channels, 1 + moving) residuals where it stands, and their derivatives by what moves, of simulations."""
-        m, _, linear = self.at
+    def values(self, e: Array, more: Array) -> Array:
+        """(N, channels, 1 + moving) residuals where it stands, and their derivatives by what moves.
+
+        Parameters
+        ----------
+        e : (1 + moving, N, channels) of what was wanted.
+        more : (N, channels) that linear nuisances add.
+        """
+        m = self.at[0]
         found = np.empty((*e.shape[1:], len(e)))
-        found[:, :, 0] = e[0] + self.search.linear_by @ (linear - self.search.null_linear)
+        found[:, :, 0] = e[0] + more
         with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off
             for at, k in enumerate(self._moving, 1):
                 found[:, :, at] = (e[at] - e[0]) / self._beside(self.axes[k], m[k])
