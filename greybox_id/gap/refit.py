@@ -228,12 +228,14 @@ class _Work:
             self._step = self._solve(*self._here)
             self._go()
             return
-        if self._here is not None and self._step is not None and np.isfinite(rise):
+        shorter = self._share / 3
+        if self._here is not None and self._step is not None and np.isfinite(rise):  # a parabola through what is known
             slope = -self._share * float(self._here[1] @ self._step)
-            if slope**2 < 4 * (rise + slope) * self._least:  # what the parabola through all that is known gains
+            if slope**2 < 4 * (rise + slope) * self._least:
                 self.done = True
                 return
-        self._share /= 3
+            shorter = min(shorter, self._share * slope / (2 * (rise + slope)))
+        self._share = shorter
         if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
             self._go()
         elif self._origin is not None and self.best is not None:
