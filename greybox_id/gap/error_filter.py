@@ -18,8 +18,11 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     n = nz + nd + nc
     P, d, M = np.zeros((n, n, L)), np.zeros((n, L)), np.zeros((nz, n, L))
     h, g, t, f = np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L))
-    s, nu, nll = np.zeros(L), np.zeros(L), np.zeros(L)
-    keep = size.shape[0] > 0
+    s, nu, nll, over = np.zeros(L), np.zeros(L), np.zeros(L), np.zeros(L)
+    keep, flat = size.shape[0] > 0, n * L
+    F, N = np.zeros((nd, n, L)), np.zeros((nz + nd, nz, L))
+    rows, sums, products = P.reshape(n, flat), g.reshape(flat), M.reshape(nz, flat)  # long loops take less time
+    pushed, turned = F.reshape(nd, flat), N.reshape(nz + nd, nz * L)
     for k in range(S):
         if first[k]:
             P[:] = 0.0
@@ -36,21 +39,15 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
             for m in range(nc):
                 if coloured[m] == c:
                     own = nz + nd + m
-            for a in range(n):
-                for x in range(L):
-                    g[a, x] = 0.0
-            if own < n:
-                for a in range(n):
-                    for x in range(L):
-                        g[a, x] = P[own, a, x]
+            for q in range(flat):
+                sums[q] = rows[own, q] if own < n else 0.0
             for b in range(nz):
                 y = C[k, c, b]
                 for x in range(L):
                     h[b, x] = y
                 if y != 0.0:
-                    for a in range(n):
-                        for x in range(L):
-                            g[a, x] += y * P[b, a, x]
+                    for q in range(flat):
+                        sums[q] += y * rows[b, q]
             for j in range(nd):
                 y = D[k, c, j]
                 for x in range(L):
@@ -72,9 +69,11 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
                     nu[x] -= h[a, x] * d[a, x]
             for x in range(L):
                 nll[x] += 0.5 * (nu[x] * nu[x] / s[x] + np.log(s[x]))
+            for x in range(L):
+                over[x] = 1.0 / s[x]
             for a in range(n):
                 for x in range(L):
-                    t[a, x] = g[a, x] / s[x]
+                    t[a, x] = g[a, x] * over[x]
             if keep:
                 size[i] = np.sqrt(s[0])
                 for a in range(n):
@@ -93,24 +92,23 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
         for a in range(nc):
             for x in range(L):
                 f[nz + nd + a, x] = slow[k, a, x]
-        for a in range(nz):
+        for j in range(nd):
             for b in range(n):
                 for x in range(L):
-                    M[a, b, x] = 0.0
+                    F[j, b, x] = scale[k, j, x] * P[nz + j, b, x]
+        for a in range(nz):
+            for q in range(flat):
+                products[a, q] = 0.0
             for i in range(nz):
                 y = A[k, a, i]
                 if y != 0.0:
-                    for b in range(n):
-                        for x in range(L):
-                            M[a, b, x] += y * P[i, b, x]
+                    for q in range(flat):
+                        products[a, q] += y * rows[i, q]
             for j in range(nd):
                 y = B[k, a, j]
                 if y != 0.0:
-                    for x in range(L):
-                        s[x] = y * scale[k, j, x]
-                    for b in range(n):
-                        for x in range(L):
-                            M[a, b, x] += s[x] * P[nz + j, b, x]
+                    for q in range(flat):
+                        products[a, q] += y * pushed[j, q]
         for a in range(nz, n):
             for b in range(nz, n):
                 for x in range(L):
@@ -126,27 +124,26 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
                 for x in range(L):
                     P[a, b, x] = M[a, b, x] * f[b, x]
                     P[b, a, x] = P[a, b, x]
-        for b in range(nz):
-            for a in range(b, nz):
+        for a in range(nz):
+            for i in range(nz):
                 for x in range(L):
-                    P[a, b, x] = 0.0
+                    N[i, a, x] = M[a, i, x]
+            for j in range(nd):
+                for x in range(L):
+                    N[nz + j, a, x] = scale[k, j, x] * M[a, nz + j, x]
+        for b in range(nz):
+            for q in range(nz * L):
+                rows[b, q] = 0.0
             for i in range(nz):
                 y = A[k, b, i]
                 if y != 0.0:
-                    for a in range(b, nz):
-                        for x in range(L):
-                            P[a, b, x] += y * M[a, i, x]
+                    for q in range(nz * L):
+                        rows[b, q] += y * turned[i, q]
             for j in range(nd):
                 y = B[k, b, j]
                 if y != 0.0:
-                    for x in range(L):
-                        s[x] = y * scale[k, j, x]
-                    for a in range(b, nz):
-                        for x in range(L):
-                            P[a, b, x] += s[x] * M[a, nz + j, x]
-            for a in range(b, nz):
-                for x in range(L):
-                    P[b, a, x] = P[a, b, x]
+                    for q in range(nz * L):
+                        rows[b, q] += y * turned[nz + j, q]
         for a in range(nz):
             for x in range(L):
                 h[a, x] = 0.0
