@@ -47,7 +47,7 @@ def closed_model(
     ways = [(added, own)]
     if detected:
         moved = _moved_along(found, best, added)
-        ways += [(moved, own), *_fitted(found, best, moved)]
+        ways += [(moved, own), *_fitted(found, best, moved, _counted(found, best))]
     judges = list(held_out) or excerpt(found.recordings)
     errors = []
     if held_out or len(ways) > 1:
@@ -97,7 +97,7 @@ def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagno
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[MotionModel, Simulator]]:
+def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -> list[tuple[MotionModel, Simulator]]:
     """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; with what simulates.
 
     Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
@@ -106,6 +106,7 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[M
     Parameters
     ----------
     begin : the closed model where fits begin.
+    noise : (outputs,) what a reading counts as.
     """
     if not isinstance(begin, MotionModel):
         return []
@@ -120,9 +121,7 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[M
     simulator.kernel.prepare()
     ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(found.recordings)
     for own in ways:
-        problem = MotionProblem(
-            simulator.of(own), recordings, noise=_counted(found, best), robust=CAL.far_reading, about=own.values
-        )
+        problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
         solution = gauss_newton(
             problem, problem.unknowns(own.values), tolerance=CAL.fitted, search="levenberg_marquardt"
         )

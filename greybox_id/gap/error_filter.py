@@ -170,7 +170,7 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
     A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, found
 ):
-    """Whiten the values, (N, K), that stand at the readings' places, by gains that are known; found in the same places."""
+    """Whiten values, (N, K), that stand at readings' places, by gains that are known; found in the same places."""
     S, nz, _ = A.shape
     nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
     n = nz + nd + nc

@@ -48,7 +48,7 @@ def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) ->
 
 
 def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
-    """Horizon -> (outputs,) mean squares of errors; `simulator`: of a model with the same equations, if there is one."""
+    """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
     found: dict[float | None, list[Predictions | Prediction]] = {}
     if isinstance(model, MemoryModel):
         if model.feedback is not None:

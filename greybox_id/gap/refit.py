@@ -38,7 +38,7 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         wanted = [own.wanted() for own in active]
         edges = np.cumsum([0, *(len(each) for each in wanted)])
         e = search.residuals([p for each in wanted for p in each])
-        more = search.first_order(np.array([own.at[2] for own in active]))
+        more = search.first_orders([own.at[2] for own in active])
         values = [
             own.values(e[a:b], more[:, :, k])
             for k, (own, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))

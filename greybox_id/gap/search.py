@@ -208,10 +208,14 @@ class Search:
                 return float(at)
         return axis.null
 
-    def first_order(self, linear: Array) -> Array:
-        """(N, channels, K) what (K, linear) nuisances add to simulations."""
+    def first_order(self, hypothesis: Hypothesis) -> Array:
+        """(N, channels) what the linear nuisances add to a simulation."""
+        return self.first_orders([hypothesis.linear])[:, :, 0]
+
+    def first_orders(self, linear: Sequence[Array]) -> Array:
+        """(N, channels, K) what K sets of linear nuisances add to simulations."""
         by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
-        return np.asarray(by @ (linear - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
+        return np.asarray(by @ (np.array(linear) - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
         """Linear nuisances, those that are candidates now at their null: they move as candidates."""

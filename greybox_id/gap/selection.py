@@ -123,7 +123,7 @@ def _polished(
     """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
     Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
-    and the base: what is compared must have had the same chance.
+    and the base: what is compared must have had the same chance. Then the next best, until none gains by it.
     """
     if not (search.moving or search.shifts) or not found:
         return base, found

@@ -50,7 +50,7 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
     J = search.bench.linearise(p, columns)[1] if columns else np.zeros((*beside.e.shape, 0))
     tried = [(candidate, start) for candidate in new for start in candidate.starts]
     e = search.residuals([search.placed(p, candidate.axes, start) for candidate, start in tried])
-    moved = np.moveaxis(e + (search.first_order(beside.linear[None])[:, :, 0] - beside.e), 0, 2)
+    moved = np.moveaxis(e + (search.first_order(beside) - beside.e), 0, 2)
     sane = np.all(np.isfinite(moved), axis=(0, 1)) & np.any(moved != 0, axis=(0, 1))
     both = np.concatenate([J, np.where(sane, moved, 0.0)], axis=2)
     here = np.concatenate([beside.theta, beside.linear])
