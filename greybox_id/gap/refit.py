@@ -45,7 +45,8 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         ]
         white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
         white = white.reshape(-1, white.shape[2])
-        cross = search.white.T @ white
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            cross = search.white.T @ white
         for own, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
             own.take(each, white[:, a:b], cross[:, a:b])
 
