@@ -68,6 +68,18 @@ class Filtering:
             found.append(history)
         return found
 
+    def innovations(self, runs: Sequence[LaidRun], p: Array) -> list[tuple[Array, Array]]:
+        """What filters of parameters (L, parameters) did not foresee, run by run: (L, S, m), and their variance."""
+        found = []
+        x, P = self.begin(runs[0], p)
+        for k, own in enumerate(runs):
+            if k:
+                x, P = self.begin(own, p, (x, P))
+            _, history = self.filter.run(x, P, own.segments, own.readings, p, self.gate, "innovations")
+            assert history is not None
+            found.append((history.off, history.spread))
+        return found
+
     def begin(self, own: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
         """States and covariances at a run's start, (L, n) and (L, n, n).
 

@@ -45,8 +45,9 @@ class SigmaPoints:
 
 
 Kind = Literal["ekf", "ukf"]
-Kept = Literal["nothing", "filtered", "both ways"]
-"""What is kept of a filter's history: nothing, what came after each segment's readings, or all a smoother needs."""
+Kept = Literal["nothing", "innovations", "filtered", "both ways"]
+"""What is kept of a filter's history: nothing, innovations of each filter, or of the first one what came after each
+segment's readings, or all a smoother needs."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,11 @@ class History:
     Attributes
     ----------
     predicted, predicted_P : (S, n), (S, n, n) before a segment's readings; empty where no smoother needs them.
-    filtered, filtered_P : after them.
+    filtered, filtered_P : after them; empty where innovations alone are kept.
     forward : (S, n, n) covariance of x after a segment's readings with x as predicted for the next one; empty likewise.
-    off : (S, m) innovations, reading minus prediction; NaN where nothing was read.
-    spread : (S, m) their variance as predicted.
+    off : (S, m) innovations, reading minus prediction; NaN where nothing was read. (L, S, m) of L filters, where
+        innovations alone are kept.
+    spread : their variance as predicted, likewise.
     """
 
     predicted: Array
@@ -98,7 +100,7 @@ class CompiledFilter:
         s, y : (S, numbers) and (S, m) segments, and what was read at their starts (NaN where nothing was).
         p : (L, parameters) of each filter.
         gate : readings further off than so many standard deviations count as noisier.
-        kept : of the first filter's history.
+        kept : of the first filter's history, or of every filter's.
 
         Returns
         -------
@@ -113,19 +115,20 @@ class CompiledFilter:
             if not (array.flags.c_contiguous and array.dtype == np.float64):
                 raise ValueError("Filters work on contiguous arrays of doubles.")
         cost = np.zeros(lanes)
-        history = blank_history(segments, n, m, kept) if kept != "nothing" else None
+        history = blank_history(lanes, segments, n, m, kept) if kept != "nothing" else None
         record = _Record(*(_place(getattr(history, own.name)) for own in fields(History))) if history else _Record()
         places = [array.ctypes.data for array in (self._weights, s, y, p, x, P, cost)]
         self._library.filter(lanes, segments, gate, *places, record)
         return cost, history
 
 
-def blank_history(segments: int, n: int, m: int, kept: Kept) -> History:
+def blank_history(lanes: int, segments: int, n: int, m: int, kept: Kept) -> History:
     """A history to be filled in."""
+    forwards = 0 if kept == "innovations" else segments
     backwards = segments if kept == "both ways" else 0
-    back = [(backwards, n), (backwards, n, n)]
-    sizes = [*back, (segments, n), (segments, n, n), (backwards, n, n), (segments, m), (segments, m)]
-    return History(*[np.zeros(size) for size in sizes])
+    back, after = ([(own, n), (own, n, n)] for own in (backwards, forwards))
+    off = (segments, m) if forwards else (lanes, segments, m)
+    return History(*[np.zeros(size) for size in (*back, *after, (backwards, n, n), off, off)])
 
 
 def _place(array: Array) -> int | None:

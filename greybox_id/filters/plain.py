@@ -5,6 +5,7 @@ They do what the compiled ones do, reading by reading. filterpy: R. R. Labbe, gi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import casadi as cs
@@ -25,19 +26,22 @@ class PlainFilter:
         self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
     ) -> tuple[Array, History | None]:
         """As `CompiledFilter.run`."""
-        cost, first = np.zeros(len(x)), None
+        cost, histories = np.zeros(len(x)), list[History]()
         for lane in range(len(x)):
             made = _Ekf if self.kind == "ekf" else _Ukf
             one = made(self.space, x[lane], P[lane], p[lane], gate, self.points)
-            history = _went_through(one, s, y)
-            first = first or history
+            histories.append(_went_through(one, s, y))
             x[lane], P[lane], cost[lane] = one.x, one.P, one.cost
-        return cost, first if kept != "nothing" else None
+        if kept == "innovations":
+            own = blank_history(len(x), len(s), x.shape[1], y.shape[1], kept)
+            off, spread = (np.array([getattr(one, name) for one in histories]) for name in ("off", "spread"))
+            return cost, replace(own, off=off, spread=spread)
+        return cost, histories[0] if kept != "nothing" else None
 
 
 def _went_through(one: _Ekf | _Ukf, s: Array, y: Array) -> History:
     count = len(s)
-    told = blank_history(count, len(one.x), y.shape[1], "both ways")
+    told = blank_history(1, count, len(one.x), y.shape[1], "both ways")
     for k in range(count):
         told.predicted[k], told.predicted_P[k] = one.x, one.P
         told.off[k], told.spread[k] = one.read(s[k], y[k])

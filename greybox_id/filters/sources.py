@@ -61,13 +61,13 @@ _EKF = r"""
 static void keep(const v *from, ptrdiff_t n, double *to) { for (ptrdiff_t k = 0; k < n; k++) to[k] = from[k][0]; }
 
 static void read_all(const v *s, const v *p, const v *w, const double *y, v gate2, v *x, v *P, v *cost,
-    double *off, double *spread)
+    v *off, v *spread)
 {
     v y0[NY + 1], r[NY + 1], H[NH + 1], x0[NX];
     output(x, s, p, (v *)w, y0, r, H);
     memcpy(x0, x, sizeof x0);
     for (ptrdiff_t i = 0; i < NY; i++) {
-        off[i] = spread[i] = NAN;
+        off[i] = spread[i] = splat(NAN);
         if (!(y[i] == y[i])) continue;
         v PH[NX], K[NX], T[NX * NX];
         v e = splat(y[i]) - y0[i], hPh = splat(0);
@@ -79,7 +79,7 @@ static void read_all(const v *s, const v *p, const v *w, const double *y, v gate
         }
         for (ptrdiff_t k = H_BEGIN[i]; k < H_BEGIN[i + 1]; k++) hPh += H[H_PLACE[k]] * PH[H_COLUMN[k]];
         const v S = hPh + r[i], taken = v_fmax(S, e * e / gate2), noise = taken - hPh;
-        off[i] = e[0], spread[i] = S[0];
+        off[i] = e, spread[i] = S;
         *cost += splat(0.5) * (e * e / taken + v_log(taken));
         for (ptrdiff_t a = 0; a < NX; a++) {
             K[a] = PH[a] / taken;
@@ -108,7 +108,7 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
         ptrdiff_t row[W];
         const int real = rows(row, first, lanes);
         v x[NX], P[NX * NX], q[NP + 1], now[NS + 1], ws[STEP_KEPT + 1], wo[OUTPUT_KEPT + 1], cost = splat(0);
-        double off[NY + 1], spread[NY + 1];
+        v off[NY + 1], spread[NY + 1];
         gather(x, NX, x_all, NX, row);
         gather(P, NX * NX, P_all, NX * NX, row);
         gather(q, NP, p, NP, row);
@@ -125,8 +125,10 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
             if (tell) {
                 keep(x, NX, out.filtered + k * NX);
                 keep(P, NX * NX, out.filtered_P + k * NX * NX);
-                memcpy(out.off + k * NY, off, NY * sizeof(double));
-                memcpy(out.spread + k * NY, spread, NY * sizeof(double));
+            }
+            for (int l = 0; out.off && l < (out.filtered ? tell : real); l++) { /* of the first alone, or of each */
+                const ptrdiff_t at = ((out.filtered ? 0 : first + l) * segments + k) * NY;
+                for (ptrdiff_t i = 0; i < NY; i++) out.off[at + i] = off[i][l], out.spread[at + i] = spread[i][l];
             }
             if (k + 1 == segments) break;
             v next[NX], noise[NX], F[NF + 1], T[NX * NX], U[NX * NX];
@@ -323,8 +325,11 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
             if (tell) {
                 memcpy(out.filtered + k * NX, x, NX * sizeof(double));
                 memcpy(out.filtered_P + k * NX * NX, P, NX * NX * sizeof(double));
-                memcpy(out.off + k * NY, off, NY * sizeof(double));
-                memcpy(out.spread + k * NY, spread, NY * sizeof(double));
+            }
+            if (out.off && (tell || !out.filtered)) {
+                const ptrdiff_t at = ((out.filtered ? 0 : lane) * segments + k) * NY;
+                memcpy(out.off + at, off, NY * sizeof(double));
+                memcpy(out.spread + at, spread, NY * sizeof(double));
             }
             if (k + 1 == segments) break;
             v X[G][NX], Z[G][NX];

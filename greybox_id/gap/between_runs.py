@@ -99,18 +99,19 @@ class Weigher:
 
     def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Told:
         """With derivatives, by the numbers at these places; None: by all."""
-        here = self.innovations(ride, x)
+        n, places = len(x), range(len(x)) if moved is None else moved
+        steps = {k: own.step if x[k] + own.step <= own.high else -own.step
+                 for k in places for own in (self.numbers[k],)}  # fmt: skip
+        tried = [values_of(self.numbers, x), *(values_of(self.numbers, x + step * (np.arange(n) == k))
+                                               for k, step in steps.items())]  # fmt: skip
+        here, *beside = self.follower.beside(ride, tried)
         if here is None:
             name = ride.recording.name
             raise BadInput(f"The filter diverges on {name}: is this the right vehicle, in the right units?")
-        scales, n = self.noise.scales(here), len(x)
+        scales = self.noise.scales(here)
         white = self.noise.white(here, scales)
         J, wider = np.zeros((*white.shape, n)), np.zeros((len(white), n))
-        for k in range(n) if moved is None else moved:
-            own, beside = self.numbers[k], x.copy()
-            step = own.step if x[k] + own.step <= own.high else -own.step
-            beside[k] += step
-            there = self.innovations(ride, beside)
+        for (k, step), there in zip(steps.items(), beside, strict=True):
             if there is not None and np.array_equal(there.white == CAL.astray, here.white == CAL.astray):
                 J[..., k] = (self.noise.white(there, scales) - white) / step
                 wider[:, k] = np.sum(there.spread - here.spread, axis=1) / step
@@ -174,53 +175,64 @@ def common(
     scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
     learned = np.isfinite(runs_of)
     mean, sd = np.array([own.mean for own in numbers]), np.array([own.sd for own in numbers])
-    u = np.concatenate([mean, np.zeros(runs * m)])
+    u = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
-        u, scatter = np.concatenate([start.x, start.deviations[:, varying].ravel()]), start.scatter[varying]
-
-    everyone = np.concatenate([mean, np.zeros(runs * m)])
-    low, high = (np.full(len(u), sign * np.inf) for sign in (-1, 1))
-    low[:n], high[:n] = np.array([[own.low, own.high] for own in numbers]).T
+        u = np.concatenate([start.x, (start.x + start.deviations)[:, varying].ravel()])
+        scatter = start.scatter[varying]
+    low, high = np.array([[own.low, own.high] for own in numbers]).T
+    low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
+    fixed = np.setdiff1d(np.arange(n), varying)
+    of_run = [np.arange(n + k * m, n + (k + 1) * m) for k in range(runs)]
 
     def run_of(u: Array, k: int) -> Array:
         x = u[:n].copy()
-        x[varying] += u[n + k * m : n + (k + 1) * m]
-        return np.clip(x, low[:n], high[:n])
+        x[varying] = u[of_run[k]]
+        return x
 
-    def precisions() -> Array:
-        return np.concatenate([sd**-2.0, np.tile(scatter**-2.0, runs)])
+    def charge(u: Array) -> Curve:
+        """Of what is believed: vehicles about what is stated, runs about their vehicle."""
+        off, H = u[:n] - mean, np.diag(np.concatenate([sd**-2.0, np.zeros(runs * m)]))
+        g, firm = np.concatenate([off / sd**2, np.zeros(runs * m)]), scatter**-2.0
+        cost = 0.5 * float(np.sum((off / sd) ** 2))
+        for at in of_run:
+            beyond = u[at] - u[varying]
+            cost += 0.5 * float(firm @ beyond**2)
+            g[at] += firm * beyond
+            g[varying] -= firm * beyond
+            H[at, at] += firm
+            H[varying, varying] += firm
+            H[at, varying] -= firm
+            H[varying, at] -= firm
+        return Curve(cost, g, H)
 
     def cost(u: Array) -> float:
-        charge = 0.5 * float(precisions() @ (u - everyone) ** 2)
-        return charge + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
+        return charge(u).cost + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
 
     def curve(u: Array) -> Curve:
-        precision, off = precisions(), u - everyone
+        own = charge(u)
         told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
-        H, g = np.diag(precision), precision * off
-        for k, own in enumerate(told):
-            at = np.arange(n + k * m, n + (k + 1) * m)
-            H[:n, :n] += own.H
-            H[np.ix_(at, at)] += own.H[np.ix_(varying, varying)]
-            H[np.ix_(np.arange(n), at)] += own.H[:, varying]
-            H[np.ix_(at, np.arange(n))] += own.H[varying, :]
-            g[:n] += own.g
-            g[at] += own.g[varying]
-        return Curve(0.5 * float(precision @ off**2) + sum(own.cost for own in told), g, H)
+        g, H = own.g, own.H
+        for k, one in enumerate(told):
+            places = np.empty(n, dtype=int)
+            places[fixed], places[varying] = fixed, of_run[k]
+            g[places] += one.g
+            H[np.ix_(places, places)] += one.H
+        return Curve(own.cost + sum(one.cost for one in told), g, H)
 
     for _ in range(CAL.scatter_rounds):
         u, last = descended(cost, curve, u, low, high)
-        spread = np.diag(np.linalg.inv(last.H))[n:].reshape(runs, m)
-        squares = np.sum(u[n:].reshape(runs, m) ** 2 + spread, axis=0)
+        everything = np.asarray(np.linalg.inv(last.H), dtype=float)
+        beyond = u[n:].reshape(runs, m) - u[varying]
+        spread = np.array([np.diag(everything[np.ix_(at, at)]) + np.diag(everything)[varying]
+                           - 2 * everything[at, varying] for at in of_run])  # fmt: skip
+        squares = np.sum(beyond**2 + spread, axis=0)
         counted, before = np.where(learned, runs_of, 1.0), scatter
         scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
         if np.all(np.abs(scatter - before) < CAL.scatter_settled * before):
             break
     full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
     full[varying] = scatter
-    deviations[:, varying] = u[n:].reshape(runs, m)
-    everything = np.asarray(np.linalg.inv(last.H), dtype=float)
-    sds[:, varying] = np.sqrt(np.diag(everything))[n:].reshape(runs, m)
+    deviations[:, varying], sds[:, varying] = beyond, np.sqrt(spread)
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
 

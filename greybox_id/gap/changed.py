@@ -3,9 +3,7 @@
 Recordings from before are explained together: numbers of the vehicle, and a few that may differ between runs (grip,
 stiffnesses, steering ratio, offset, delay and lag) with a scatter that is learned (`between_runs`). Error of form that
 is common to all of them is in the vehicle's numbers and in how innovations are distributed (`innovations`). The
-recording from after is explained by the same; an effect is one of these numbers beyond its scatter: its prior widened.
-Its gain is the difference of two evidences, by Laplace's approximation. A second recording from after, or the second
-half of the only one, decides: the magnitude held, everything else as it was believed before.
+recording from after is explained by the same; an effect is one of these numbers beyond its scatter (`change_search`).
 """
 
 from __future__ import annotations
@@ -26,12 +24,13 @@ from ..parameter import Array
 from ..recording import Recording
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
-from .between_runs import Common, RunExplained, explained, values_of
+from .between_runs import Common, RunExplained, values_of
 from .calibration import CAL
+from .change_search import Change, changes
 from .gap import Budget, Closure, Gap, Ranked, Share, Where
 from .innovations import FollowedRun, Follower
 from .kinds import Diagnosed
-from .usual import SPECIFIED, USUAL, acts, numbers_of, usual
+from .usual import SPECIFIED, USUAL, acts, driven_alike, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -84,58 +83,6 @@ class Changed:
         return self.gap.to_json() | more
 
 
-@dataclass(frozen=True)
-class Promised:
-    """An effect on recordings from after, as a change beyond scatter.
-
-    Attributes
-    ----------
-    place : of its number.
-    covariance : of what is believed, with its prior widened.
-    starts : where refits begin.
-    gain : promised, in log-likelihood.
-    """
-
-    place: int
-    covariance: Array
-    starts: tuple[Array, ...]
-    gain: float
-
-
-@dataclass(frozen=True)
-class Change:
-    """An effect that was refitted.
-
-    Attributes
-    ----------
-    place : of its number.
-    shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
-    gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
-    apart : whether the latter is of other recordings, and no part of what chose it. Gains of sensors are none: below
-        one they make quieter whatever predictions err by, in one recording as in the other.
-    beyond : how far it moved, over what a change may be.
-    """
-
-    place: int
-    shift: tuple[float, float]
-    gain: float
-    held_out: float
-    apart: bool = True
-    beyond: float = 0.0
-
-    @property
-    def total(self) -> float:
-        """Evidence of all recordings: what one foretells of another multiplies its odds."""
-        return self.gain + (self.held_out if self.apart else 0.0)
-
-    @property
-    def least(self) -> float:
-        """Evidence over what is asked of it: of all recordings, where chosen, and where not; the least."""
-        if self.beyond > CAL.reach_sd:
-            return -np.inf
-        return min(self.total - CAL.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
-
-
 def diagnose_change(
     model: Diagnosed,
     after: Sequence[Recording],
@@ -177,14 +124,19 @@ def diagnose_change(
         raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, effects, vehicle, read)
-        alike = filtered_alike([*after, *held_out, *since])
-        scatter = USUAL if alike else USUAL | dict.fromkeys(SPECIFIED, CAL.filters)
-        known = usual(Follower(full, read), numbers, [FollowedRun.of(one, read) for one in since], tell, scatter)
+        before, rides, others = (
+            [FollowedRun.of(one, read) for one in part] for part in (since, after, held_out)
+        )  # fmt: skip
+        filtered = filtered_alike([*after, *held_out, *since])
+        driven = driven_alike([*rides, *others], before) > CAL.driven
+        nameless = () if filtered and driven else SPECIFIED
+        scatter = USUAL | dict.fromkeys(nameless, CAL.filters)
+        known = usual(Follower(full, read), numbers, before, tell, scatter)
+        if not driven:  # errors of form do not cancel
+            known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
-        rides = [FollowedRun.of(one, read) for one in after]
-        others = [FollowedRun.of(one, read) for one in held_out]
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
-        base, found = changes(known, rides, others, halves, () if alike else SPECIFIED)
+        base, found = changes(known, rides, others, halves, nameless, CAL.cost_changed if driven else CAL.cost)
     return _answer(
         model, own, vehicle, known, base, found, rides, others or rides, list(after), list(held_out), list(since)
     )
@@ -224,106 +176,6 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     return not steps or max(steps) < CAL.rates * min(steps)
 
 
-def changes(
-    known: Common,
-    rides: Sequence[FollowedRun],
-    others: Sequence[FollowedRun],
-    halves: Sequence[Sequence[FollowedRun]] = (),
-    nameless: Sequence[str] = (),
-) -> tuple[RunExplained, list[Change]]:
-    """What recordings from after are without a change, and with each of those that promise most; best first.
-
-    Parameters
-    ----------
-    known : of the recordings from before.
-    rides : choose the magnitude.
-    others : decide; where there are none,
-    halves : of `rides`, of which each decides on what the other one chose.
-    nameless : numbers that may differ between runs and are no change.
-    """
-    weigher, V = known.weigher, known.of_a_run
-    told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > CAL.matters]
-
-    def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
-        return explained(weigher, rides, start, mean, V, moved)
-
-    base = without(rides, known.x, known.x)
-    judges = [[ride] for ride in others] or halves
-    plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
-    named = [j for j in known.varying if known.numbers[j].name not in nameless]
-    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
-    tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
-    refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
-    if refits:  # what is compared must have had the same chance
-        nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
-        base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)
-    found = list[Change]()
-    for own, best, shift in refits:
-        occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        L = best.told
-        sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
-        sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
-        shifts = [shift] * len(judges)
-        if not others:
-            near = replace(own, starts=(best.x,))
-            shifts = [_refitted(known, half, near, moved)[1] for half in reversed(halves)]
-        held = 0.0
-        for judge, alone, by in zip(judges, plain, shifts, strict=True):
-            mean = known.x.copy()
-            mean[own.place] += by
-            there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
-            if there.cost > least:  # either may have got stuck where it began
-                there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
-            elif least - there.cost > CAL.cost_held_out:
-                least = min(least, without(judge, known.x, there.x).cost)
-            held += least - there.cost
-        width = CAL.widened * USUAL[known.numbers[own.place].name]
-        gain, apart = base.cost - best.cost - occam, bool(others) and known.numbers[own.place].name not in SPECIFIED
-        found.append(Change(own.place, (shift, sd), gain, held, apart, abs(shift) / width))
-    return base, sorted(found, key=lambda own: (-own.least, -own.total))
-
-
-def _refitted(
-    known: Common, rides: Sequence[FollowedRun], own: Promised, moved: Sequence[int]
-) -> tuple[RunExplained, float]:
-    """The best explanation with a prior widened, and how far its number is off beyond scatter."""
-    weigher, V = known.weigher, known.of_a_run
-    tried = (explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts)
-    best = min(tried, key=lambda one: one.cost)
-    widened = own.covariance[own.place, own.place] - V[own.place, own.place]
-    return best, float(widened * np.linalg.solve(own.covariance, best.x - known.x)[own.place])
-
-
-def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
-    """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
-    number, V = known.numbers[place], known.of_a_run
-    width = CAL.widened * USUAL[number.name]
-    wide = V.copy()
-    wide[place, place] += width**2
-    precision = np.linalg.inv(wide)
-
-    def cost(x: Array) -> float:
-        off = x - known.x
-        return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
-
-    g = base.pull + precision @ (base.x - known.x)
-    tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
-    for others in (base.x, known.x):  # the base has bent others in its place
-        for reach in CAL.changed_starts:
-            x = others.copy()
-            x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
-            tried.append(x)
-    costs = [cost(x) for x in tried]
-    best = int(np.argmin(costs))
-    starts = (tried[best],) if best < 2 else (tried[best], base.x)
-    return Promised(place, wide, starts, base.cost - costs[best])
-
-
-def _log_det(A: Array) -> float:
-    return float(np.linalg.slogdet(A)[1])
-
-
 def _answer(
     model: MotionModel,
     own: Mapping[str, Effect],
@@ -347,7 +199,7 @@ def _answer(
         number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
         sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
         ends = [number.value(float(np.clip(at + side * 1.96 * sd, number.low, number.high))) for side in (-1, 1)]
-        spans.append((min(ends), max(ends)))
+        spans.append((_within(own[effects[number.name]], min(ends)), _within(own[effects[number.name]], max(ends))))
     if first is not None:
         mean[first.place] += first.shift[0]
     chosen = _closure(known, rides, mean, tuple(one.name for one in after))
@@ -366,7 +218,8 @@ def _answer(
     ranking = []
     for one, p, span in zip(found, sure, spans, strict=True):
         number = known.numbers[one.place]
-        name, size = effects[number.name], number.value(known.x[one.place] + one.shift[0])
+        name = effects[number.name]
+        size = _within(own[name], number.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
             reason = "it would be further off than ever changes: a symptom of something else, no size"
@@ -409,7 +262,8 @@ def _answer(
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
                for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
     scatter = {
-        name: (numbers[effect.parameter.name][0], numbers[effect.parameter.name][2]) for name, effect in own.items()
+        name: (_within(effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
+        for name, effect in own.items()
     }
     before = replace(
         vehicle,
@@ -433,12 +287,18 @@ def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: A
     values = values_of(known.numbers, x)
     found = model
     for name, effect in own.items():
-        value, null = values.pop(effect.parameter.name), float(effect.parameter.array)
+        value, null = _within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
         if name in found.effects:
             found = found.with_parameters(found[effect.parameter.name].with_value(value))
         elif abs(value - null) > 1e-9:
             found = found + effect.at(value)
     return found.with_parameters(*(found[name].with_value(v) for name, v in values.items() if name in found))
+
+
+def _within(effect: Effect, value: float) -> float:
+    """A magnitude within an effect's bounds: what a delay is below zero is a matter of clocks."""
+    low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
+    return min(max(value, low), high)
 
 
 def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:

@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from ..engine.motion.runs import Index
 from ..errors import BadInput
-from ..filters.filtering import Filtering, filtering
+from ..filters.filtering import filtering
 from ..filters.kernel import SigmaPoints
 from ..filters.laid import LaidRun, laid
 from ..filters.noise import resolution_of, scatter_of, start_levels
@@ -240,8 +240,7 @@ class Follower:
         forces = [name for name, _ in FORCES.values() if name in self.model]
         tracked = [Tracked(name, "N", 0.0, CAL.floor_of_weight * weight, False, True) for name in forces]
         self.space = StateSpace(self.model, tracked, self.read)
-        self._one = filtering(self.space, "ekf", SigmaPoints(), NO_GATE)
-        self._many: Filtering | None = None
+        self._filter = filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
         self.p = np.empty(0)
         self._places = {}
         at = 0
@@ -252,7 +251,6 @@ class Follower:
 
     def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
         """Sizes of noise that make all rides together most probable with these numbers."""
-        self._many = self._many or filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
         scatter, floors = (
             {name: float(np.median([getattr(ride, kind)[name] for ride in rides])) for name in self.read}
             for kind in ("scatter", "floors")
@@ -265,10 +263,10 @@ class Follower:
         for name, seconds in memories.items():
             p[self.model.size + self.space.noises.index(name)] = seconds
         open_ones = [name for name in levels.open if name not in memories]
-        coordinates = noise_coordinates(self._one, p, open_ones, floors)
+        coordinates = noise_coordinates(self._filter, p, open_ones, floors)
         if len(self.p):  # from where they were found before
             p[self.model.size :] = self.p[self.model.size :]
-        found = tuned(self._many, runs, p, coordinates, [])
+        found = tuned(self._filter, runs, p, coordinates, [])
         self.p = np.concatenate([self.model.values, found.p[self.model.size :]])
 
     def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
@@ -276,31 +274,43 @@ class Follower:
 
         Where it diverges later, readings are far off: no number is the better for losing the vehicle.
         """
-        p = np.concatenate([self._numbers(values), self.p[self.model.size :]])
-        runs = self._runs(ride, p)
-        histories = self._one.histories(runs, p)
+        return self.beside(ride, [values])[0]
+
+    def beside(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
+        """The same with several numbers each, in filters side by side where delays are alike."""
+        p = np.array([np.concatenate([self._numbers(values), self.p[self.model.size :]]) for values in tried])
+        laid_out = [self._runs(ride, own) for own in p]
+        found: list[FilterInnovations | None] = [None] * len(p)
+        for runs in {id(own): own for own in laid_out}.values():
+            alike = [k for k, own in enumerate(laid_out) if own is runs]
+            for k, own in zip(alike, self._blocks(runs, self._filter.innovations(runs, p[alike])), strict=True):
+                found[k] = own
+        return found
+
+    def _blocks(self, runs: Sequence[LaidRun], parts: Sequence[tuple[Array, Array]]) -> list[FilterInnovations | None]:
+        """Innovations (L, S, m) of runs and their variances, in blocks, for each of L filters."""
         columns = [self.model.outputs.index(name) for name in self.read]
-        size = round(CAL.block / CAL.apart)
-        blocks = list[tuple[Array, Array, NDArray[np.bool_], int]]()
-        for number, (own, history) in enumerate(zip(runs, histories, strict=True)):
+        size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
+        found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
+        for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
-            off, variance = (each[own.row_segment[rows]][:, columns] for each in (history.off, history.spread))
+            off, variance = (each[:, own.row_segment[rows]][:, :, columns] for each in both)
             read = np.isfinite(own.run.measured[rows][:, columns])
-            for at in range(0, len(rows), size):
-                part = slice(at, at + size)
-                blocks.append((off[part], variance[part], read[part], number))
-        shape = (len(blocks), size * len(columns))
-        white, spread, there = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
-        with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
-            for k, (off, variance, read, _) in enumerate(blocks):
-                there[k, : off.size] = read.ravel()
-                white[k, : off.size] = np.where(read, off / np.sqrt(variance), 0.0).ravel()
-                spread[k, : off.size] = np.where(read, 0.5 * np.log(variance), 0.0).ravel()
+            blocks = -(-len(rows) // size)
+            beyond = blocks * size - len(rows)
+            with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
+                each = np.where(read, [off / np.sqrt(variance), 0.5 * np.log(variance)], 0.0)
+            each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0)))
+            found.append(each.reshape(2, filters, blocks, size * len(columns)))
+            there.append(np.pad(read, ((0, beyond), (0, 0))).reshape(blocks, size * len(columns)))
+            of_run.extend([number] * blocks)
+        (white, spread), read = np.concatenate(found, axis=2), np.concatenate(there)
         astray = ~(np.isfinite(white) & np.isfinite(spread))
-        if np.array_equal(astray, there):
-            return None
         white[astray], spread[astray] = CAL.astray, 0.0
-        return FilterInnovations(white, there, spread, np.array([own for *_, own in blocks], dtype=np.intp))
+        return [
+            None if np.array_equal(lost, read) else FilterInnovations(own, read, by, np.array(of_run, dtype=np.intp))
+            for own, by, lost in zip(white, spread, astray, strict=True)
+        ]
 
     def _numbers(self, values: Mapping[str, float]) -> Array:
         p = np.array(self.model.values)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..motion_model import MotionModel
+from ..parameter import Array
 from ..vehicle import Vehicle
 from .between_runs import Common, VaryingNumber, Weigher, common, values_of
 from .calibration import CAL
@@ -23,6 +24,8 @@ USUAL: dict[str, float] = {
 may be named as changed."""
 SPECIFIED = ("yaw_rate_scale",)
 """Of these, gains of sensors: they do not differ from run to run, and what is specified of them is not learned."""
+TIMED = ("steering_delay",)
+"""Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
 MEASURED_AT = "velocity_lever_arm"
 """A number of the vehicle that no file states: where speed is measured."""
 
@@ -51,12 +54,14 @@ def numbers_of(
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)
-        wide = USUAL[name] if name in SPECIFIED else CAL.nominal * USUAL[name]
+        wide = CAL.filters if name in SPECIFIED else CAL.nominal * USUAL[name]  # what filters take, runs share
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
             wide = CAL.indifference * USUAL[name]
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
-        found.append(replace(one, step=max(one.step, _row(name))))
+        if name in TIMED:
+            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
+        found.append(one)
     arm = effects.get(MEASURED_AT)
     if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
         length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
@@ -65,9 +70,27 @@ def numbers_of(
     return full, tuple(found)
 
 
-def _row(name: str) -> float:
-    """Least step of a difference, s: what delays move is cut at rows."""
-    return CAL.delay_step if name == "steering_delay" else 0.0
+def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> float:
+    """Share of seconds at whose steering angle and speed the others were driven as well, of either part; the least.
+
+    What is usual is learned where recordings from before were driven: elsewhere equations err by something else.
+    """
+    own, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
+    if not len(own) or not len(known):
+        return 0.0
+    reach = np.stack([np.full(len(own), CAL.steered_alike), CAL.fast_alike * np.abs(own[:, 1])], axis=1)
+    near = np.all(np.abs(own[:, None] - known[None]) <= reach[:, None], axis=2)
+    return float(min(np.mean(np.any(near, axis=1)), np.mean(np.any(near, axis=0))))
+
+
+def _seconds(ride: FollowedRun) -> Array:
+    """(seconds, 2) mean steering angle and speed; zero where a recording holds none."""
+    own = ride.recording
+    columns = np.stack([own[name] if name in own else np.zeros(len(own)) for name in ("steer", "v_x")], axis=1)
+    rows = max(1, round(CAL.block / own.sample_time))
+    parts = [columns[at : at + rows] for start, stop in own.runs for at in range(start, stop - rows + 1, rows)]
+    read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are a while apart
+    return np.array([np.nanmean(part, axis=0) for part in read]).reshape(-1, 2)
 
 
 def _number(

@@ -128,7 +128,7 @@ def run():
 
 @pytest.fixture
 def history():
-    found = blank_history(ROWS, 2, 1, "filtered")
+    found = blank_history(1, ROWS, 2, 1, "filtered")
     found.off[:] = np.random.default_rng(0).standard_normal((ROWS, 1))
     found.spread[:] = 1.0
     return found

@@ -57,6 +57,14 @@ def test_runs_that_tell_nothing_leave_the_usual_scatter():
     assert known.scatter[1] == pytest.approx(0.5, rel=0.05)
 
 
+def test_runs_stay_within_bounds_and_what_lies_beyond_is_no_scatter():
+    beyond = [ride([3.0, -80.0], [0.01, 1.0]) for _ in range(3)]  # the bound is at -50
+    known = common(Read(), beyond, {"varies": 0.5}, {"varies": 4.0})
+    assert known.x[1] == pytest.approx(-50.0, abs=0.01)
+    assert known.deviations[:, 1] == pytest.approx(0.0, abs=0.01)
+    assert known.scatter[1] < 0.6
+
+
 def test_scatter_that_is_specified_is_not_learned():
     known = common(Read(), runs(20, 2.0, 0.1), {"varies": 0.5}, {"varies": np.inf})
     assert known.scatter[1] == 0.5

@@ -9,9 +9,10 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.errors import BadInput
 from greybox_id.gap.between_runs import Told, VaryingNumber
 from greybox_id.gap.calibration import CAL
-from greybox_id.gap.changed import Change, changes, diagnose_change, drifting, filtered_alike
+from greybox_id.gap.change_search import Change, changes
+from greybox_id.gap.changed import diagnose_change, drifting, filtered_alike
 from greybox_id.gap.closed_vehicle import closed_vehicle
-from greybox_id.gap.usual import USUAL
+from greybox_id.gap.usual import USUAL, driven_alike
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 from greybox_id.vehicle import Stated, Vehicle
@@ -68,9 +69,9 @@ def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
 
 
 def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
-    cost, elsewhere = CAL.cost, CAL.cost_held_out
+    cost, elsewhere = CAL.cost_changed, CAL.cost_held_out
     assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
-    assert Change(0, (1.0, 0.1), cost - 5.0, elsewhere + 4.0).least == pytest.approx(elsewhere - 1.0)
+    assert Change(0, (1.0, 0.1), elsewhere + 0.5, elsewhere + 4.0).least == pytest.approx(0.5)
     assert Change(0, (1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
     assert Change(0, (1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
 
@@ -102,6 +103,20 @@ def test_recordings_at_other_rates_have_passed_other_filters():
     assert filtered_alike([fast, slow])
     thinned = Recording("thin", slow.time[::3], {name: values[::3] for name, values in slow.signals.items()})
     assert not filtered_alike([fast, thinned])
+
+
+def test_driven_alike_is_steered_and_as_fast_as_the_others_most_of_the_time():
+    def ride(steer, v_x, seconds=4.0):
+        time = np.arange(0.0, seconds, 0.05)
+        signals = {"steer": np.full(len(time), steer), "v_x": np.where(np.arange(len(time)) % 2, v_x, np.nan)}
+        return SimpleNamespace(recording=Recording("lap", time, signals))
+
+    left, right = ride(0.2, 2.0), ride(-0.1, 4.0)
+    assert driven_alike([ride(0.21, 2.1), right], [left, right]) == 1.0
+    assert driven_alike([ride(0.21, 4.0)], [left]) == 0.0  # of another speed
+    assert driven_alike([left, ride(0.5, 2.0)], [left]) == 0.5
+    assert driven_alike([left], [left, right]) == 0.5  # which says little of what they have in common
+    assert driven_alike([ride(0.2, 2.0, 0.5)], [left]) == 0.0  # not a second of it
 
 
 def test_where_nothing_may_be_named_nothing_is():
