@@ -230,7 +230,8 @@ class _Work:
             self._go()
             return
         shorter = self._share / 3
-        if self._here is not None and self._step is not None and np.isfinite(rise):  # a parabola through what is known
+        steps = any(axis.shift for axis in self.axes)  # likelihoods of delays have them at rows: no parabolas
+        if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
             slope = -self._share * float(self._here[1] @ self._step)
             if slope**2 < 4 * (rise + slope) * self._least:
                 self.done = True
