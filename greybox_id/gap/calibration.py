@@ -166,6 +166,7 @@ class Calibration:
     drifts: float = _known(3.0, "standard deviations of a trend over recordings from before that is said: 0.3 %")
     rates: float = _known(1.5, "of the slowest recording's step to the fastest: from there on filters differ")
     filters: float = _known(0.1, "sd of a reading's gain between such: 0.82 to 0.98", "DART laps, 1 pair")
+    filtered: float = _known(0.05, "the same of what filters take that all share: half of it, for they are alike", RUNS)
     block_degrees: float = _known(6.0, "degrees of freedom of a second's innovations")
     floor_of_weight: float = _known(0.1, "unknown forces that a filter follows, over the weight, before tuning")
     astray: float = _known(1e3, "sds that a reading is off where the filter has lost the vehicle: any large number")
