@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from .parameter import Array
 
@@ -48,7 +47,9 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     -------
     Frequencies, Hz, and the one-sided density, per Hz.
     """
-    frequency, density = signal.welch(values, rate, "hamming", length, length // 2, detrend="constant")
+    from scipy.signal import welch  # which takes as long to load as a case to diagnose
+
+    frequency, density = welch(values, rate, "hamming", length, length // 2, detrend="constant")
     return np.asarray(frequency), np.asarray(density)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ..errors import BadInput
 from ..motion_model import MotionModel
@@ -79,7 +79,7 @@ def windowed(values: Array, size: int) -> Array:
 
 def bounds(size: int) -> tuple[float, float]:
     """Within which the mean of so many independent NIS lies in 95 % of cases."""
-    return float(chi2.ppf(0.025, size) / size), float(chi2.ppf(0.975, size) / size)
+    return float(chdtri(size, 0.975) / size), float(chdtri(size, 0.025) / size)
 
 
 def widening(channels: Sequence[Consistency]) -> float:

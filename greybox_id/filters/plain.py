@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from ..parameter import Array
 from .kernel import History, Kept, Kind, SigmaPoints, blank_history
@@ -95,6 +94,8 @@ class _Ukf:
     def __init__(self, space: StateSpace, x: Array, P: Array, p: Array, gate: float, points: SigmaPoints) -> None:
         self.space, self.p, self.gate, self.cost = space, p, gate, 0.0
         n, m = space.size, len(space.model.outputs)
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads all of scipy.stats
+
         spread = MerweScaledSigmaPoints(n, points.alpha, points.beta, points.kappa, sqrt_method=_root)
         self._filter: Any = UnscentedKalmanFilter(n, m, 1.0, self._read, self._step, spread, x_mean_fn=_mean)
         self.x, self.P = x.copy(), P.copy()

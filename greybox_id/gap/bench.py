@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.kernel import PAYS
 from ..engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay
 from ..engine.motion.runs import Index, MotionRun, motion_runs
 from ..engine.motion.schedule import Schedule, longest_segments, schedule
@@ -82,6 +83,8 @@ class Bench:
             self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
         self.time = np.concatenate([run.time for run in self.runs])
         self.inputs = np.vstack([run.inputs for run in self.runs])
+        if len(self.time) * CAL.lanes > PAYS:  # as it will be asked for: what is not compiled takes long until it is
+            self.simulator.kernel.prepare()
         self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
         self.loose: tuple[int, ...] = ()
         if not knows_unknown_forces(model) or len(self.runs) <= CAL.few_runs:
@@ -191,7 +194,9 @@ class Bench:
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
             J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
-        J = np.nan_to_num(cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0))
+        J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
+        if not np.isfinite(np.sum(J)):
+            J = np.nan_to_num(J, copy=False)
         loose = len(self.loose)
         S = np.zeros((*self.measured.shape, len(self.runs) * loose))
         for k, rows in enumerate(self.rows):

@@ -166,6 +166,7 @@ class Calibration:
     drifts: float = _known(3.0, "standard deviations of a trend over recordings from before that is said: 0.3 %")
     rates: float = _known(1.5, "of the slowest recording's step to the fastest: from there on filters differ")
     filters: float = _known(0.1, "sd of a reading's gain between such: 0.82 to 0.98", "DART laps, 1 pair")
+    filtered: float = _known(0.05, "the same of what filters take that all share: half of it, for they are alike", RUNS)
     block_degrees: float = _known(6.0, "degrees of freedom of a second's innovations")
     floor_of_weight: float = _known(0.1, "unknown forces that a filter follows, over the weight, before tuning")
     astray: float = _known(1e3, "sds that a reading is off where the filter has lost the vehicle: any large number")
@@ -216,6 +217,8 @@ class Calibration:
     # ---- how numbers are found
     iterations: int = _known(10, "steps of a refit", SEARCHED)
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
+    expected: float = _known(0.1, "of that, below which a step is not taken: it is the most that is ever expected")
+    fitted: float = _known(1e-4, "of an objective, that a step of a closed model's fit is expected to gain: as fits do")
     hopeless: float = _known(2e-4, "added to that, of what is left to explain", SEARCHED)
     shortest: float = _known(0.03, "share of a step below which it leads nowhere", SEARCHED)
     short: float = _known(0.1, "the same for a start seen from its origin", SEARCHED)

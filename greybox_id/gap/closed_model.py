@@ -7,17 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import BadInput
-from ..fitting.how import How, quiet
-from ..fitting.motion import fit_motion
-from ..memory_model import MemoryModel
+from ..engine.motion.shooting import MotionProblem
+from ..engine.motion.simulator import Simulator
+from ..fitting.attempt import LEAST_NOISE
+from ..motion_model import MotionModel
+from ..parameter import Array
 from ..recording import Recording
-from ..solvers.gauss_newton import Status
+from ..solvers.gauss_newton import Status, gauss_newton
+from ..statistics import MIDDLE_HALF, correlation_time
 from .calibration import CAL
 from .closing import closure, left_open
 from .examining import Examined
 from .gap import Closure, Errors, Moved
-from .horizons import by_horizon
+from .horizons import between, mean_squares
 from .hypothesis import Hypothesis
 from .kinds import Diagnosed
 from .preparing import excerpt, with_beliefs
@@ -40,15 +42,19 @@ def closed_model(
     detected : whether there is a gap: without one, the model is the nominal one.
     held_out : recordings that chose no effect.
     """
-    added = with_effects(found, best)
-    ways = [added]
+    added, nominal = with_effects(found, best), with_effects(found, best, set())
+    own = Simulator(added) if isinstance(added, MotionModel) else None
+    ways = [(added, own)]
     if detected:
-        ways += [_moved_along(found, best, added), *_fitted(found, best, added)]
+        moved = _moved_along(found, best, added)
+        ways += [(moved, own), *_fitted(found, best, moved, _counted(found, best))]
     judges = list(held_out) or excerpt(found.recordings)
-    nominal = with_effects(found, best, set())
-    errors = [by_horizon(nominal, own, judges, found.sd) for own in ways] if held_out or len(ways) > 1 else []
+    errors = []
+    if held_out or len(ways) > 1:
+        before = mean_squares(nominal, judges, own)
+        errors = [between(added.outputs, before, mean_squares(way[0], judges, way[1]), found.sd) for way in ways]
     least = min(range(len(errors)), key=lambda k: _size(errors[k], "after")) if errors else 0
-    closed = ways[least]
+    closed = ways[least][0]
     if not held_out:
         return closed, None, False
     verified = closure(nominal, added, held_out, found.vehicle, found.effects, False, found.sd, as_it_stands=closed)
@@ -91,30 +97,49 @@ def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagno
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(found: Examined, best: Hypothesis, closed: Diagnosed) -> list[Diagnosed]:
-    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; where that leads.
+def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -> list[tuple[MotionModel, Simulator]]:
+    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; with what simulates.
 
     Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
     of it must move together.
+
+    Parameters
+    ----------
+    begin : the closed model where fits begin.
+    noise : (outputs,) what a reading counts as.
     """
-    if isinstance(closed, MemoryModel):
+    if not isinstance(begin, MotionModel):
         return []
-    believed = with_beliefs(closed, found.effects, found.vehicle)
+    believed = with_beliefs(begin, found.effects, found.vehicle)
+    believed = believed.with_parameters(*(believed[own.name].with_value(own.array) for own in begin.parameters))
     freed = (replace(believed[axis.name], fixed=False) for axis in best.axes)
     ways = [own for own in (believed, *([believed.with_parameters(*freed)] if best.axes else []))
             if not all(parameter.fixed for parameter in own.parameters)]  # fmt: skip
-    ended = list[Diagnosed]()
+    if not ways:
+        return []
+    simulator = Simulator(believed)
+    simulator.kernel.prepare()
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(found.recordings)
     for own in ways:
-        try:
-            how = How(solver="gauss-newton", robust=CAL.far_reading)
-            problem, solution, _ = fit_motion(own, excerpt(found.recordings), how, quiet)
-        except BadInput:
-            continue
+        problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
+        solution = gauss_newton(
+            problem, problem.unknowns(own.values), tolerance=CAL.fitted, search="levenberg_marquardt"
+        )
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if np.isfinite(solution.objective):
-            ended.append(own.with_values(problem.shared(solution.x)))
+            ended.append((own.with_values(problem.shared(solution.x)), simulator))
     return ended
+
+
+def _counted(found: Examined, best: Hypothesis) -> Array:
+    """(outputs,) what a reading counts as in free runs: the spread of what is left, over how long that is alike."""
+    own, counted = found.freed.get(frozenset(best.names), best), []
+    for good, e in zip(found.good.T, own.e.T, strict=True):
+        spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
+        alike = correlation_time(np.where(good, e, 0.0)[:, None])
+        counted.append(max(spread, LEAST_NOISE) * float(np.sqrt(alike)))
+    return np.array(counted)
 
 
 def moved(found: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:

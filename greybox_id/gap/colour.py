@@ -12,7 +12,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from ..parameter import Array
 from ..statistics import robust_sd
@@ -61,7 +60,7 @@ class Colour:
         for c, a in enumerate(self.ar):
             own = values[:, c]
             if len(a) and own.size:  # without nuisances there is nothing to filter
-                own = np.concatenate([lfilter([1.0, *-a], [1.0], own[rows], axis=0) for rows in self.rows])
+                own = np.concatenate([_innovations(own[rows], a) for rows in self.rows])
             found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
         return found
 
@@ -157,5 +156,16 @@ def _gain(a: Array) -> float:
     """Variance of a process over that of its innovations; bounded, for one that hardly ever forgets."""
     if len(a) == 0:
         return 1.0
-    response = lfilter([1.0], [1.0, *-a], np.append(1.0, np.zeros(2000)))
+    response = np.zeros(len(a) + 2001)
+    response[len(a)] = 1.0
+    for k in range(len(a) + 1, len(response)):
+        response[k] = response[k - len(a) : k] @ a[::-1]
     return float(min(np.sum(np.minimum(response**2, CAL.colour_gain)), CAL.colour_gain))
+
+
+def _innovations(values: Array, a: Array) -> Array:
+    """Of a process with these coefficients, (n, ...) of (n, ...), zero before it begins."""
+    found = values.copy()
+    for lag, own in enumerate(a, 1):
+        found[lag:] -= own * values[:-lag]
+    return found

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..parameter import Array
 from .calibration import CAL
@@ -61,7 +61,7 @@ def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effe
         relative = (
             float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(told_by[told])) / size) if np.any(told) else 0.0
         )
-        p = float(chi2.sf(Q, max(int(np.sum(told)) - 1, 1)))
+        p = float(chdtrc(max(int(np.sum(told)) - 1, 1), Q))
         result.append(Spread(along, relative, p, tuple(float(found.m[at] + off) for off in offs)))
     return result
 

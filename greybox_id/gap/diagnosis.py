@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import exp, log
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
@@ -313,7 +313,7 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
     p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > CAL.present]
     if unexplained:
-        p.append(float(len(found.sd) * norm.sf(CAL.surely)))  # at most: the loudest channel is further off than that
+        p.append(float(len(found.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
 
 
@@ -330,7 +330,7 @@ def _closes(shared: Budget | None, name: str) -> float:
     if shared is None or (own := shared.of(name)) is None:
         return 1.0
     sd = max((own.high - own.low) / NINETY_FIVE, CAL.least_share / 10)
-    return float(norm.cdf((own.share - _least_share(shared)) / sd))
+    return float(ndtr((own.share - _least_share(shared)) / sd))
 
 
 def _least_share(shared: Budget) -> float:

@@ -17,9 +17,12 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     nd, nc, L = B.shape[2], colour.shape[0], white.shape[1]
     n = nz + nd + nc
     P, d, M = np.zeros((n, n, L)), np.zeros((n, L)), np.zeros((nz, n, L))
-    h, g, s, nu = np.zeros((n, L)), np.zeros((n, L)), np.zeros(L), np.zeros(L)
-    nll = np.zeros(L)
-    keep = size.shape[0] > 0
+    h, g, t, f = np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L))
+    s, nu, nll, over = np.zeros(L), np.zeros(L), np.zeros(L), np.zeros(L)
+    keep, flat = size.shape[0] > 0, n * L
+    F, N = np.zeros((nd, n, L)), np.zeros((nz + nd, nz, L))
+    rows, sums, products = P.reshape(n, flat), g.reshape(flat), M.reshape(nz, flat)  # long loops take less time
+    pushed, turned = F.reshape(nd, flat), N.reshape(nz + nd, nz * L)
     for k in range(S):
         if first[k]:
             P[:] = 0.0
@@ -32,145 +35,174 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
                 P[nz + nd + m, nz + nd + m] = colour[m]
         for i in range(pointer[k], pointer[k + 1]):
             c = channel[i]
-            for a in range(nz):
-                h[a] = C[k, c, a]
-            for j in range(nd):
-                h[nz + j] = D[k, c, j] * scale[k, j]
+            own = n
             for m in range(nc):
-                h[nz + nd + m] = 1.0 if coloured[m] == c else 0.0
-            for a in range(n):
+                if coloured[m] == c:
+                    own = nz + nd + m
+            for q in range(flat):
+                sums[q] = rows[own, q] if own < n else 0.0
+            for b in range(nz):
+                y = C[k, c, b]
                 for x in range(L):
-                    g[a, x] = 0.0
-                for b in range(nz + nd):
-                    for x in range(L):
-                        g[a, x] += P[a, b, x] * h[b, x]
-                for m in range(nc):
-                    if coloured[m] == c:
+                    h[b, x] = y
+                if y != 0.0:
+                    for q in range(flat):
+                        sums[q] += y * rows[b, q]
+            for j in range(nd):
+                y = D[k, c, j]
+                for x in range(L):
+                    h[nz + j, x] = y * scale[k, j, x]
+                if y != 0.0:
+                    for a in range(n):
                         for x in range(L):
-                            g[a, x] += P[a, nz + nd + m, x]
+                            g[a, x] += h[nz + j, x] * P[nz + j, a, x]
             for x in range(L):
                 s[x] = white[c, x]
                 nu[x] = r[i]
-            for a in range(n):
+            if own < n:
+                for x in range(L):
+                    s[x] += g[own, x]
+                    nu[x] -= d[own, x]
+            for a in range(nz + nd):
                 for x in range(L):
                     s[x] += h[a, x] * g[a, x]
                     nu[x] -= h[a, x] * d[a, x]
             for x in range(L):
                 nll[x] += 0.5 * (nu[x] * nu[x] / s[x] + np.log(s[x]))
+            for x in range(L):
+                over[x] = 1.0 / s[x]
+            for a in range(n):
+                for x in range(L):
+                    t[a, x] = g[a, x] * over[x]
             if keep:
                 size[i] = np.sqrt(s[0])
                 for a in range(n):
-                    gain[i, a] = g[a, 0] / s[0]
+                    gain[i, a] = t[a, 0]
             for a in range(n):
                 for x in range(L):
-                    d[a, x] += g[a, x] * nu[x] / s[x]
+                    d[a, x] += t[a, x] * nu[x]
                 for b in range(n):
                     for x in range(L):
-                        P[a, b, x] -= g[a, x] * g[b, x] / s[x]
+                        P[a, b, x] -= g[a, x] * t[b, x]
         if k + 1 == S or first[k + 1]:
             continue
-        for a in range(nz):
+        for a in range(nd):
+            for x in range(L):
+                f[nz + a, x] = fade[k, a, x]
+        for a in range(nc):
+            for x in range(L):
+                f[nz + nd + a, x] = slow[k, a, x]
+        for j in range(nd):
             for b in range(n):
                 for x in range(L):
-                    M[a, b, x] = 0.0
-                for i in range(nz):
-                    if A[k, a, i] != 0.0:
-                        for x in range(L):
-                            M[a, b, x] += A[k, a, i] * P[i, b, x]
-                for j in range(nd):
-                    if B[k, a, j] != 0.0:
-                        for x in range(L):
-                            M[a, b, x] += B[k, a, j] * scale[k, j, x] * P[nz + j, b, x]
-        for a in range(nd + nc):
-            for b in range(nd + nc):
+                    F[j, b, x] = scale[k, j, x] * P[nz + j, b, x]
+        for a in range(nz):
+            for q in range(flat):
+                products[a, q] = 0.0
+            for i in range(nz):
+                y = A[k, a, i]
+                if y != 0.0:
+                    for q in range(flat):
+                        products[a, q] += y * rows[i, q]
+            for j in range(nd):
+                y = B[k, a, j]
+                if y != 0.0:
+                    for q in range(flat):
+                        products[a, q] += y * pushed[j, q]
+        for a in range(nz, n):
+            for b in range(nz, n):
                 for x in range(L):
-                    fa = fade[k, a, x] if a < nd else slow[k, a - nd, x]
-                    fb = fade[k, b, x] if b < nd else slow[k, b - nd, x]
-                    P[nz + a, nz + b, x] *= fa * fb
+                    P[a, b, x] *= f[a, x] * f[b, x]
         for j in range(nd):
             for x in range(L):
-                P[nz + j, nz + j, x] += 1.0 - fade[k, j, x] ** 2
+                P[nz + j, nz + j, x] += 1.0 - f[nz + j, x] * f[nz + j, x]
         for m in range(nc):
             for x in range(L):
-                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - slow[k, m, x] ** 2)
+                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - f[nz + nd + m, x] * f[nz + nd + m, x])
         for a in range(nz):
-            for b in range(nd + nc):
+            for b in range(nz, n):
                 for x in range(L):
-                    f = fade[k, b, x] if b < nd else slow[k, b - nd, x]
-                    P[a, nz + b, x] = M[a, nz + b, x] * f
-                    P[nz + b, a, x] = P[a, nz + b, x]
+                    P[a, b, x] = M[a, b, x] * f[b, x]
+                    P[b, a, x] = P[a, b, x]
         for a in range(nz):
-            for b in range(a + 1):
+            for i in range(nz):
                 for x in range(L):
-                    s[x] = 0.0
-                for i in range(nz):
-                    if A[k, b, i] != 0.0:
-                        for x in range(L):
-                            s[x] += A[k, b, i] * M[a, i, x]
-                for j in range(nd):
-                    if B[k, b, j] != 0.0:
-                        for x in range(L):
-                            s[x] += B[k, b, j] * scale[k, j, x] * M[a, nz + j, x]
+                    N[i, a, x] = M[a, i, x]
+            for j in range(nd):
                 for x in range(L):
-                    P[a, b, x] = s[x]
-                    P[b, a, x] = s[x]
+                    N[nz + j, a, x] = scale[k, j, x] * M[a, nz + j, x]
+        for b in range(nz):
+            for q in range(nz * L):
+                rows[b, q] = 0.0
+            for i in range(nz):
+                y = A[k, b, i]
+                if y != 0.0:
+                    for q in range(nz * L):
+                        rows[b, q] += y * turned[i, q]
+            for j in range(nd):
+                y = B[k, b, j]
+                if y != 0.0:
+                    for q in range(nz * L):
+                        rows[b, q] += y * turned[nz + j, q]
         for a in range(nz):
             for x in range(L):
                 h[a, x] = 0.0
-                for i in range(nz):
-                    h[a, x] += A[k, a, i] * d[i, x]
-                for j in range(nd):
-                    h[a, x] += B[k, a, j] * scale[k, j, x] * d[nz + j, x]
+            for i in range(nz):
+                y = A[k, a, i]
+                if y != 0.0:
+                    for x in range(L):
+                        h[a, x] += y * d[i, x]
+            for j in range(nd):
+                y = B[k, a, j]
+                if y != 0.0:
+                    for x in range(L):
+                        h[a, x] += y * scale[k, j, x] * d[nz + j, x]
         for a in range(nz):
             for x in range(L):
                 d[a, x] = h[a, x]
-        for j in range(nd):
+        for a in range(nz, n):
             for x in range(L):
-                d[nz + j, x] *= fade[k, j, x]
-        for m in range(nc):
-            for x in range(L):
-                d[nz + nd + m, x] *= slow[k, m, x]
+                d[a, x] *= f[a, x]
     return nll
 
 
 @njit(cache=True, error_model="numpy")
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
-    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size
+    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, found
 ):
-    """(R, K) whitened values, by gains that are known."""
+    """Whiten values, (N, K), that stand at readings' places, by gains that are known; found in the same places."""
     S, nz, _ = A.shape
     nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
     n = nz + nd + nc
     d, moved = np.zeros((n, K)), np.zeros((nz, K))
-    found = np.empty(values.shape)
     for k in range(S):
         if first[k]:
             d[:] = 0.0
         for i in range(pointer[k], pointer[k + 1]):
-            c = channel[i]
+            c, at = channel[i], place[i]
             for x in range(K):
-                found[i, x] = values[i, x]
+                found[at, x] = values[at, x]
             for a in range(nz):
                 own = C[k, c, a]
                 if own != 0.0:
                     for x in range(K):
-                        found[i, x] -= own * d[a, x]
+                        found[at, x] -= own * d[a, x]
             for j in range(nd):
                 own = D[k, c, j] * scale[k, j]
                 if own != 0.0:
                     for x in range(K):
-                        found[i, x] -= own * d[nz + j, x]
+                        found[at, x] -= own * d[nz + j, x]
             for m in range(nc):
                 if coloured[m] == c:
                     for x in range(K):
-                        found[i, x] -= d[nz + nd + m, x]
+                        found[at, x] -= d[nz + nd + m, x]
             for a in range(n):
                 own = gain[i, a]
                 for x in range(K):
-                    d[a, x] += own * found[i, x]
+                    d[a, x] += own * found[at, x]
             own = 1.0 / size[i]
             for x in range(K):
-                found[i, x] *= own
+                found[at, x] *= own
         if k + 1 == S or first[k + 1]:
             continue
         for a in range(nz):
@@ -195,4 +227,3 @@ def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
         for m in range(nc):
             for x in range(K):
                 d[nz + nd + m, x] *= slow[k, m]
-    return found

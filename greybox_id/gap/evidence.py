@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from .calibration import CAL
 from .hypothesis import Hypothesis
@@ -91,4 +91,4 @@ def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> 
 
 def p_value(gain: float, axes: int, candidates: int) -> float:
     """How often the best of so many candidates gains so much from noise alone (Bonferroni)."""
-    return float(min(1.0, candidates * chi2.sf(2 * max(gain, 0.0), max(axes, 1))))
+    return float(min(1.0, candidates * chdtrc(max(axes, 1), 2 * max(gain, 0.0))))

@@ -17,6 +17,8 @@ from .calibration import CAL
 from .gap import Errors
 from .kinds import Diagnosed
 
+Squares = dict[float | None, Array]
+"""Horizon -> (outputs,) mean squares of errors."""
 HORIZONS = (0.1, 0.5, 2.0, None)
 """s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
 of readings; nothing is known of them in between."""
@@ -31,9 +33,13 @@ def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recordi
     recordings : what is predicted.
     sd : (channels,) noise, below which no prediction can be.
     """
-    first, then = _squares(before, recordings), _squares(after, recordings)
+    return between(before.outputs, mean_squares(before, recordings), mean_squares(after, recordings), sd)
+
+
+def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) -> tuple[Errors, ...]:
+    """The same from what `mean_squares` says of both."""
     errors = []
-    for c, channel in enumerate(before.outputs):
+    for c, channel in enumerate(outputs):
         for horizon, own in first.items():
             was, now = float(np.sqrt(own[c])), float(np.sqrt(then[horizon][c]))
             if not (np.isnan(was) or np.isnan(now)):
@@ -41,15 +47,15 @@ def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recordi
     return tuple(errors)
 
 
-def _squares(model: Diagnosed, recordings: Sequence[Recording]) -> dict[float | None, Array]:
-    """Horizon -> (outputs,) mean squares of errors."""
+def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
+    """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
     found: dict[float | None, list[Predictions | Prediction]] = {}
     if isinstance(model, MemoryModel):
         if model.feedback is not None:
             found[model.sample_time] = [predictions(model, own, "honest") for own in recordings]
         found[None] = [predictions(model, own, "closed_loop") for own in recordings]
     else:
-        simulator = Simulator(model)
+        simulator = Simulator(model) if simulator is None else simulator.of(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
         overlapping = round(CAL.overlapping)
         for horizon in HORIZONS:

@@ -267,16 +267,14 @@ class ModelError:
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
-        own = self.about
-        columns = values.reshape(*values.shape[:2], -1)
-        taken = np.ascontiguousarray(columns[own.row, own.channel])
-        found = innovations(
+        own, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
+        found = np.zeros((n * channels, more))
+        innovations(
             own.A, own.B, own.C, own.D, *self._laid, own.first, own.pointer, own.channel,
-            _coloured(own, self.amplitudes), taken, self.gain, self.size,
+            _coloured(own, self.amplitudes), np.ascontiguousarray(values).reshape(found.shape), self.gain, self.size,
+            own.row * channels + own.channel, found,
         )  # fmt: skip
-        result = np.zeros(columns.shape)
-        result[own.row, own.channel] = found
-        return result.reshape(values.shape)
+        return found.reshape(values.shape)
 
 
 def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
@@ -318,12 +316,13 @@ def estimated(
         at[free] = x
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
+        lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
         laid = _laid(kept, [Amplitudes.of(own) for own in lanes])
         nll = likelihood(
             kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
             r, *none,
         ) + prior.cost(lanes)  # fmt: skip
-        return float(nll[0]), (nll[1:] - nll[0]) / CAL.amplitude_step
+        return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
 
     width = 4.0 * prior.sd[free]
     bounds = list(zip(start[free] - width, start[free] + width, strict=True))

@@ -36,11 +36,19 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         if not active:
             break
         wanted = [own.wanted() for own in active]
+        edges = np.cumsum([0, *(len(each) for each in wanted)])
         e = search.residuals([p for each in wanted for p in each])
-        first = 0
-        for own, each in zip(active, wanted, strict=True):
-            own.take(e[first : first + len(each)])
-            first += len(each)
+        more = search.first_orders([own.at[2] for own in active])
+        values = [
+            own.values(e[a:b], more[:, :, k])
+            for k, (own, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))
+        ]
+        white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
+        white = white.reshape(-1, white.shape[2])
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            cross = search.white.T @ white
+        for own, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
+            own.take(each, white[:, a:b], cross[:, a:b])
 
 
 def settled(search: Search, found: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
@@ -103,8 +111,8 @@ class _Work:
         self._step: Array | None = None
         self._origin: Array | None = None
         self._stride = 1.0
-        self._here: tuple[Array, Array, Array, Array] | None = None
-        self.done, self._share = False, 1.0
+        self._here: tuple[Array, Array, Array] | None = None
+        self.done, self._share, self._least = False, 1.0, 0.0
         if start.origin is not None and np.array_equal(linear, start.linear):
             self._begin_at(*start.origin)
 
@@ -137,45 +145,62 @@ class _Work:
         crosses = np.floor(rows + CAL.shifted / self.search.bench.sample_time) > np.floor(rows - CAL.on_a_row)
         return -CAL.shifted if crosses and at >= CAL.shifted else CAL.shifted
 
-    def take(self, e: Array) -> None:
-        """Simulations have come back."""
+    def values(self, e: Array, more: Array) -> Array:
+        """(N, channels, 1 + moving) residuals where it stands, and their derivatives by what moves.
+
+        Parameters
+        ----------
+        e : (1 + moving, N, channels) of what was wanted.
+        more : (N, channels) that linear nuisances add.
+        """
+        m = self.at[0]
+        found = np.empty((*e.shape[1:], len(e)))
+        found[:, :, 0] = e[0] + more
+        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off
+            for at, k in enumerate(self._moving, 1):
+                found[:, :, at] = (e[at] - e[0]) / self._beside(self.axes[k], m[k])
+        return found
+
+    def take(self, values: Array, white: Array, cross: Array) -> None:
+        """Simulations have come back: `values` of them, the same whitened, and times what nuisances do."""
         search, (m, theta, linear) = self.search, self.at
-        base = e[0] + search.linear_by @ (linear - search.null_linear)
-        r = search.weighed(base[:, :, None]).ravel()
+        r = white[:, 0]
         u = np.concatenate([theta, linear])
         off = u - search.means
         precision = search.beliefs(self._own)
-        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off, and cost accordingly
+        with np.errstate(over="ignore", invalid="ignore"):  # and cost accordingly
             cost = 0.5 * float(r @ r) + 0.5 * float(off @ precision @ off)
-            J = np.zeros((*base.shape, len(self.axes)))
-            for k, beside in zip(self._moving, e[1:], strict=True):
-                J[:, :, k] = (beside - e[0]) / self._beside(self.axes[k], m[k])
-        if not (np.isfinite(cost) and np.all(np.isfinite(J))):  # it spins here or beside: no place to stay
+        if not (np.isfinite(cost) and np.all(np.isfinite(values[:, :, 1:]))):  # it spins: no place to stay
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
-            self._back()
+            self._back(cost - self.best.cost)
             return
         if not np.isfinite(cost):
             self.done = True
             return
         gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
         self._origin = None
-        self.best = Hypothesis(self.candidates, m, theta, linear, cost, base, J)
-        if gained < CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0):
+        J = np.zeros((*values.shape[:2], len(self.axes)))
+        J[:, :, self._moving] = values[:, :, 1:]
+        self.best = Hypothesis(self.candidates, m, theta, linear, cost, values[:, :, 0].copy(), J)
+        least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
+        self._least = CAL.expected * least
+        if gained < least:
             self.done = True
             return
-        self._share, self._here = 1.0, (r, J, u, precision)
+        count, places = len(u), [0, *(len(u) + 1 + k for k in self._moving)]  # residuals in the place of a coordinate
+        whole = np.zeros((1 + count + len(self.axes), 1 + count + len(self.axes)))
+        whole[np.ix_(places, places)] = white.T @ white
+        whole[1 : 1 + count, places], whole[places, 1 : 1 + count] = cross, cross.T
+        whole[1 : 1 + count, 1 : 1 + count] = search.gram + precision
+        whole[1 : 1 + count, 0] += precision @ (u - search.means)
+        self._share, self._here = 1.0, (whole[1:, 1:], whole[1:, 0], u)
         self._step = self._solve(*self._here)
         self._go()
 
-    def _solve(self, r: Array, J: Array, u: Array, precision: Array) -> Array:
+    def _solve(self, H: Array, g: Array, u: Array) -> Array:
         """A Gauss-Newton step within the bounds: what would leave them is held there, one after the other."""
-        search = self.search
-        W = search.weighed(J).reshape(-1, J.shape[2]) if J.shape[2] else np.zeros((len(r), 0))
-        cross = search.white.T @ W
-        H = np.block([[search.gram + precision, cross], [cross.T, W.T @ W]])
-        g = np.concatenate([search.white.T @ r + precision @ (u - search.means), W.T @ r])
-        m = self.at[0]
+        search, m = self.search, self.at[0]
         stride = self._stride * search.stride
         low = np.concatenate([np.maximum(search.low - u, -stride), [a.low for a in self.axes] - m])
         high = np.concatenate([np.minimum(search.high - u, stride), [a.high for a in self.axes] - m])
@@ -183,15 +208,18 @@ class _Work:
         return bounded_step(H, g, low, high, held)
 
     def _go(self) -> None:
-        """Step from the best so far."""
+        """Step from the best so far, if that is expected to gain anything."""
         assert self.best is not None
         assert self._step is not None
         n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
         step = self._share * self._step
+        if self._here is not None and -(self._here[1] @ step + 0.5 * step @ self._here[0] @ step) < self._least:
+            self.done = True
+            return
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
-    def _back(self) -> None:
-        """The step was too long.
+    def _back(self, rise: float) -> None:
+        """The step was too long: the cost rose by so much.
 
         Where it led away from the origin, another one is taken from there. Elsewhere what shapes curves goes less far
         first, and everything else as far as it then would.
@@ -201,7 +229,15 @@ class _Work:
             self._step = self._solve(*self._here)
             self._go()
             return
-        self._share /= 3
+        shorter = self._share / 3
+        steps = any(axis.shift for axis in self.axes)  # likelihoods of delays have them at rows: no parabolas
+        if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
+            slope = -self._share * float(self._here[1] @ self._step)
+            if slope**2 < 4 * (rise + slope) * self._least:
+                self.done = True
+                return
+            shorter = min(shorter, self._share * slope / (2 * (rise + slope)))
+        self._share = shorter
         if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
             self._go()
         elif self._origin is not None and self.best is not None:

@@ -50,10 +50,9 @@ class Search:
         self._reach = CAL.reach_sd * sds
         self._stride = np.where(shaped, CAL.stride * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
-        self.linear_by = np.zeros((*bench.measured.shape, 0))
         self.simulations = 0
         self.colour, self.trust = colour, trust
-        self.theta_by = np.zeros((*bench.measured.shape, len(self.moving)))
+        self._by = np.zeros((*bench.measured.shape, len(self.moving)))
 
     # ---- what everything is about
 
@@ -68,24 +67,29 @@ class Search:
         self._expand(hypothesis)
         p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
         _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
-        self.theta_by = J @ self._mix
-        slopes, jumps = self._secants(p, [delays or not axis.shift for axis in self.shifts])
-        if not delays:
-            kept, count = [k for k, axis in enumerate(self.shifts) if axis.shift], len(self.shifts)
-            slopes[:, :, kept] = self.linear_by[:, :, kept]
-            jumps[:, :, kept] = self.linear_by[:, :, [count + k for k in kept]]
-        self.linear_by = np.concatenate([slopes, jumps, S], axis=2)
+        before, first, count = self._by, len(self.moving), len(self.shifts)
+        self._by = np.empty((*J.shape[:2], first + 2 * count + S.shape[2]))
+        self._by[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ self._mix).reshape(J.shape)
+        self._by[:, :, first + 2 * count :] = S
+        self._secants(p, [delays or not axis.shift for axis in self.shifts], self._by[:, :, first : first + 2 * count])
+        for k, axis in enumerate(self.shifts):
+            if axis.shift and not delays:
+                same = [first + k, first + count + k]
+                self._by[:, :, same] = before[:, :, same]
         self._whiten()
 
     @contextmanager
     def elsewhere(self) -> Iterator[None]:
         """Linearise elsewhere within, and be about what everything was about before afterwards."""
-        before = self.nominal.copy(), self.expanded.copy(), self.theta_by, self.linear_by
+        before = {**vars(self), "nominal": self.nominal.copy(), "expanded": self.expanded.copy()}
         try:
             yield
         finally:
-            self.nominal, self.expanded, self.theta_by, self.linear_by = before
-            self._whiten()
+            now, counted = self.colour, self.simulations
+            vars(self).update(before)
+            self.simulations = counted
+            if now is not self.colour:
+                self.recoloured(now)
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
         """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""
@@ -96,13 +100,12 @@ class Search:
             self.expanded[k] = at if abs(at - axis.null) > CAL.shift_beside * axis.sd else axis.null
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
-    def _secants(self, p: Array, wanted: Sequence[bool]) -> tuple[Array, Array]:
-        """What abrupt nuisances do: per unit, and at once, (N, channels, shifts) each, from where they are expanded.
+    def _secants(self, p: Array, wanted: Sequence[bool], found: Array) -> None:
+        """What abrupt nuisances do: per unit, then at once, put into (N, channels, 2 shifts), from where they are.
 
         Zero for those that are not wanted.
         """
-        shape = (*self.bench.measured.shape, len(self.shifts))
-        slopes, jumps = np.zeros(shape), np.zeros(shape)
+        found[:] = 0.0
         p = self.placed(p, self.shifts, self.expanded)
         asked = [k for k, want in enumerate(wanted) if want]
         spans = []
@@ -111,12 +114,11 @@ class Search:
             near, far = (CAL.at_once, 1.0) if at == axis.null else (-CAL.shift_beside, CAL.shift_beside)
             spans.append((at + near * axis.sd, at + far * axis.sd))
         sides = [self.placed(p, [self.shifts[k]], [end]) for k, span in zip(asked, spans, strict=True) for end in span]
-        e = self.residuals([p, *sides]) if asked else np.zeros((1, *self.bench.measured.shape))
+        e = self.residuals([p, *sides] if asked else [])
         for k, (start, end), one, other in zip(asked, spans, e[1::2], e[2::2], strict=True):
-            slopes[:, :, k] = (other - one) / (end - start)
+            found[:, :, k] = (other - one) / (end - start)
             if self.expanded[k] == self.shifts[k].null:
-                jumps[:, :, k] = one - e[0]
-        return slopes, jumps
+                found[:, :, len(self.shifts) + k] = one - e[0]
 
     def recoloured(self, colour: Whitener) -> None:
         """Count residuals otherwise."""
@@ -130,12 +132,11 @@ class Search:
 
     def weighed(self, values: Array) -> Array:
         """Residuals or their derivatives, (N, channels, ...), as they count: half their squares are log-likelihood."""
-        found: Array = self.colour.white(values) * np.sqrt(self.trust)
-        return found
+        found: Array = self.colour.white(values)
+        return found if self.trust == 1.0 else found * np.sqrt(self.trust)
 
     def _whiten(self) -> None:
-        both = np.concatenate([self.theta_by, self.linear_by], axis=2)
-        self.white = self.weighed(both).reshape(both.shape[0] * both.shape[1], both.shape[2])
+        self.white = self.weighed(self._by).reshape(self.bench.measured.size, self._by.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in self.shifts), *[CAL.jumps_sd] * count, *starts]
@@ -209,8 +210,12 @@ class Search:
 
     def first_order(self, hypothesis: Hypothesis) -> Array:
         """(N, channels) what the linear nuisances add to a simulation."""
-        found: Array = self.linear_by @ (hypothesis.linear - self.null_linear)
-        return found
+        return self.first_orders([hypothesis.linear])[:, :, 0]
+
+    def first_orders(self, linear: Sequence[Array]) -> Array:
+        """(N, channels, K) what K sets of linear nuisances add to simulations."""
+        by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
+        return np.asarray(by @ (np.array(linear) - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
         """Linear nuisances, those that are candidates now at their null: they move as candidates."""
@@ -288,7 +293,7 @@ class Search:
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
         """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""
-        return self._told(hypothesis)[1]
+        return self._told(hypothesis)[2]
 
     def widening(self, hypothesis: Hypothesis) -> Array:
         """(m,) factors by which coordinates scatter more than noise has it, at least one.
@@ -296,7 +301,8 @@ class Search:
         Where the model is rough, residuals are no noise, and stay alike for seconds: what blocks of them pull at the
         coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
         """
-        W, told = self._told(hypothesis)
+        W, undone, told = self._told(hypothesis)
+        W = W - self.white @ undone  # what coordinates do that nuisances cannot undo
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
         own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
@@ -305,13 +311,14 @@ class Search:
         found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))
         return found
 
-    def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
-        """What coordinates do that nuisances cannot undo, whitened, and the covariance that follows from it."""
+    def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
+        """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
-        own = self.among({axis.index for axis in hypothesis.axes})
-        white = self.white[:, ~own]
-        H = (self.gram + self.precision)[np.ix_(~own, ~own)]
-        W = plain - white @ np.linalg.solve(H, white.T @ plain) if len(H) else plain
-        S = W.T @ plain
+        own = ~self.among({axis.index for axis in hypothesis.axes})
+        H, cross = (self.gram + self.precision)[np.ix_(own, own)], self.white.T @ plain
+        undone = np.zeros(cross.shape)
+        undone[own] = np.linalg.solve(H, cross[own]) if len(H) else cross[own]
+        S = plain.T @ plain - cross.T @ undone
         scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
-        return W, np.asarray(np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
+        covariance = np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        return plain, undone, np.asarray(covariance)

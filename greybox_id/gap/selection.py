@@ -91,18 +91,23 @@ def select(
     known = refitted(search, best)
     for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
         singles = _better(singles, own)
-    for own in _from_beliefs(search, base, candidates):
+    for own in _from_beliefs(search, base, candidates, singles, worth):
         singles = _better(singles, own)
     tried = {frozenset(own.names): own for own in singles}
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = known
     if tried:
-        _combine(search, singles, tried, best, from_where_best(promised, candidates, singles), worth)
+        _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=by_cost)
     base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
     replacing = _in_each_place(search, found, candidates, worth)
-    if replacing:
+    costs = {frozenset(own.names): own.cost for own in found}
+    replacing = [own for own in replacing if own.cost < costs.get(frozenset(own.names), np.inf) - CAL.enough]
+    if replacing and replacing[0].cost < found[0].cost + worth:
         base, found = _polished(search, base, found, replacing, worth, 1)
+    elif replacing:
+        names = {frozenset(own.names) for own in replacing}
+        found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
     found = _from_believed_lags(search, _gaps(search, found))
     return Selection(search, base, tuple(found), tuple(promised))
 
@@ -118,7 +123,7 @@ def _polished(
     """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
     Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
-    and the base: what is compared must have had the same chance.
+    and the base: what is compared must have had the same chance. Then the next best, until none gains by it.
     """
     if not (search.moving or search.shifts) or not found:
         return base, found
@@ -126,7 +131,7 @@ def _polished(
     nothing = frozenset[str]()
     rivalling, done = {frozenset(own.names) for own in rivals}, set[frozenset[str]]()
     with search.elsewhere():
-        for _ in range(rounds):
+        for turn in range(rounds):
             itself = next((names for names in _near(better, rivalling, CAL.near * worth) if names not in done), nothing)
             best = better[itself]
             if better[nothing].cost - best.cost <= CAL.worthy * worth:
@@ -138,10 +143,11 @@ def _polished(
             again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
             bases = [own for own in again if not own.names]
             new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
-            new += [settled(search, min(bases, key=by_cost))] if bases else []
-            for own in new:
-                if own.cost < better[frozenset(own.names)].cost:
-                    better[frozenset(own.names)] = own
+            new += [settled(search, own) if turn == 0 else own for own in sorted(bases, key=by_cost)[:1]]
+            gained = max((better[frozenset(own.names)].cost - own.cost for own in new), default=0.0)
+            better |= {names: own for own in new if own.cost < better[names := frozenset(own.names)].cost}
+            if gained < CAL.enough:
+                break
     base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
 
@@ -172,7 +178,10 @@ def _in_each_place(
         for parent in _without_each(search, pair):
             promised = promises(search, parent, candidates)[: CAL.replacing]
             replacing += _with_each(search, parent, [own for own in promised if own.gain > CAL.partner_least])
-    return replacing
+    best: dict[frozenset[str], Hypothesis] = {}
+    for own in sorted(replacing, key=by_cost):
+        best.setdefault(frozenset(own.names), own)
+    return list(best.values())
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:
@@ -193,10 +202,13 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     return settled(search, base)
 
 
-def _from_beliefs(search: Search, base: Hypothesis, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+def _from_beliefs(
+    search: Search, base: Hypothesis, candidates: Sequence[Candidate], singles: Sequence[Hypothesis], worth: float
+) -> list[Hypothesis]:
     """Single effects from where nuisances are believed to be, if some went far from there to do without an effect.
 
     What has taken a cause's place may hold it: from there a refit finds a little of the cause, and no way back.
+    Nuisances are linearised again beside those that may yet be the best.
     """
     if not any(far > CAL.tolerated_sd for far in search.far(base)):
         return []
@@ -208,11 +220,15 @@ def _from_beliefs(search: Search, base: Hypothesis, candidates: Sequence[Candida
         if not np.all(np.isfinite(e)):
             return []
         promised = promises(search, believed, candidates)[: CAL.replacing]
-        return _gaps(search, [settled(search, own) for own in _with_each(search, believed, promised)])
+        found = _with_each(search, believed, promised)
+        least = min((own.cost for own in (*singles, *found)), default=np.inf)
+        far = least + max(CAL.close * worth, CAL.nearly * (base.cost - least))
+        return _gaps(search, [settled(search, own) if own.cost < far else own for own in found])
 
 
 def _combine(
     search: Search,
+    base: Hypothesis,
     singles: list[Hypothesis],
     tried: dict[frozenset[str], Hypothesis],
     best: Hypothesis,
@@ -222,7 +238,8 @@ def _combine(
     """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
     least = min(own.cost for own in tried.values())
     first = [own for own in singles if own.names[0] in best.names]
-    for parent in [*first, *(own for own in singles[: CAL.pairs] if own not in first)]:
+    hopeful = [own for own in singles[: CAL.pairs] if base.cost - own.cost > CAL.hope * (base.cost - least)]
+    for parent in [*first, *(own for own in hopeful if own not in first)]:
         needed = max(worth, CAL.nearly * (parent.cost - least) - worth)
         promised = promises(search, parent, likely)[: CAL.partners]
         enough = [own for own in promised if own.gain > needed]

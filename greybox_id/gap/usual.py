@@ -54,7 +54,7 @@ def numbers_of(
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)
-        wide = CAL.filters if name in SPECIFIED else CAL.nominal * USUAL[name]  # what filters take, runs share
+        wide = CAL.filtered if name in SPECIFIED else CAL.nominal * USUAL[name]
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
             wide = CAL.indifference * USUAL[name]
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide

@@ -18,7 +18,6 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from .. import __version__
 from ..declared import must_be
@@ -91,6 +90,8 @@ def _split(chains: Array) -> Array:
 
 
 def _normal_scores(chains: Array) -> Array:
+    from scipy.stats import rankdata  # which takes long to load
+
     ranks = rankdata(chains, method="average").reshape(chains.shape)
     return np.asarray(ndtri((ranks - 0.375) / (chains.size + 0.25)))
 

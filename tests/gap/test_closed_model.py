@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gap_cases import NOISE, NUMBERS, lap, nominal
 
-from greybox_id.fitting import attempt
+from greybox_id.gap import closed_model as closing
 from greybox_id.gap.closed_model import _fitted, closed_model, with_effects
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.examining import examine
@@ -58,11 +58,11 @@ def test_what_errs_least_on_others_counts(late):
 
 
 def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
-    solve = attempt.gauss_newton
+    solve = closing.gauss_newton
     monkeypatch.setattr(
-        attempt, "gauss_newton", lambda *args, **how: replace(solve(*args, **how), status=Status.INTERRUPTED)
+        closing, "gauss_newton", lambda *args, **how: replace(solve(*args, **how), status=Status.INTERRUPTED)
     )
     model = nominal(vehicle=LOOSE)
     found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)])
     with pytest.raises(KeyboardInterrupt):
-        _fitted(found, SimpleNamespace(axes=()), model)
+        _fitted(found, SimpleNamespace(axes=()), model, np.ones(len(model.outputs)))

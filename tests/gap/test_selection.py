@@ -1,5 +1,7 @@
 """Forward selection: what acts is found alone and together, and what is compared has had the same chance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
@@ -84,7 +86,7 @@ def test_what_stands_in_an_effects_place_is_looked_for_beside_the_other_one():
     )  # a second effect gains too little
 
 
-def test_polishing_goes_about_the_three_best_however_far_apart(monkeypatch):
+def test_polishing_goes_about_the_best_however_far_apart_as_long_as_that_gains(monkeypatch):
     X = smooth_columns(4)
     search = search_on(linear_bench(X, [0.085, 0.065, 0.06, 0.0], SD), SD)
     base = search.at_means()
@@ -95,7 +97,11 @@ def test_polishing_goes_about_the_three_best_however_far_apart(monkeypatch):
     about, plainly = [], search.about
     monkeypatch.setattr(search, "about", lambda own, **more: (about.append(own.names), plainly(own, **more)))
     _polished(search, nothing, found, found, WORTH)
-    assert {own.names for own in found[:3]} <= set(about)
+    assert set(about) == {found[0].names, ()}
+    about.clear()
+    worse = [replace(own, cost=own.cost + 2 * CAL.enough) for own in found]
+    _polished(search, nothing, worse, worse, WORTH)
+    assert {own.names for own in found[:2]} == set(about) - {()}
 
 
 def test_where_nothing_acts_no_effect_gains_what_it_must():

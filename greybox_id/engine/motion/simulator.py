@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import casadi as cs
 import numpy as np
 
@@ -30,6 +32,13 @@ class Simulator:
         self.actuators = self._actuators() if model.actuators else None
         self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], SampledFunction] = {}
         self._touched: dict[tuple[str, ...], Index] = {}
+
+    def of(self, model: MotionModel) -> Simulator:
+        """The same of a model with the same equations, whose values, bounds and beliefs are others."""
+        found = copy(self)
+        found.trace = copy(self.trace)
+        found.trace.model = model
+        return found
 
     def shifts(self, p: Array) -> Array:
         """Values of the delays and latencies, s."""
