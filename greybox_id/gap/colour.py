@@ -57,11 +57,12 @@ class Colour:
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
         found = np.empty(values.shape)
-        for c, a in enumerate(self.ar):
-            own = values[:, c]
-            if len(a) and own.size:  # without nuisances there is nothing to filter
-                own = np.concatenate([_innovations(own[rows], a) for rows in self.rows])
-            found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            for c, a in enumerate(self.ar):
+                own = values[:, c]
+                if len(a) and own.size:  # without nuisances there is nothing to filter
+                    own = np.concatenate([_innovations(own[rows], a) for rows in self.rows])
+                found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
         return found
 
     @property

@@ -92,7 +92,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     telling = shared if shared is not None and (shared.held_out or found.closed.shows) else None
     best, reasons = _causes(found, telling)
     if held_out:
-        tell(f"verifying on {len(held_out)} recordings that were held out")
+        tell(f"verifying on {listed([own.name for own in held_out])}, held out")
     closed, verified, worse = closed_model(found, best, detected, held_out)
     if worse:
         reasons |= dict.fromkeys(best.names, WORSE)
@@ -176,7 +176,7 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
     names = found.best.names
     if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {len(held_out)} recordings that were held out")
+        tell(f"sharing out the gap among {listed(names)} on {listed([own.name for own in held_out])}, held out")
         full = with_effects(found, found.best)
         misfits, bench = dict[Set, Misfit](), found.bench
         for own in subsets(names):
@@ -397,5 +397,6 @@ def _shape(found: Examined, channel: str) -> str:
     if names and own.spread > CAL.form_of_size:
         parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}")
     if own.left > CAL.form_of_size:
-        parts.append(f"{100 * min(own.left, 1.0):.0f} % of the gap is left")
+        on = listed([own.name for own in found.recordings])
+        parts.append(f"{100 * min(own.left, 1.0):.0f} % of the error beyond noise is left on {on}")
     return "; ".join(parts) or "its shape is none that is known here"

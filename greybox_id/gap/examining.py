@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks.finding import listed
 from ..effect import Effect
 from ..errors import BadInput
 from ..parameter import Array
@@ -100,7 +101,9 @@ def examine(
         )
     examined, rows = excerpt(recordings), sum(len(own) for own in recordings)
     prepared = prepare(model, examined, effects, vehicle)
-    tell(f"{model.name} with {len(prepared.effects)} effects it may lack, {len(recordings)} recordings")
+    tell(
+        f"{model.name} with {len(prepared.effects)} effects it may lack, on {listed([own.name for own in recordings])}"
+    )
     if (count := sum(len(own) for own in examined)) < rows:
         tell(f"examining {count} of {rows} rows, in blocks spread evenly")
     bench = prepared.bench(examined)

@@ -89,7 +89,7 @@ def test_an_interruption_keeps_the_profiles_that_are_done(fitted, monkeypatch):
         (["--parameter", "yaw_rate_bias"], "has a value for each run"),
         (["--parameter", "I_z", "--out", "curve.xlsx"], ".csv or .parquet"),
         (["missing.csv", "--parameter", "I_z"], "missing.csv"),
-        (["a.csv", "b.csv", "--parameter", "I_z"], "was made with 1 recordings to train"),
+        (["a.csv", "b.csv", "--parameter", "I_z"], "was made with 1 recording to train"),
     ],
 )
 def test_wrong_use_is_a_sentence(arguments, says, fitted):
