@@ -25,12 +25,13 @@ from .kinds import Diagnosed
 from .preparing import excerpt, with_beliefs
 
 WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
+HARMS = "with it, predictions of what was held out are worse, its parameters fitted or not"
 
 
 def closed_model(
     found: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording]
-) -> tuple[Diagnosed, Closure | None, bool]:
-    """The closed model, how far it closes the gap on what was held out, and whether its effects do harm there.
+) -> tuple[Diagnosed, Closure | None, str]:
+    """The closed model, how far it closes the gap on what was held out, and why its effects are none of it, if so.
 
     Tolerances stay where they are stated, or go where the effects were found, or where fits take free
     runs: what errs least on what was held out counts; without that, on what was diagnosed. That choice is all that
@@ -56,12 +57,14 @@ def closed_model(
     least = min(range(len(errors)), key=lambda k: _size(errors[k], "after")) if errors else 0
     closed = ways[least][0]
     if not held_out:
-        return closed, None, False
+        return closed, None, ""
     verified = closure(nominal, added, held_out, found.vehicle, found.effects, False, found.sd, as_it_stands=closed)
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
-        return found.model, left_open(verified), True
-    return closed, verified, False
+        return found.model, left_open(verified), WORSE
+    if best.candidates and verified.closed_interval[1] < 0:
+        return *closed_model(found, found.selection.base, detected, held_out)[:2], HARMS
+    return closed, verified, ""
 
 
 def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | None = None) -> Diagnosed:

@@ -20,7 +20,7 @@ from .advice import advice
 from .axes import Axis
 from .budget import Set, budget, subsets
 from .calibration import CAL
-from .closed_model import WORSE, closed_model, moved, with_effects
+from .closed_model import closed_model, moved, with_effects
 from .closing import Misfit, left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
 from .evidence import p_value, probability
@@ -95,7 +95,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         tell(f"verifying on {listed([own.name for own in held_out])}, held out")
     closed, verified, worse = closed_model(found, best, detected, held_out)
     if worse:
-        reasons |= dict.fromkeys(best.names, WORSE)
+        reasons |= dict.fromkeys(best.names, worse)
         best = selection.base
     ranking, applied = _ranking(found, reasons, telling), tuple(best.names)
     if telling is None and shared is not None and any(own.effect in applied and own.low <= 0 for own in shared.shares):
