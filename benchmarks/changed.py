@@ -1,6 +1,6 @@
 """`greybox gap AFTER.. --since BEFORE..` on recordings of a real car whose changes are known, run as a user runs it.
 
-    python benchmarks/changed.py --data DIR [--out FOLDER] [--json] [--quick] [--cases NAME ...]
+    python benchmarks/changed.py --data DIR [--out FOLDER] [--json] [--quick] [--development] [--cases NAME ...]
 
 DIR holds dart/*.csv.gz, recordings of a 1:10 car by Lyons et al. Cases:
 
@@ -93,6 +93,29 @@ CASES: Mapping[str, Case] = {
     **{f"{name}_{what}": replace(own, truth=INJECTED[what][0], injected=what)
        for what in INJECTED for name, own in PAIRS.items()},
 }  # fmt: skip
+DEVELOPMENT: Mapping[str, Case] = {
+    f"development_{k}": Case("unchanged", before, after, held_out) for k, (before, after, held_out) in enumerate((
+        (("free_1002",), ("free_1027/1",), ("free_1027/2",)),
+        (("free_1012",), ("free_1002/1",), ("free_1002/2",)),
+        (("free_1027",), ("free_1012/1",), ("free_1012/2",)),
+        (("free_1002",), ("free_1012",), ()),
+        (("slippery_apr16_1556",), ("mpcc_apr16_1621_slippery/1",), ("mpcc_apr16_1621_slippery/2",)),
+        (("mpcc_apr16_1621_slippery",), ("slippery_apr16_1556/1",), ("slippery_apr16_1556/2",)),
+        (("tape_ramp_1758_neg03",), ("tape_ramp_1805_pos03/1",), ("tape_ramp_1805_pos03/2",)),
+        (("tape_ramp_1805_pos03",), ("tape_ramp_1758_neg03/1",), ("tape_ramp_1758_neg03/2",)),
+        (("ramp_1529",), ("ramp_1605_pos015",), ("ramp_1615_neg02",)),
+        (("ramp_1609_neg015",), ("ramp_1534",), ("ramp_1653_neg03",)),
+        (("ramp_1653_neg03", "ramp_1605_pos015"), ("ramp_1529",), ("ramp_1609_neg015",)),
+        (("ramp_1529",), ("ramp_1534",), ("ramp_1605_pos015",)),
+        (("ramp_1615_neg02",), ("ramp_1529",), ("ramp_1605_pos015",)),
+        (("ramp_1534", "ramp_1653_neg03"), ("ramp_1609_neg015",), ("ramp_1615_neg02",)),
+        (("ramp_1605_pos015",), ("ramp_1653_neg03",), ("ramp_1615_neg02",)),
+        (("free_1002",), ("ramp_1534",), ("ramp_1615_neg02",)),
+        (("free_1012", "free_1027"), ("ramp_1529",), ("ramp_1605_pos015",)),
+        (("ramp_1529", "ramp_1615_neg02"), ("free_1012",), ("free_1027",)),
+    ))
+}  # fmt: skip
+"""Without a change, and none of `CASES`: what a change must gain was chosen on them."""
 QUICK = ("slippery", "laps_a_null", "free_a_delay")
 
 
@@ -103,9 +126,10 @@ def main() -> int:
     arguments.add_argument("--out", type=Path, help="folder of results; a temporary one unless given")
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--quick", action="store_true", help="one case of each kind")
-    arguments.add_argument("--cases", nargs="+", choices=sorted(CASES), metavar="NAME")
+    arguments.add_argument("--development", action="store_true", help="the pairs on which numbers were chosen instead")
+    arguments.add_argument("--cases", nargs="+", choices=sorted({**CASES, **DEVELOPMENT}), metavar="NAME")
     given = arguments.parse_args()
-    names = given.cases or (QUICK if given.quick else tuple(CASES))
+    names = given.cases or (QUICK if given.quick else tuple(DEVELOPMENT if given.development else CASES))
     with tempfile.TemporaryDirectory() as folder:
         out = given.out or Path(folder)
         out.mkdir(parents=True, exist_ok=True)
@@ -127,7 +151,7 @@ def main() -> int:
 
 def row(name: str, data: Path, out: Path) -> dict[str, Any]:
     """What the command says of a case, and what that is worth."""
-    case = CASES[name]
+    case = {**CASES, **DEVELOPMENT}[name]
     about: dict[str, Any] = {"case": name, "kind": case.kind, "truth": case.truth}
     files = {one.partition("/")[0] for one in (*case.before, *case.after, *case.held_out, *case.like)}
     if lacking := sorted(one for one in files if not (data / f"{one}.csv.gz").is_file()):

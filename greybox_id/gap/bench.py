@@ -13,13 +13,14 @@ import numpy as np
 
 from ..engine.kernel import PAYS
 from ..engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay
-from ..engine.motion.runs import Index, MotionRun, motion_runs
+from ..engine.motion.runs import MotionRun, motion_runs
 from ..engine.motion.schedule import Schedule, longest_segments, schedule
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index
 from .calibration import CAL
 from .unknown_forces import knows_unknown_forces
 

@@ -15,6 +15,7 @@ T = TypeVar("T")
 DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (8 nulls, 13 others)"
 AGAIN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (12 nulls, 20 others)"
 RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ramps, laps), 20 pairs"
+PAIRS = "benchmarks/changed.py --development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
@@ -64,7 +65,7 @@ class Calibration:
 
     # ---- what an effect must gain, and when there is something unnamed
     cost: float = _known(12.0, "log-odds against an effect: one of 20 nulls gained 9.8, another 9.0, none more", DRAWN)
-    cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", RUNS)
+    cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")
     next_to_nothing: float = _known(0.02, "of its usual size: an abrupt effect that only moves readings past rows")
@@ -152,12 +153,12 @@ class Calibration:
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")
     cost_held_out: float = _known(
-        2.0, "log-likelihood that a change gains where chosen, and where not: ten pairs without any, 0.5 at most", RUNS
+        2.0, "log-likelihood that a change gains where chosen, and where not: pairs driven alike gained 0.5", PAIRS
     )
     steered_alike: float = _known(0.05, "rad apart, steering angles are alike: half of a tyre's slip at its peak")
     fast_alike: float = _known(0.2, "apart, relative, speeds are: lateral accelerations are within a factor of 1.4")
     driven: float = _known(0.5, "share of seconds driven alike, from which on recordings are: most", DEFINED)
-    elsewhere: float = _known(2.0, "scatters, where they are not driven alike: five pairs of ramps", RUNS)
+    elsewhere: float = _known(2.0, "scatters, where they are not driven alike: quiet on pairs of ramps", PAIRS)
     least_scale: float = _known(0.8, "least noise of a recording over that of those before it: sensors stay")
     apart: float = _known(0.1, "between readings that a filter takes, s: motion, not noise", RUNS)
     block: float = _known(1.0, "over which innovations are taken together, s", RUNS)
@@ -166,7 +167,7 @@ class Calibration:
     drifts: float = _known(3.0, "standard deviations of a trend over recordings from before that is said: 0.3 %")
     rates: float = _known(1.5, "of the slowest recording's step to the fastest: from there on filters differ")
     filters: float = _known(0.1, "sd of a reading's gain between such: 0.82 to 0.98", "DART laps, 1 pair")
-    filtered: float = _known(0.05, "the same of what filters take that all share: half of it, for they are alike", RUNS)
+    filtered: float = _known(0.05, "the same of what filters take that all share: half of it", PAIRS)
     block_degrees: float = _known(6.0, "degrees of freedom of a second's innovations")
     floor_of_weight: float = _known(0.1, "unknown forces that a filter follows, over the weight, before tuning")
     astray: float = _known(1e3, "sds that a reading is off where the filter has lost the vehicle: any large number")
@@ -246,7 +247,7 @@ class Calibration:
     between_beside: float = _known(1e-2, "of the width of a number, how far beside its derivative is taken")
     most_relative: float = _known(0.1, "of a number, of which that width is at most")
     delay_step: float = _known(5e-3, "the same of delays, s: rows cut what they move")
-    clocks: float = _known(0.1, "s that clocks of commands and of readings differ by at most: 77 ms found", RUNS)
+    clocks: float = _known(0.1, "s that clocks of commands and readings differ by: 77 ms found", "DART, data check")
     amplitude_steps: int = _known(8, "of the search for amplitudes", SEARCHED)
     coefficient_rows: int = _known(20, "rows that a coefficient of residuals' colour needs", SEARCHED)
     smooth: float = _known(0.2, "s that regimes are smoothed over: noise tells none", DEFINED)

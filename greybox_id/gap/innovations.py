@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from ..engine.motion.runs import Index
 from ..errors import BadInput
 from ..filters.filtering import filtering
 from ..filters.kernel import SigmaPoints
@@ -33,6 +32,7 @@ from ..filters.tuning import noise_coordinates, tuned
 from ..motion_model import MotionModel
 from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Index
 from .calibration import CAL
 from .preparing import excerpt
 from .unknown_forces import FORCES, with_unknown_forces

@@ -11,8 +11,7 @@ from ...errors import BadInput
 from ...motion_model import MotionModel
 from ...parameter import Array
 from ...recording import Recording
-from ...shorthands import Index as Index
-from ...shorthands import Mask as Mask
+from ...shorthands import Index, Mask
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""
