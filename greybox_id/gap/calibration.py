@@ -14,6 +14,7 @@ T = TypeVar("T")
 
 DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (8 nulls, 13 others)"
 AGAIN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (12 nulls, 20 others)"
+FOREIGN = "foreign tier, fiala and exponential, seed 1301 (8 nulls, 24 singles, 40 outside the vocabulary)"
 RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ramps, laps), 20 pairs"
 PAIRS = "benchmarks/changed.py --development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
@@ -83,6 +84,10 @@ class Calibration:
     unnamed_slope: float = _known(4.0, "log-odds per logarithm of that", DRAWN)
     unnamed_noise: float = _known(1.15, "noise over what is stated, the same; nulls leave at most 1.07", DRAWN)
     unnamed_noise_slope: float = _known(30.0, "log-odds per logarithm of that", DRAWN)
+    strained: float = _known(2.0, "sds of chi-square that tolerances may be off by: 1 in 40", DEFINED)
+    unnamed_strain: float = _known(12.0, "strain that is as likely unnamed as not; nulls have 4.5 at most", FOREIGN)
+    mimic: float = _known(4.0, "gains over the strain of tolerances beside it, below which an effect is none", FOREIGN)
+    mimic_slope: float = _known(4.0, "log-odds per logarithm of that: as of what is unnamed")
     most_effects: int = _known(2, "effects that explain what one cause might: more of them are none", DEFINED)
     surely: float = _known(4.0, "sds of what noise alone may leave: 1 in 30 000")
     excess_exact: float = _known(0.03, "excess over noise, as a share of it, that is no gap yet: of exact equations")

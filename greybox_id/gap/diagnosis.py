@@ -24,7 +24,7 @@ from .closed_model import closed_model, moved, with_effects
 from .closing import Misfit, left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
 from .evidence import p_value, probability
-from .examining import Examined, at_their_best, examine
+from .examining import TINY, Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
@@ -145,8 +145,8 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
 def something_unnamed(found: Examined) -> float:
     """The probability that something outside the named effects is at work; it silences no name.
 
-    Told by the model error that is left beside them, over what is believed of it, and by the share of the gap that
-    they leave.
+    Told by the model error that is left beside them, over what is believed of it, by noise over what is stated, and by
+    tolerances that are further off than they are stated to be.
     """
     if found.unnamed is None:
         return _without_forces(found)
@@ -157,8 +157,9 @@ def something_unnamed(found: Examined) -> float:
         CAL.unnamed_slope * log(share / CAL.unnamed_share),
         CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
     ]
-    nothing = [1 / (1 + exp(min(x, 30.0))) for x in odds]
-    return float(1 - nothing[0] * nothing[1])
+    if own.strain > 0:
+        odds.append(CAL.mimic_slope * log(own.strain / CAL.unnamed_strain))
+    return float(1 - np.prod([1 / (1 + exp(min(x, 30.0))) for x in odds]))
 
 
 def _without_forces(found: Examined) -> float:
@@ -228,6 +229,11 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % along "
                 f"{spread.along}, that of a cause does not"
             )
+        elif found.unnamed is not None and _mimics(found, best, name) > CAL.present:
+            reasons[name] = (
+                f"an effect that mimics it: beside it stated tolerances are off by chi-square "
+                f"{found.unnamed.tolerances:.0f}, where {found.unnamed.expected:.0f} is usual, and it gains little more"
+            )
         elif sure <= CAL.present:
             alike = _alike(found, name, CAL.alike)
             beside = f", and as much speaks for {listed(alike)}" if alike else ""
@@ -246,6 +252,22 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     known = {frozenset(own.names): own for own in (*found.selection.tried, found.selection.base)}
     search = found.selection.search
     return known.get(kept) or refitted(search, _part(best, kept)), reasons
+
+
+def _gain(found: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """Log-likelihood that an effect gains beside the others of a hypothesis."""
+    base, others = found.selection.base, set(hypothesis.names) - {name}
+    without = (own.cost for own in (base, *found.selection.tried) if set(own.names) == others)
+    return min(without, default=base.cost) - hypothesis.cost
+
+
+def _mimics(found: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
+    strain = found.unnamed.strain if found.unnamed is not None else 0.0
+    if strain == 0.0:
+        return 0.0
+    x = CAL.mimic_slope * log(CAL.mimic * strain / max(_gain(found, hypothesis, name), TINY))
+    return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
 
 
 def _varying(found: Examined) -> Mapping[str, Spread]:
@@ -272,18 +294,20 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
     for name in names:
         holding = [k for k, own in enumerate(tried) if name in own.names]
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
-        rest = min((own.cost for own in (selection.base, *tried) if set(own.names) == set(most.names) - {name}),
-                   default=selection.base.cost)  # fmt: skip
         magnitude, interval = _magnitude(found, most, name)
         ranked.append(
             Ranked(
                 name,
-                known * probability(weighed, tried, name) * _constant(varying.get(name)) * _closes(shared, name),
+                known
+                * probability(weighed, tried, name)
+                * _constant(varying.get(name))
+                * _closes(shared, name)
+                * (1.0 - _mimics(found, most, name)),
                 magnitude,
                 _axis_of(most, name).unit,
                 interval,
                 _alike(found, name, CAL.alike),
-                rest - most.cost,
+                _gain(found, most, name),
                 reasons.get(name, ""),
             )
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from math import isfinite, nan, sqrt
 from typing import Any
 
 from ..parameter import Array
@@ -163,9 +164,11 @@ class Unnamed:
     share_y, share_x : standard deviation of unknown lateral and longitudinal forces, over the forces themselves.
     floor_y, floor_x : of those beside that, m/s^2.
     memory_y, memory_x : their correlation times, s.
-    tolerances : what nuisances cost, twice their negative logarithm of prior.
+    tolerances : what nuisances cost, twice their negative logarithm of prior; chi-square about `expected` where
+        everything is as stated.
     worst : the nuisance that is furthest from its mean, and by how many standard deviations.
     noise : channel -> noise over what is stated.
+    expected : how many nuisances the recordings tell of; NaN in files of before.
     """
 
     share_y: float
@@ -177,6 +180,15 @@ class Unnamed:
     tolerances: float
     worst: tuple[str, float]
     noise: Mapping[str, float] = field(default_factory=dict)
+    expected: float = nan
+
+    @property
+    def strain(self) -> float:
+        """Log-likelihood by which tolerances are further off than they are if all of them are as stated."""
+        if not isfinite(self.expected):
+            return 0.0
+        usual = self.expected + CAL.strained * sqrt(2.0 * self.expected)
+        return 0.5 * max(self.tolerances - usual, 0.0)
 
     def to_json(self) -> dict[str, Any]:
         """Per equation: amplitude beside the share [m/s^2], share of the force, correlation time [s]."""
@@ -184,6 +196,7 @@ class Unnamed:
             "F_y": {"amplitude": self.floor_y, "share": self.share_y, "correlation_time": self.memory_y},
             "F_x": {"amplitude": self.floor_x, "share": self.share_x, "correlation_time": self.memory_x},
             "tolerances": self.tolerances,
+            "expected": self.expected,
             "worst": {"name": self.worst[0], "sd": self.worst[1]},
             "noise": dict(self.noise),
         }

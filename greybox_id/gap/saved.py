@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,7 @@ def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
         float(y["share"]), float(x["share"]), float(y["amplitude"]), float(x["amplitude"]),
         float(y["correlation_time"]), float(x["correlation_time"]), float(body["tolerances"]),
         (str(body["worst"]["name"]), float(body["worst"]["sd"])), _numbers(body["noise"]),
+        float(body.get("expected") or nan),
     )  # fmt: skip
 
 

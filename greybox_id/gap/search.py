@@ -246,6 +246,12 @@ class Search:
         off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
         return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
 
+    def expected_charge(self, hypothesis: Hypothesis) -> float:
+        """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell."""
+        held = ~self.among({axis.index for axis in hypothesis.axes})
+        told = self.gram[np.ix_(held, held)]
+        return float(np.trace(np.linalg.solve(told + self.precision[np.ix_(held, held)], told)))
+
     def far(self, hypothesis: Hypothesis) -> Array:
         """How far a hypothesis has moving and abrupt nuisances from where they are believed to be, in their sds."""
         axes = (*self.moving, *self.shifts)

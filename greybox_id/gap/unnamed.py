@@ -21,5 +21,5 @@ def unnamed(search: Search, best: Hypothesis, found: Amplitudes, median: Amplitu
     return Unnamed(
         found.share_y, found.share_x, found.floor_y, found.floor_x, found.memory_y, found.memory_x,
         float(off @ own @ off), (names[k], float(each[k])) if names else ("", 0.0),
-        {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)},
+        {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)}, search.expected_charge(best),
     )  # fmt: skip
