@@ -77,7 +77,9 @@ class Calibration:
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
     varies: float = _known(0.12, "spread of a magnitude between thirds of driving: causes 0 to .05, others .2", DRAWN)
     varies_width: float = _known(0.02, "width of that threshold", DRAWN)
-    surely_varies: float = _known(1e-3, "p of a spread from noise alone below which it counts", DEFINED)
+    surely_varies: float = _known(
+        1e-4, "p of a spread by chance from which it counts: a cause had 8e-4, mimics 1e-5", FOREIGN
+    )
     parts: int = _known(3, "of a drive over which a magnitude must be one: two tell no curvature")
     part_least: float = _known(1e-4, "of a magnitude's information, below which a part says nothing of it")
     unnamed_share: float = _known(1.8, "model error over its median that is as likely unnamed as not", DRAWN)

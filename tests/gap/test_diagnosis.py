@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from math import nan
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
 from greybox_id.gap.calibration import CAL
-from greybox_id.gap.diagnosis import _of_sets, diagnose, something_unnamed
+from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
 from greybox_id.gap.gap import Unnamed
 from greybox_id.gap.model_error import believed
 from greybox_id.models.effects import EFFECTS
@@ -151,6 +152,29 @@ def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
     assert something_unnamed(found) > 0.9
     found.expected = own
     assert something_unnamed(found) < 0.15
+
+
+def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_and_of_a_mimic():
+    usual = believed(np.ones(1), told=True, exact=False, stated={})
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    strained = replace(calm, tolerances=96.0)
+    assert calm.strain == 0.0  # within two standard deviations, 8 each
+    assert strained.strain == pytest.approx((96.0 - 32.0 - 16.0) / 2.0)
+    assert replace(strained, expected=nan).strain == 0.0  # written before it was known
+
+    def unnamed(own):
+        return something_unnamed(SimpleNamespace(unnamed=own, told=True, expected=usual))
+
+    assert unnamed(calm) < 0.15 < 0.7 < unnamed(strained)
+
+    def mimics(own, gain):
+        tried = [SimpleNamespace(names=("lag",), cost=-gain)]
+        selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
+        return _mimics(SimpleNamespace(unnamed=own, selection=selection), tried[0], "lag")
+
+    assert mimics(calm, 30.0) == 0.0
+    assert mimics(strained, 30.0) > 0.9
+    assert mimics(strained, 3000.0) < 0.01
 
 
 def test_the_picture_covers_the_lap(delayed):

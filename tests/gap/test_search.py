@@ -60,6 +60,21 @@ def test_a_tolerance_that_is_freed_is_charged_nothing_and_held_to_nothing():
     assert found.cost == pytest.approx(bench.measured.size / 2, rel=0.15)
 
 
+def test_tolerances_cost_as_many_as_the_readings_tell_of_where_all_are_as_believed():
+    X = smooth_columns(3)
+    beliefs = np.array([0.3, 1e-6, 0.005])  # told by the readings; not at all; in part
+    nuisances = [axis(k, sd=sd) for k, sd in enumerate(beliefs)]
+    rng, found = np.random.default_rng(5), []
+    for seed in range(200):
+        search = search_on(linear_bench(X, beliefs * rng.standard_normal(3), SD, seed=seed), SD, nuisances)
+        (base,) = refit(search, [search.start_of(search.at_means())])
+        found.append((search.charge(base), search.expected_charge(base)))
+    charges, expected = np.array(found).T
+    np.testing.assert_allclose(expected, expected[0])
+    assert 1.1 < expected[0] < 1.9
+    assert charges.mean() == pytest.approx(expected[0], abs=3 * charges.std() / np.sqrt(200))
+
+
 def test_an_abrupt_tolerance_enters_to_first_order_and_at_once():
     rng = np.random.default_rng(0)
     X = smooth_columns(2)
