@@ -194,7 +194,7 @@ class _Work:
         whole[1 : 1 + count, places], whole[places, 1 : 1 + count] = cross, cross.T
         whole[1 : 1 + count, 1 : 1 + count] = search.gram + precision
         whole[1 : 1 + count, 0] += precision @ (u - search.means)
-        self._share, self._here = 1.0, (whole[1:, 1:], whole[1:, 0], u)
+        self._share, self._here = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
         self._step = self._solve(*self._here)
         self._go()
 
@@ -233,10 +233,11 @@ class _Work:
         steps = any(axis.shift for axis in self.axes)  # likelihoods of delays have them at rows: no parabolas
         if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
             slope = -self._share * float(self._here[1] @ self._step)
-            if slope**2 < 4 * (rise + slope) * self._least:
+            least = slope / (2 * (rise + slope))  # share of it where a parabola has its least
+            if least >= CAL.shortened and 0.5 * least * slope < self._least:
                 self.done = True
                 return
-            shorter = min(shorter, self._share * slope / (2 * (rise + slope)))
+            shorter = self._share * min(max(least, CAL.shortened), 1 / 3)
         self._share = shorter
         if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
             self._go()

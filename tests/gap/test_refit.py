@@ -157,6 +157,18 @@ def test_what_is_not_finite_is_left_out_and_a_step_there_is_shortened():
     assert found.m[0] == pytest.approx(1.0, abs=1e-3)
 
 
+def test_a_step_to_where_motion_spins_is_shortened_and_not_the_last():
+    X = smooth_columns(1)
+
+    def respond(p):
+        return X[:, :, 0] * (0.05 * p[0] + p[0] ** 5)
+
+    bench = GivenBench(respond, respond(np.array([1.0])), 1)
+    search = search_on(bench, SD)
+    (found,) = refit(search, [alone(search, candidate(0), 0.0)])  # its first step leads to 21, 4 million off
+    assert found.m[0] == pytest.approx(1.0, abs=1e-3)
+
+
 def test_a_magnitude_that_is_held_needs_no_derivative():
     X = smooth_columns(1)
 
