@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import BadInput
-from .shorthands import Array as Array
+from .shorthands import Array
 
 
 @dataclass(frozen=True)

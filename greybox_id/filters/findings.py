@@ -15,10 +15,9 @@ from scipy.special import chdtri
 
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.verdict import distrust
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from ..signals import unit_of
 from .kernel import History
 from .laid import LaidRun

@@ -14,9 +14,8 @@ from threadpoolctl import threadpool_limits
 from ..effect import Effect
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from ..signals import unit_of, unit_of_quantity
 from .filtering import Filtering, filtering, smoothed
 from .findings import (

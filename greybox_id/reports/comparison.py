@@ -13,9 +13,9 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
+from ..shorthands import Array
 from ..signals import SIGNALS, unit_of
 from ..statistics import correlation_time, resampled
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled

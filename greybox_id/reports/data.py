@@ -10,8 +10,8 @@ import numpy as np
 from ..checks import Finding, check
 from ..datasets.column_map import Column, column_map
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import unit_of
 from .document import Drawing, Part, Points, Table, Text, titled
 from .figures.characteristics import excitation

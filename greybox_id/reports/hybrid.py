@@ -8,10 +8,10 @@ import numpy as np
 
 from ..fit import Fit
 from ..hybrid_model import HybridModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.estimates import apply_hybrid
 from ..scores.metrics import FREE_RUN, hybrid_predictions
+from ..shorthands import Array
 from ..signals import unit_of
 from .content import (
     ROLE_WORDS,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fit import Fit
-from ..parameter import Array
+from ..shorthands import Array
 
 HALF = 0.5
 """A relative standard deviation above this determines hardly more than a sign."""

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import BadInput
 from ...motion_model import MotionModel
-from ...parameter import Array
 from ...recording import Recording
-from ...shorthands import Index, Mask
+from ...shorthands import Array, Index, Mask
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""

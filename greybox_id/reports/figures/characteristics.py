@@ -15,8 +15,9 @@ from ...fit import Fit
 from ...memory_model import MemoryModel
 from ...model import Combination, Model, Namespace
 from ...motion_model import MotionModel
-from ...parameter import Array, Parameter
+from ...parameter import Parameter
 from ...recording import Recording
+from ...shorthands import Array
 from ...signals import SIGNALS
 from ..driven import MOVING, Driven, motion_model, typical_speed
 from ..numbers import number, quantity

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...fit import Fit
-from ...parameter import Array
 from ...scores.metrics import FREE_RUN, Prediction
+from ...shorthands import Array
 from ...signals import unit_of
 from ...statistics import correlation, welch
 from ..noise import Noise
