@@ -17,9 +17,9 @@ from ..declared import understood
 from ..errors import BadInput
 from ..export.equations import entries
 from ..fit import Fit
+from ..numbers import pretty_unit
 from ..provenance import DataRecord
 from ..recording import Recording
-from ..reports.numbers import pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.fit import parts
 from ..reports.text.screen import as_text

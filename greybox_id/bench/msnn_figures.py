@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from ..fit import Fit
 from ..fitting.grid import Grid
 from ..memory_model import MemoryModel
+from ..numbers import number, pretty_unit
 from ..recording import Recording
 from ..reports.figures.predictions import psd
 from ..reports.figures.sheet import Sheet, band, density, scale_of_counts
@@ -33,7 +34,6 @@ from ..reports.figures.style import (
     signal_label,
 )
 from ..reports.noise import Noise
-from ..reports.numbers import number, pretty_unit
 from ..scores.metrics import Prediction
 from ..shorthands import Array
 from ..statistics import correlation_time

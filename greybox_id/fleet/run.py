@@ -16,8 +16,8 @@ from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
+from ..numbers import counted
 from ..processes import duration
-from ..reports.numbers import counted
 from . import BROKEN, FAILED, FIT, NOT_TRUSTED
 from .engines import engine as engine_of
 from .manifest import FleetEntry, entries

@@ -10,6 +10,20 @@ from typing import Any
 import numpy as np
 
 from ..fit import SURPRISING, Fit
+from ..numbers import (
+    capital,
+    counted,
+    interval,
+    listed,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    raised,
+    short_with_sd,
+    signal_words,
+    with_sd,
+)
 from ..parameter import Parameter
 from ..posterior.posterior import Posterior
 from ..provenance import Stage
@@ -43,20 +57,6 @@ from .figures.predictions import horizons
 from .figures.style import NEAR
 from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
 from .noise import noise
-from .numbers import (
-    capital,
-    counted,
-    interval,
-    listed,
-    number,
-    percent,
-    pretty_unit,
-    quantity,
-    raised,
-    short_with_sd,
-    signal_words,
-    with_sd,
-)
 from .posterior import posterior_parts
 from .recordings import shown_first
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...fit import Fit
+from ...numbers import pretty_unit
 from ...provenance import Stage
 from ...shorthands import Array
-from ..numbers import pretty_unit
 from .sheet import WIDE, Sheet, cells, shades
 from .style import BLUE, INK, ORANGE, SMALL, look, symbol
 

@@ -12,6 +12,7 @@ from ...filters.walking import walking
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
+from ...numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from ...signals import unit_of
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
@@ -19,7 +20,6 @@ from ..equations.tracing import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import Sheet, band
 from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
-from ..numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from .digest import Course, Digest, Measured
 
 MOST_NAMED = 4
