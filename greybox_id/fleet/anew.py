@@ -55,7 +55,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
         return []
     found = [_said(name, before.get(name), now[name]) for name in ("version", "steps") if before.get(name) != now[name]]
     for step in now["steps"]:
-        old, new = ((own.get("options") or {}).get(step) or {} for own in (before, now))
+        old, new = (_options(own, step) for own in (before, now))
         names = [name for name in sorted({*old, *new}) if old.get(name) != new.get(name)]
         found += [_said(f"[{step}] {name}", old.get(name), new.get(name)) for name in names]
     if before.get("columns") != now["columns"]:
@@ -63,6 +63,12 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     elif before.get("map", now["map"]) != now["map"]:
         found.append(f"the column map {now['columns']} is not what it was")
     return found
+
+
+def _options(origin: Mapping[str, Any], step: str) -> Mapping[str, Any]:
+    options = origin.get("options")
+    own = options.get(step) if isinstance(options, dict) else None
+    return own if isinstance(own, dict) else {}
 
 
 def _said(name: str, old: Any, new: Any) -> str:
