@@ -163,8 +163,8 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
         for name, error in scores[protocol].items()
         if name in held.get(protocol, {})
     }
-    what = f"for {protocol.removesuffix(' ahead')}" if near else "of a run's first row"
-    return f"Holding the last reading {what} errs {_times(ratios, 'as much')}"
+    what = f"over {protocol.removesuffix(' ahead')}" if near else "from a run's first row"
+    return f"Persistence {what} has an RMSE of {_times(ratios, 'that')}"
 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
@@ -206,7 +206,7 @@ def _not_determined(fit: Fit) -> str:
     far = [p.name for p in free if _far(p)]
     clauses = [
         f"the recordings do not determine {listed(untold)}" if untold else "",
-        f"they tell only together {listed(pairs)}" if pairs else "",
+        f"identify only in combination {listed(pairs)}" if pairs else "",
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
         f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
     ]
@@ -263,7 +263,7 @@ def _parameters(fit: Fit) -> tuple[Part, ...]:
     return (
         *titled("Parameters", scalars(fit, free), Text(f"{INTERVALS} {' '.join(_held(fit))}")),
         *titled("Effects", scalars(fit, [model[name] for name in model.effects], absent(fit)), level=2),
-        *titled("Determined together", _combinations(fit), level=2),
+        *titled("Identifiable in combination", _combinations(fit), level=2),
         *((Together((Text("by these recordings:", lead="Left open"), Points(open_))),) if open_ else ()),
         *indistinguishable(raised(sentence) for sentence in model.together),
         *_correlation(fit),
