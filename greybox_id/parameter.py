@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import BadInput
+from .numbers import exact, pretty_unit
 from .shorthands import Array
 
 SCOPES = ("model", "run")
@@ -157,6 +158,17 @@ class Parameter:
             raise BadInput(
                 f"Parameter {self.name} has shape {self.shape}; its prior's step_sd has {len(prior.step_sd)} axes."
             )
+
+    def __repr__(self) -> str:
+        unit = "" if self.unit == "1" else f" [{pretty_unit(self.unit)}]"
+        own = self.array
+        ends = f" from {exact(float(own.min()), 6)} to {exact(float(own.max()), 6)}" if own.size else ""
+        said = [exact(float(own), 6) if own.shape == () else f"array of shape {own.shape}{ends}"]
+        said += ["fixed"] * self.fixed
+        if np.any(np.isfinite(self.bounds)):
+            said.append(f"bounds [{', '.join(exact(end, 6) for end in self.bounds)}]")
+        said += ["with a prior"] * (self.prior is not None) + ["one for each run"] * (self.scope == "run")
+        return f"Parameter {self.name}{unit}: {', '.join(said)}{f'; {self.about}' if self.about else ''}"
 
     @property
     def array(self) -> Array:

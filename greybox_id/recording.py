@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .condition import holds
 from .declared import understood
 from .errors import BadInput, near_or_all
+from .numbers import pretty_unit
 from .shorthands import Array
 from .signals import SIGNALS, unit_of
 from .units import to_si
@@ -124,7 +125,7 @@ class Recording:
         return len(self.time)
 
     def __repr__(self) -> str:
-        shown = [f"{name} [{self.unit(name)}]" for name in list(self.signals)[:MOST_SHOWN]]
+        shown = [f"{name} [{pretty_unit(self.unit(name))}]" for name in list(self.signals)[:MOST_SHOWN]]
         more = len(self.signals) - len(shown)
         rate = f" at {1 / self.sample_time:.4g} Hz" if self.sample_time > 0 else ""
         runs = "1 run" if len(self.runs) == 1 else f"{len(self.runs)} runs"
