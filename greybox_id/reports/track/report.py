@@ -47,7 +47,7 @@ def _how_sure(found: Digest) -> str:
     return (
         f"Along {found.data.name}, {counted(found.rows, 'row')} in {counted(found.runs, 'run')}, {method(found)} on "
         f"{found.model} estimates with a standard deviation of, in the median, {listed(each)}"
-        f"{f'; the recording tells {listed(untold)} of the rows' if untold else ''}."
+        f"{f'; the recording informs {listed(untold)} of the rows' if untold else ''}."
     )
 
 
@@ -296,8 +296,8 @@ def whiteness(found: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Identifiable in: of what walks, the share of rows in which the recording tells more than was known "
-    "before."
+    "track left. Identifiable in: of what walks, the share of rows in which the recording informs beyond what was "
+    "known before."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "
