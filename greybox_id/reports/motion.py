@@ -206,7 +206,7 @@ def _not_determined(fit: Fit) -> str:
     far = [p.name for p in free if _far(p)]
     clauses = [
         f"the recordings do not determine {listed(untold)}" if untold else "",
-        f"identify only in combination {listed(pairs)}" if pairs else "",
+        f"identifiable only in combination are {listed(pairs)}" if pairs else "",
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
         f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
     ]
