@@ -13,7 +13,8 @@ from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.datasets.virtual_vehicle import EFFECTS, MANOEUVRES, drive, random_vehicle, steered
 from greybox_id.datasets.virtual_vehicle.scale import Scale
-from greybox_id.recording import Array, Recording
+from greybox_id.recording import Recording
+from greybox_id.shorthands import Array
 
 RATES = (20.0, 25.0, 40.0, 50.0, 100.0, 125.0, 200.0)
 SECONDS = (10.0, 120.0)
@@ -175,9 +176,9 @@ FAULTS: dict[str, Fault] = {
         Fault("v_x is in m/s and called km/h", ("v_x",), _scaled(1 / 3.6, "v_x")),
         Fault("yaw_rate is in deg/s and called rad/s", ("yaw_rate",), _scaled(DEGREE, "yaw_rate")),
         Fault("steer is in deg and called rad", ("steer",), _scaled(DEGREE, "steer")),
-        Fault("a_x and a_y are in g and called m/s^2", IMU, _scaled(1 / G, *IMU)),
-        Fault("a_x and a_y are in m/s^2 and called g", IMU, _scaled(G, *IMU)),
-        Fault("a_y is in g and called m/s^2", ("a_y",), _scaled(1 / G, "a_y")),
+        Fault("a_x and a_y are in g and called m/s²", IMU, _scaled(1 / G, *IMU)),
+        Fault("a_x and a_y are in m/s² and called g", IMU, _scaled(G, *IMU)),
+        Fault("a_y is in g and called m/s²", ("a_y",), _scaled(1 / G, "a_y")),
         Fault("yaw is in deg and called rad", ("yaw", "yaw_rate"), _scaled(DEGREE, "yaw")),
         Fault("time is 2 times as long as it should be", (), _clocked(2.0)),
         Fault("time is 0.5 times as long as it should be", (), _clocked(0.5)),

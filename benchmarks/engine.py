@@ -33,8 +33,8 @@ from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
 from greybox_id.motion_model import MotionModel
-from greybox_id.parameter import Array
 from greybox_id.recording import Recording
+from greybox_id.shorthands import Array
 from greybox_id.solvers.gauss_newton import gauss_newton
 
 DT = 0.02

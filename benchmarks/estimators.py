@@ -39,9 +39,10 @@ from greybox_id.filters import How, Track, track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.motion_model import MotionModel
-from greybox_id.parameter import Array, Parameter
+from greybox_id.parameter import Parameter
 from greybox_id.recording import Recording
 from greybox_id.scores.estimates import Estimates
+from greybox_id.shorthands import Array
 
 SKIPPED = 2.0
 """s at the beginning of each segment."""

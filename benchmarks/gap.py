@@ -36,8 +36,8 @@ from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.motion_model import MotionModel
-from greybox_id.parameter import Array
 from greybox_id.recording import Recording
+from greybox_id.shorthands import Array
 from greybox_id.vehicle import Stated, Vehicle
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}

@@ -52,9 +52,9 @@ from greybox_id.fitting import How, fit
 from greybox_id.fitting.hybrid import update_hybrid, window_error
 from greybox_id.hybrid_model import HybridModel
 from greybox_id.models.registry import prepared
-from greybox_id.parameter import Array
 from greybox_id.recording import join
 from greybox_id.scores.estimates import apply_hybrid
+from greybox_id.shorthands import Array
 
 NAME = "hybrid_stiffness"
 PARTS = ("constant", "speed", "update", "alarm", "noise", "imu", "bands")

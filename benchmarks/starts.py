@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
-from greybox_id.parameter import Array
+from greybox_id.shorthands import Array
 from greybox_id.solvers.gauss_newton import gauss_newton
 
 CHAINS: dict[str, tuple[int | None, ...]] = {

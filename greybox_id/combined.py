@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from .model import Combination, Model
-from .parameter import Array
+from .shorthands import Array
 
 CONFIDENCE, Z = 0.975, 1.959963984540054
 """Upper quantile of a two-sided 95 % interval, and its distance in standard deviations when these are known."""

@@ -15,6 +15,7 @@ from .errors import BadModel
 from .memory_model import MemoryModel
 from .model import Model
 from .motion_model import MotionModel
+from .numbers import pretty_unit
 from .origin import origin_of
 from .parameter import Parameter
 
@@ -70,7 +71,7 @@ class Effect:
 
     def __repr__(self) -> str:
         own = self.parameter
-        unit = "" if own.unit == "1" else f" [{own.unit}]"
+        unit = "" if own.unit == "1" else f" [{pretty_unit(own.unit)}]"
         null = "" if own.null is None else f", nothing changes at {own.null:g}"
         at = "" if own.null is None or float(own.array) == own.null else f"; here {float(own.array):g}"
         return f"Effect {self.name}: {own.about}{unit}{null}{at}{' (fixed)' if own.fixed else ''}"

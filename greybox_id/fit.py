@@ -24,9 +24,10 @@ from .files import write_atomically
 from .memory_model import MemoryModel
 from .model import Model
 from .origin import Origin
-from .parameter import Array, Parameter, Prior
+from .parameter import Parameter, Prior
 from .provenance import Certificate, DataRecord, Stage
 from .saved import Kind
+from .shorthands import Array
 from .verdict import Verdict
 from .verdict import from_dict as verdict_from_dict
 

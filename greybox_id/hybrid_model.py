@@ -21,8 +21,8 @@ from typing import Literal
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
-from .parameter import Array
 from .recording import Recording
+from .shorthands import Array
 
 Physics = Callable[
     [Namespace, Namespace, Namespace, Sequence[Symbol]], tuple[Mapping[str, Symbol], Mapping[str, Symbol]]

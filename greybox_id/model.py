@@ -16,7 +16,8 @@ from typing import Any, Self
 from .declared import understood
 from .errors import BadModel, near
 from .origin import Origin, origin_of
-from .parameter import Array, Parameter, pack, unpack
+from .parameter import Parameter, pack, unpack
+from .shorthands import Array
 
 Symbol = Any
 """A CasADi SX expression; CasADi ships no type information."""

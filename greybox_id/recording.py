@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .condition import holds
 from .declared import understood
 from .errors import BadInput, near_or_all
+from .numbers import pretty_unit
 from .shorthands import Array
 from .signals import SIGNALS, unit_of
 from .units import to_si
@@ -107,10 +108,10 @@ class Recording:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        time = _frozen(self.time)
+        time = _frozen(self.time, f"{self.name}: time")
         if time.ndim != 1:
             raise BadInput(f"{self.name}: time must be one column, it has shape {time.shape}.")
-        signals = {name: _frozen(values) for name, values in self.signals.items()}
+        signals = {name: _frozen(values, f"{self.name}: signal {name}") for name, values in self.signals.items()}
         for name, values in signals.items():
             if values.shape != time.shape:
                 raise BadInput(f"{self.name}: signal {name} has shape {values.shape}, but time has {time.shape}.")
@@ -124,7 +125,7 @@ class Recording:
         return len(self.time)
 
     def __repr__(self) -> str:
-        shown = [f"{name} [{self.unit(name)}]" for name in list(self.signals)[:MOST_SHOWN]]
+        shown = [f"{name} [{pretty_unit(self.unit(name))}]" for name in list(self.signals)[:MOST_SHOWN]]
         more = len(self.signals) - len(shown)
         rate = f" at {1 / self.sample_time:.4g} Hz" if self.sample_time > 0 else ""
         runs = "1 run" if len(self.runs) == 1 else f"{len(self.runs)} runs"
@@ -198,7 +199,7 @@ class Recording:
         clock = columns.pop(time, None)
         if clock is None and time != "time":
             raise BadInput(f"time: {name} has no column {time!r}.{near_or_all(time, columns)}")
-        instants = _numbers(table.index if clock is None else clock, time, name)
+        instants = _numbers(table.index if clock is None else clock, f"{name}: column {time!r}")
         factor = to_si(said.get(time, "s"), "s").factor
         signals, extra = {}, {}
         for own, values in columns.items():
@@ -209,7 +210,7 @@ class Recording:
                 found = to_si(said.get(own, target or "1"), target)
             except BadInput as error:
                 raise BadInput(f"units[{own!r}]: {error}.") from error
-            signals[own] = found.factor * _numbers(values, own, name) + found.offset
+            signals[own] = found.factor * _numbers(values, f"{name}: column {own!r}") + found.offset
             if own not in SIGNALS:
                 extra[own] = found.unit
         return cls(name=name, time=factor * instants, signals=signals, extra_units=extra, hold=hold)
@@ -381,14 +382,14 @@ def split_runs(time: Array) -> tuple[tuple[int, int], ...]:
     return tuple((a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
 
 
-def _frozen(values: object) -> Array:
-    array = np.array(values, dtype=float)
+def _frozen(values: object, where: str) -> Array:
+    array = np.array(_numbers(values, where))
     array.setflags(write=False)
     return array
 
 
-def _numbers(values: object, column: str, where: str) -> Array:
+def _numbers(values: object, where: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
-        raise BadInput(f"{where}: column {column!r} holds something that is no number ({error}).") from error
+        raise BadInput(f"{where} holds something that is no number ({error}).") from error

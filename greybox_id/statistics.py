@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .parameter import Array
+from .shorthands import Array
 
 MIDDLE_HALF = 1.4826
 """A normal distribution's standard deviation over the median of its size."""

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isinf, isnan
+from numbers import Real
 from pathlib import Path
+
+from .errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,10 @@ class Stated:
     min, max : what it can be at all; None where nothing is said.
     source : who says so.
 
+    Raises
+    ------
+    BadInput : the value is no finite number, sd is negative, or min is above max.
+
     Examples
     --------
     >>> import greybox_id as gb
@@ -33,6 +41,16 @@ class Stated:
     min: float | None = None
     max: float | None = None
     source: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("value", "sd", "min", "max"):
+            own = getattr(self, name)
+            if own is not None and (not isinstance(own, Real) or isnan(own) or (name == "value" and isinf(own))):
+                raise BadInput(f"Stated, {name}: a number or None is needed, not {own!r:.40}.")
+        if self.sd is not None and self.sd < 0.0:
+            raise BadInput(f"Stated, sd: a standard deviation cannot be negative, as {self.sd:g} is.")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise BadInput(f"Stated: min = {self.min:g} is above max = {self.max:g}.")
 
     @property
     def plain(self) -> bool:

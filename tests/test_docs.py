@@ -10,6 +10,8 @@ import matplotlib as mpl
 import pytest
 from documents import DOCS, fenced, page, run_page
 
+from greybox_id.uncertainty.identifiability import TOGETHER
+
 PACKAGE = DOCS.parent / "greybox_id"
 
 
@@ -72,6 +74,16 @@ def test_the_numbers_of_the_mathematics_are_those_of_the_code():
         own = import_module(f"greybox_id.{module}")
         assert getattr(own.CAL if place.endswith(".CAL") else own, name) == literal_eval(value), f"{place}.{name}"
         assert not held
+
+
+def test_the_glossary_says_what_words_of_the_output_mean():
+    words = [row.split(" | ")[0].removeprefix("| ") for row in page("glossary.md").splitlines() if row.startswith("| ")]
+    assert len(words) == len(set(words) - {"word"}) + words.count("word")
+    shown = "persistence, fit %, FVU, free run, profile, innovation, NIS, absorbed, below the detection limit, null"
+    assert set(shown.split(", ")) < set(words)
+    for sentence in ("dominated by the prior", "identifiable only in combination", f"correlation beyond {TOGETHER}"):
+        assert sentence in page("glossary.md")
+    assert "`docs/glossary.md`" in page("../README.md")
 
 
 def test_files_that_the_mathematics_name_are_there():

@@ -150,3 +150,15 @@ def test_a_run_ends_where_a_condition_leaves_rows_out():
     assert "3 of 6 rows are those where v_x > 5" in part.notes[0]
     with pytest.raises(BadInput, match="no row where v_x > 10"):
         recording.where("v_x > 10")
+
+
+@pytest.mark.parametrize(
+    ("time", "v_x", "says"),
+    [
+        (["a", "b"], [1.0, 2.0], "lap: time holds something"),
+        ([0.0, 0.1], ["a", "b"], "lap: signal v_x holds something"),
+    ],
+)
+def test_what_is_no_number_is_refused_in_a_sentence(time, v_x, says):
+    with pytest.raises(BadInput, match=says):
+        Recording("lap", time, {"v_x": v_x})

@@ -17,11 +17,10 @@ from ..engine.least_squares import prior_rows
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import predictions
 from ..scores.timing import moving
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .subsets import members
 
 STRENGTHS = (1.0, 0.5, 0.2)

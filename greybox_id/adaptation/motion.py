@@ -22,9 +22,10 @@ from ..fitting.how import How, Say, quiet
 from ..fitting.verb import fit as fit_model
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array, Parameter, Prior
+from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..scores.metrics import Error, Prediction, prediction_errors
+from ..shorthands import Array
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
 from .outcome import Adaptation, Outcome, moved_from, parted
 

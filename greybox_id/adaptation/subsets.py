@@ -13,8 +13,9 @@ from ..engine.trace import Trace
 from ..errors import BadInput, near
 from ..memory_model import MemoryModel
 from ..models.effects import EFFECTS
-from ..parameter import Array, Parameter, Prior
+from ..parameter import Parameter, Prior
 from ..recording import Recording
+from ..shorthands import Array
 
 FEW = {"steering_ratio": ("yaw_rate", 0.1), "steering_offset": ("yaw_rate", 0.02), "motor_gain": ("a_x", 0.2)}
 """Effects that stand for what changes on a car between two days: the output that tells each, and its prior's standard

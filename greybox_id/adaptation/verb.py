@@ -16,7 +16,7 @@ from ..fitting.how import Say, quiet
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..models.effects import EFFECTS
-from ..parameter import Array, unpack
+from ..parameter import unpack
 from ..provenance import Stage, data_record
 from ..recording import Recording
 from ..scores.metrics import Error, as_dict, errors, score
@@ -32,6 +32,7 @@ from ..scores.timing import (
     timed,
 )
 from ..scores.verdict import doubted
+from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .choosing import AdaptedCandidate, LinearisedPart, between_runs, chosen, foretold, surely_better

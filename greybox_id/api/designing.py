@@ -26,10 +26,10 @@ from ..models.effects import EFFECTS
 from ..models.registry import build
 from ..models.vehicles import with_tolerances
 from ..motion_model import MotionModel
+from ..numbers import alike, pretty_unit
 from ..reports.gap.saved import KIND as GAP_KIND
 from ..reports.gap.saved import Made, load_gap
 from ..reports.manoeuvre import manoeuvre
-from ..reports.numbers import alike, pretty_unit
 from ..reports.text.screen import as_text, plain_table
 from ..saved import format_of
 from ..vehicle import Stated, Vehicle

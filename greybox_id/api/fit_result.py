@@ -17,13 +17,13 @@ from ..declared import understood
 from ..errors import BadInput
 from ..export.equations import entries
 from ..fit import Fit
-from ..parameter import Array
+from ..numbers import pretty_unit
 from ..provenance import DataRecord
 from ..recording import Recording
-from ..reports.numbers import pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.fit import parts
 from ..reports.text.screen import as_text
+from ..shorthands import Array
 from ..uncertainty.profile import Profile
 from . import given, predictions, profiles
 from .given import Columns, Recordings

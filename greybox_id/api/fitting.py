@@ -25,10 +25,10 @@ from ..model import Model
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..posterior.posterior import Posterior, load_posterior
 from ..recording import Recording, join
 from ..scores.prediction import must_suit
+from ..shorthands import Array
 from . import given
 from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike

@@ -13,9 +13,9 @@ from ..errors import BadInput
 from ..gap.changed import Changed
 from ..gap.gap import Gap
 from ..model import Model
+from ..numbers import number, percent, pretty_unit
 from ..reports.gap.saved import Made
 from ..reports.gap.words import judged, tells, whether
-from ..reports.numbers import number, percent, pretty_unit
 from ..reports.text.gap import parts
 from ..reports.text.screen import as_text
 

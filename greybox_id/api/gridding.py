@@ -13,8 +13,8 @@ from ..declared import understood
 from ..errors import BadInput
 from ..files import replacing
 from ..fitting.grid import Grid, fit_grid, values_of
+from ..numbers import number
 from ..recording import Recording
-from ..reports.numbers import number
 from ..reports.text.screen import as_text, led, plain_table
 from . import given
 from .given import Columns

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from html import escape
 from pathlib import Path
 
 from ..choices.parameters import wanted_vehicle
 from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput
-from ..vehicle import Vehicle
+from ..numbers import counted, exact, short_with_sd
+from ..vehicle import Stated, Vehicle
+
+MOST_SHOWN, IN_A_LINE = 12, 4
+"""Values that are shown, and of those in a line."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,25 @@ class KnownVehicle(Vehicle):
         assert found is not None
         return cls(**{own.name: getattr(found, own.name) for own in fields(Vehicle)})
 
+    def __repr__(self) -> str:
+        values = [_said(name, own) for name, own in self.values.items()]
+        lines = [", ".join(values[k : k + IN_A_LINE]) for k in range(0, min(len(values), MOST_SHOWN), IN_A_LINE)]
+        more = len(values) - MOST_SHOWN
+        named = {"tolerances": self.effects, "noise of": self.noise}
+        lines += [f"{title} {', '.join(own)}" for title, own in named.items() if own]
+        left = f", {more} of them not shown" if more > 0 else ""
+        first = f"Vehicle {self.name}: {counted(len(values), 'value')}{left}"
+        return "\n  ".join([first, *lines])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
     def save(self, path: str | Path) -> Path:
         """Write a vehicle file, .toml or .json, atomically. Raises `BadInput` where it cannot be written."""
         return write_vehicle(self, path)
+
+
+def _said(name: str, own: Stated) -> str:
+    if own.value is None:
+        return name
+    return f"{name} = {short_with_sd(own.value, own.sd) if own.sd else exact(own.value, 6)}"

@@ -13,7 +13,7 @@ from ..errors import BadInput
 from ..export.equations import Equations
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..shorthands import Array
 
 EXACT = 1e-15
 """Tolerances of the search for a steady state: as exact as numbers are."""

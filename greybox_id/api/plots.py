@@ -15,7 +15,7 @@ from ..errors import BadInput, near_or_all
 from ..gap import Budget
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..numbers import pretty_unit
 from ..recording import Recording
 from ..reports.figures.characteristics import (
     A_Y,
@@ -28,8 +28,8 @@ from ..reports.figures.characteristics import (
 )
 from ..reports.figures.sheet import band
 from ..reports.figures.style import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, look
-from ..reports.numbers import pretty_unit
 from ..reports.settled import OverSlip
+from ..shorthands import Array
 from ..signals import unit_of, unit_of_quantity
 from . import given, predictions
 from .given import Columns

@@ -67,7 +67,7 @@ def simulate(
     >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> gb.simulate("kinematic", lap, vehicle="roboracer")
     Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
-      yaw_rate [rad/s], a_y [m/s^2]
+      yaw_rate [rad/s], a_y [m/s²]
     """
     chosen, own = _both(model, recording, vehicle, effects, columns)
     states = [state.name for state in getattr(chosen, "states", ())]

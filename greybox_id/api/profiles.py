@@ -19,9 +19,9 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.how import Say, quiet
 from ..fitting.restated import place, profiled, restated
+from ..numbers import interval, number, pretty_unit
 from ..processes import Pace, apart, side_by_side
 from ..recording import Recording
-from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.fit import estimate
 from ..reports.text.screen import as_text, plain_table

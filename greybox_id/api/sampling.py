@@ -19,6 +19,7 @@ from ..files import ensure_writable
 from ..fit import Fit
 from ..fitting.how import Say, quiet
 from ..guard import claim, content_of
+from ..numbers import interval, number, pretty_unit
 from ..posterior.abc_smc import Distance
 from ..posterior.posterior import Method, Posterior, load_posterior
 from ..posterior.predictive import banded_table, predictive_band
@@ -26,7 +27,6 @@ from ..posterior.verb import SampleOptions, must_suit_sampling
 from ..posterior.verb import sample as sample_fit
 from ..recording import Recording
 from ..reports.figures.estimates import corner
-from ..reports.numbers import interval, number, pretty_unit
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table
 from . import given

@@ -13,8 +13,8 @@ import pandas as pd
 from .. import __version__
 from ..filters.how import TrackOptions
 from ..filters.track import Track
+from ..numbers import pretty_unit, with_sd
 from ..recording import Recording
-from ..reports.numbers import pretty_unit, with_sd
 from ..reports.text.screen import as_text
 from ..reports.text.track import parts
 from ..reports.track.digest import Digest, TrackMade, digest

@@ -20,9 +20,9 @@ from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import install, model_of
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
 from ..reports.track.digest import TrackMade
+from ..shorthands import Array
 from ..vehicle import TrackingPlan, Vehicle
 from . import given
 from .fitting import Progress

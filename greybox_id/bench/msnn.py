@@ -37,11 +37,11 @@ from ..fitting.memory import MOST_STEPS, fit_briefly
 from ..fitting.verb import fit
 from ..memory_model import MemoryModel
 from ..models.registry import candidates, prepared
-from ..parameter import Array
 from ..recording import Recording
 from ..reports.comparison import paired
 from ..scores.metrics import BATCH, Error, Prediction, errors, predictions
 from ..scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
+from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 
 Row = dict[str, Any]

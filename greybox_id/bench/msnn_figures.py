@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from ..fit import Fit
 from ..fitting.grid import Grid
 from ..memory_model import MemoryModel
-from ..parameter import Array
+from ..numbers import number, pretty_unit
 from ..recording import Recording
 from ..reports.figures.predictions import psd
 from ..reports.figures.sheet import Sheet, band, density, scale_of_counts
@@ -34,8 +34,8 @@ from ..reports.figures.style import (
     signal_label,
 )
 from ..reports.noise import Noise
-from ..reports.numbers import number, pretty_unit
 from ..scores.metrics import Prediction
+from ..shorthands import Array
 from ..statistics import correlation_time
 
 LOOKS = {

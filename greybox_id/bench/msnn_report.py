@@ -10,10 +10,10 @@ from rich.console import RenderableType
 from .. import __version__
 from ..adaptation.outcome import parted
 from ..memory_model import MemoryModel
+from ..numbers import number
 from ..recording import Recording
 from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.noise import noise
-from ..reports.numbers import number
 from ..reports.text.screen import plain_table
 from ..scores.metrics import Prediction
 from ..scores.timing import timed

@@ -24,8 +24,8 @@ from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..fitting.how import Say, quiet
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .kept import KeptBench
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
 from .truck_inputs import SPLITS, Chunks, by_speed, raw, splits

@@ -31,8 +31,8 @@ from ..engine.motion.prediction import Predictor
 from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..engine.motion.simulator import Simulator
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..uncertainty import uncertainty
 from .truck_inputs import prepared, published_signs, raw

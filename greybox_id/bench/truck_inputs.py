@@ -20,8 +20,8 @@ from scipy.signal import savgol_filter
 
 from ..datasets.read import read
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 
 EVERY = 10
 """200 Hz to the published 0.05 s."""

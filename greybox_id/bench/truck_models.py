@@ -22,8 +22,9 @@ from ..models.effects.stating import effect, reading
 from ..models.lateral import lateral
 from ..models.single_track import G
 from ..motion_model import MotionModel, Quantities, State
-from ..parameter import Array, Parameter, Prior
+from ..parameter import Parameter, Prior
 from ..recording import Recording
+from ..shorthands import Array
 
 GROUP = "truck"
 

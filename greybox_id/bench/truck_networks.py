@@ -26,8 +26,8 @@ from ..fitting.pretraining import Pretraining, known_physics
 from ..hybrid_model import HybridModel
 from ..models.registry import prepared
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .truck_grey_boxes import fitted
 from .truck_models import LEVER_ARM, truck
 

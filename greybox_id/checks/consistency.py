@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numbers import exact, number, quantity
 from ..recording import Recording
 from .agreement import Agreement, agreement, run_agreements
 from .finding import Finding, FoundAt, Severity, listed, runs_words
@@ -18,7 +19,7 @@ GIVEN_WHEELBASE = (0.4, 4.0)
 """The same as a share of the wheelbase, if that is given: understeer makes it longer, oversteer shorter."""
 FACTORS = (
     (180 / np.pi, ("yaw_rate", "yaw", "steer", "sideslip"), "deg", "rad"),
-    (9.80665, ("a_x", "a_y"), "g", "m/s^2"),
+    (9.80665, ("a_x", "a_y"), "g", "m/s²"),
     (3.6, ("v_x", "v_y"), "km/h", "m/s"),
     (1000.0, (), "a thousandth of the unit", "the unit"),
 )
@@ -149,7 +150,7 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
         if pair.kinematic:
             low, high = GAIN_RANGE
             if not low < gain < high:
-                sentence = f"{pair.left} is {gain:.3g} times {pair.right}, where 1 is due: {_blame(pair, gain)}"
+                sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is due: {_blame(pair, gain)}"
                 place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):
@@ -160,8 +161,8 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
             if not shortest < length < longest:
                 likely = wheelbase or np.sqrt(shortest * longest)
                 sentence = (
-                    f"yaw_rate against v_x · steer says a wheelbase of {length:.3g} m, believable are {shortest:.2g} "
-                    f"to {longest:.3g} m: {_blame(pair, gain * likely, wheelbase is None)}"
+                    f"yaw_rate against v_x · steer says a wheelbase of {number(length)} m, believable are "
+                    f"{exact(shortest, 2)} to {exact(longest)} m: {_blame(pair, gain * likely, wheelbase is None)}"
                 )
                 error = length / np.sqrt(agreed.independent)
                 findings.append(Finding("unit", Severity.DISTRUST, FoundAt("steer"), sentence, length, error, "m"))
@@ -183,7 +184,8 @@ def _blame(pair: Pair, gain: float, loosely: bool = False) -> str:
                 large = f"{pair.channels[0]} as if in {ours} and called {foreign}" if upper else ""
                 small = f"{listed(rest)} as if in {foreign} and called {ours}" if rest else ""
             return (
-                f"{' or '.join(filter(None, [large, small]))} (factor {factor:.3g}). Check the unit in the column map."
+                f"{' or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
+                "Check the unit in the column map."
             )
     return "check unit and scale of both in the column map."
 
@@ -195,6 +197,6 @@ def _limits(recording: Recording) -> list[Finding]:
             size = float(np.nanquantile(np.abs(recording[name]), 0.99))
             if size > limit:
                 unit = recording.unit(name)
-                sentence = f"{name} reaches {size:.3g} {unit} (99th percentile of its size): {why}"
+                sentence = f"{name} reaches {quantity(size, unit)} (99th percentile of its size): {why}"
                 findings.append(Finding("unit", Severity.DISTRUST, FoundAt(name), sentence, size, None, unit))
     return findings

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numbers import number, pretty_unit
 from ..recording import Recording
 from ..signals import SIGNALS
 from .agreement import agreement, run_agreements
@@ -73,8 +74,8 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if scales:
         worst = max(scales, key=lambda n: abs(np.log(scales[n])))
         sentence = (
-            f"{extra} is {scales[worst]:.3g} times {signal} in {runs_words(scales)}, where 1 is due: "
-            f"check its unit (the column map says {unit}) or its calibration."
+            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is due: "
+            f"check its unit (the column map says {pretty_unit(unit)}) or its calibration."
         )
         findings.append(Finding("unit", Severity.WARNING, FoundAt(extra), sentence, scales[worst]))
     return findings

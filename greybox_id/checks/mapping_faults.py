@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 
+from ..numbers import exact, number, percent, quantity, raised, signed
 from ..recording import Recording
 from ..signals import ANGLES_AROUND
 from .agreement import CERTAIN, ENOUGH
@@ -157,7 +158,7 @@ def _as_finding(named: Sequence[Explained]) -> Finding:
 
 
 def _numbers(relation: Relation) -> str:
-    gain = f" and gain {relation.gain:.3g}" if relation.known else ""
+    gain = f" and gain {number(relation.gain)}" if relation.known else ""
     return f"correlation {relation.correlation:.2f}{gain}"
 
 
@@ -178,8 +179,8 @@ def _faults(r: Recording) -> Iterator[Fault]:
     yield from _units(r)
     for factor in (2.0, 0.5, 10.0, 0.1, 60.0, 1 / 60, 1000.0, 0.001):
         yield Fault(
-            f"time is {factor:.3g} times as long as it should be",
-            f"Check the unit of time in the column map, or divide time by {factor:.3g}.",
+            f"time is {exact(factor)} times as long as it should be",
+            f"Check the unit of time in the column map, or divide time by {factor:g}.",
             (), _slowed(1 / factor),
         )  # fmt: skip
 
@@ -265,8 +266,9 @@ def _units(r: Recording) -> Iterator[Fault]:
     for names, factor, small, large in kinds:
         if r.has(*names):
             for by, is_in, called in ((factor, small, large), (1 / factor, large, small)):
-                what = f"{listed(names)} {'are' if len(names) > 1 else 'is'} in {is_in} and called {called}"
-                remedy = f'Set unit = "{is_in}" in the column map (a factor of {factor:.3g}).'
+                verb = "are" if len(names) > 1 else "is"
+                what = f"{listed(names)} {verb} in {raised(is_in)} and called {raised(called)}"
+                remedy = f'Set unit = "{is_in}" in the column map (a factor of {exact(factor)}).'
                 around = any(name in ANGLES_AROUND for name in names)
                 yield Fault(what, remedy, names, _scaled(1 / by, *names), scales=not around)
 
@@ -304,7 +306,7 @@ def _upright(r: Recording) -> list[Finding]:
         away = abs(float(np.median(left)) - np.sign(usual) * GRAVITY) if left.size else np.inf
         if abs(abs(usual) - GRAVITY) < ABOUT and away < ABOUT and high - low < STEADILY:
             sentence = (
-                f"{name} reads {usual:+.2f} m/s^2 all the time, which is gravity: this axis of the IMU points "
+                f"{name} reads {signed(usual)} m/s² all the time, which is gravity: this axis of the IMU points "
                 f"{'up' if usual > 0 else 'down'}, and its gyro about z is no yaw rate either. Map {name} to the "
                 f"column of the axis that points {'forward' if name == 'a_x' else 'to the left'}."
             )
@@ -325,8 +327,8 @@ def _sideways(r: Recording) -> list[Finding]:
     if share < SIDEWAYS:
         return []
     sentence = (
-        f"|v_y| is usually {share:.3g} times |v_x|: no vehicle moves sideways for most of the time. The columns of v_x "
-        "and v_y are exchanged, or v_x is no speed. Map each to the other's column."
+        f"|v_y| is usually {number(share)} times |v_x|: no vehicle moves sideways for most of the time. The columns of "
+        "v_x and v_y are exchanged, or v_x is no speed. Map each to the other's column."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("v_x"), sentence, share)]
 
@@ -341,9 +343,9 @@ def _wheels(found: Sequence[Relation]) -> list[Finding]:
     if share > SMALLEST_WHEEL:
         return []
     sentence = (
-        f"v_x against the wheel speeds says a wheel radius of {rolling.gain:.2g} m, {100 * share:.2g} % of the "
-        f"wheelbase that yaw_rate against v_x · steer says; 9 to 18 % are usual. The wheel speeds are in rpm and "
-        f'called rad/s (a factor of {RPM:.3g}): set unit = "rpm", or v_x is in another unit.'
+        f"v_x against the wheel speeds says a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of "
+        f"the wheelbase that yaw_rate against v_x · steer says; 9 to 18 % are usual. The wheel speeds are in rpm and "
+        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm", or v_x is in another unit.'
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]
 
@@ -354,8 +356,8 @@ def _commanded(found: Sequence[Relation]) -> list[Finding]:
     if own is None or own.correlation < WITNESS or not _certain(own) or own.agreement > 1 - WITNESS:
         return []
     sentence = (
-        f"dv_x/dt is {own.gain:.2g} times ax_cmd, where about 1 is due (correlation {own.correlation:.2f}): check unit "
-        "and scale of ax_cmd in the column map."
+        f"dv_x/dt is {number(own.gain, 2)} times ax_cmd, where about 1 is due (correlation {own.correlation:.2f}): "
+        "check unit and scale of ax_cmd in the column map."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, own.gain)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numbers import exact, number, quantity
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity
 
@@ -17,17 +18,15 @@ def check_reading(recording: Recording) -> list[Finding]:
     for name, how in recording.resampled.items():
         unit = recording.unit(name)
         what = "a straight line between readings" if how.method == "linear" else "held until the next"
-        sentence = f"read at {how.rate:.4g} Hz on the clock of {how.clock}, {what}; "
+        sentence = f"read at {exact(how.rate, 4)} Hz on the clock of {how.clock}, {what}; "
         if not np.isfinite(how.error):
             sentence += "too few readings to tell what that costs."
             findings.append(Finding("resampled", Severity.WARNING, FoundAt(name), sentence))
             continue
         values = recording[name][np.isfinite(recording[name])]
         scatter = float(np.std(values)) if values.size else 0.0
-        sentence += (
-            f"that adds an error of {how.error:.2g} {unit} (root mean square, estimated), {how.largest:.2g} at most"
-        )
-        sentence += f"; {name} itself scatters by {scatter:.2g} {unit}."
+        sentence += f"that adds an error of {quantity(how.error, unit, 2)} (root mean square, estimated), "
+        sentence += f"{number(how.largest, 2)} at most; {name} itself scatters by {quantity(scatter, unit, 2)}."
         severity = Severity.NOTE if how.error <= SMALL * scatter else Severity.WARNING
         findings.append(Finding("resampled", severity, FoundAt(name), sentence, how.error, None, unit))
     return findings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..numbers import short_with_sd, with_unit
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity
 
@@ -32,9 +33,10 @@ def check_rest(recording: Recording) -> list[Finding]:
         if abs(offset) < max(negligible, 3 * error):
             continue
         unit, seconds = recording.unit(name), weights.sum() * recording.sample_time
+        shown = f"{'+' if offset > 0.0 else ''}{short_with_sd(offset, error)}"
         cause = "the sensor's offset" if name == "yaw_rate" else "offset, or slope of the ground"
         sentence = (
-            f"{name} reads {offset:+.3g} ± {error:.1g} {unit} at rest ({seconds:.1f} s in {len(stretches)} "
+            f"{name} reads {with_unit(shown, unit)} at rest ({seconds:.1f} s in {len(stretches)} "
             f"stand{'s' if len(stretches) > 1 else ''}): {cause}."
         )
         findings.append(Finding("offset", Severity.WARNING, FoundAt(name), sentence, offset, error, unit))

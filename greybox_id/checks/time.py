@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numbers import exact, number
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity, file_row, file_rows, runs_words
 
@@ -44,8 +45,8 @@ def check_time(recording: Recording) -> list[Finding]:
         likely = min(believable, key=lambda own: abs(np.log(believable[own] / MIDDLE_STEP)), default="")
         remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
         sentence = (
-            f"time steps by {dt:.3g} s from row to row ({1 / dt:.3g} Hz), and no vehicle's motion is recorded so; "
-            f"{remedy} under [time] in the column map."
+            f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), and no vehicle's motion is "
+            f"recorded so; {remedy} under [time] in the column map."
         )
         findings.append(Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s"))
     starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a part's gaps are asked for
@@ -61,21 +62,21 @@ def check_time(recording: Recording) -> list[Finding]:
     if disordered:
         back = max(-steps[row] for row in disordered)
         sentence = (
-            f"time runs backwards by up to {back:.3g} s at {file_rows(recording, disordered)}, too little for a new "
-            "recording: rows are out of order. Sort them, or write the file again."
+            f"time runs backwards by up to {number(back)} s at {file_rows(recording, disordered)}, too little for a "
+            "new recording: rows are out of order. Sort them, or write the file again."
         )
         findings.append(_clock("backwards", Severity.DISTRUST, sentence, disordered, back, "s"))
     if gaps and len(gaps) <= BROKEN_SHARE * len(recording):
         longest = max(gaps, key=lambda row: steps[row])
         sentence = (
-            f"time jumps ahead at {file_rows(recording, gaps)}; the longest gap is {steps[longest]:.3g} s "
-            f"(usual step {dt:.3g} s). Each begins a new run."
+            f"time jumps ahead at {file_rows(recording, gaps)}; the longest gap is {number(steps[longest])} s "
+            f"(usual step {exact(dt)} s). Each begins a new run."
         )
         findings.append(_clock("gap", Severity.WARNING, sentence, gaps, steps[longest], "s"))
     if len(starts) > BROKEN_SHARE * len(recording):
         sentence = (
             f"sampling is irregular: {len(starts)} of {len(recording)} rows do not follow the one before in the usual "
-            f"step of {dt:.3g} s. Resample the recording, or export it again with its true clock."
+            f"step of {exact(dt)} s. Resample the recording, or export it again with its true clock."
         )
         findings.append(_clock("irregular", Severity.DISTRUST, sentence, starts, len(starts) / len(recording)))
     elif joins:
@@ -99,16 +100,16 @@ def _joins(recording: Recording, joins: list[int], steps: dict[int, float]) -> F
 
 def _jitter(recording: Recording, dt: float) -> list[Finding]:
     found = {}
-    for number, (start, stop) in enumerate(recording.runs, 1):
+    for run, (start, stop) in enumerate(recording.runs, 1):
         if stop - start > 10:
             scatter = float(np.std(np.diff(recording.time[start:stop]))) / dt
             if scatter > JITTER_SHARE:
-                found[number] = scatter
+                found[run] = scatter
     if not found:
         return []
-    worst = max(found, key=lambda number: found[number])
+    worst = max(found, key=lambda run: found[run])
     sentence = (
-        f"the step of time scatters by {100 * found[worst]:.0f} % of {dt:.3g} s in run {worst}"
+        f"the step of time scatters by {100 * found[worst]:.0f} % of {exact(dt)} s in run {worst}"
         f"{f' (also in {runs_words(n for n in found if n != worst)})' if len(found) > 1 else ''}: "
         "delays cannot be told more finely than that."
     )

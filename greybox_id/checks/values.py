@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
+from ..numbers import exact, quantity, with_unit
 from ..recording import Recording
 from ..shorthands import Array
 from ..signals import ANGLES_AROUND, COMMANDS
@@ -74,7 +75,7 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
         moving = []  # a circle at constant steering angle is a manoeuvre
     dead = bool(moving)
     tail = f" while {', '.join(moving)} moves: the channel is dead." if dead else "."
-    sentence = f"{name} is {value:g} {recording.unit(name)} in every row{tail}"
+    sentence = f"{name} is {with_unit(exact(value, 6), recording.unit(name))} in every row{tail}"
     return Finding(
         "dead" if dead else "constant",
         Severity.DISTRUST if dead and name in NEEDED else Severity.WARNING if dead else Severity.NOTE,
@@ -129,7 +130,7 @@ def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
     rate = (1 - share) / recording.sample_time
     sentence = (
         f"{name} repeats {100 * share:.0f} % of its samples exactly: it is held between updates, "
-        f"about {rate:.3g} new values a second in rows at {1 / recording.sample_time:.3g} Hz."
+        f"about {exact(rate)} new values a second in rows at {exact(1 / recording.sample_time)} Hz."
     )
     severity = Severity.WARNING if name in NEEDED and name not in COMMANDS else Severity.NOTE
     return [Finding("held", severity, FoundAt(name), sentence, share)]
@@ -167,8 +168,9 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
             continue  # one stretch is a vehicle at rest or a long hold
         unit = recording.unit(name)
         sentence = (
-            f"{name} reads exactly {level:.4g} {unit} in {count} rows, in {stretches} stretches, and never {end}: "
+            f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows, in {stretches} stretches, "
         )
+        sentence += f"and never {end}: "
         sentence = sentence.replace("never most", "never more").replace("never least", "never less")
         sentence += "the command is at its stop." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
@@ -205,7 +207,7 @@ def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
     if not rows.size:
         return []
     unit, time = recording.unit(name), recording.time
-    where = [f"{values[r]:.4g} {unit} at t = {time[r]:.2f} s (run {_run(recording, int(r))})" for r in rows[:4]]
+    where = [f"{quantity(values[r], unit, 4)} at t = {time[r]:.2f} s (run {_run(recording, int(r))})" for r in rows[:4]]
     more = f" and {rows.size - 4} more" if rows.size > 4 else ""
     plural = "values stand out from their" if rows.size > 1 else "value stands out from its"
     sentence = f"{name}: {rows.size} {plural} neighbours: {', '.join(where)}{more}; "

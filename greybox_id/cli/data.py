@@ -17,9 +17,9 @@ from ..errors import BadInput
 from ..files import write_atomically
 from ..guard import claim
 from ..joining import join_files
+from ..numbers import counted
 from ..processes import Pace
 from ..recording import Recording
-from ..reports.numbers import counted
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .options import columns_option, json_option, part_asked, read_part

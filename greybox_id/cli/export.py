@@ -15,10 +15,10 @@ from ..export.verb import ALONE, TARGETS, cautions, origins
 from ..export.verb import export as export_model
 from ..model import Model
 from ..models.registry import with_effects
+from ..numbers import pretty_unit
 from ..racing.export import TARGETS as POLICY_TARGETS
 from ..racing.export import PolicySubject, export_policy
 from ..racing.policy import POLICY, load_policy
-from ..reports.numbers import pretty_unit
 from ..reports.text.screen import plain
 from ..saved import format_of
 from .completion import names

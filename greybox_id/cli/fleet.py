@@ -173,10 +173,10 @@ def _watching() -> Iterator[Watch]:
 
 
 class _Dashboard:
-    """Plain lines now and then; the address of the dashboard, and what is waited for, once."""
+    """Plain lines now and then; what is done again and why, the dashboard's address, what is waited for: each once."""
 
     def __init__(self) -> None:
-        self._last, self._told, self._seen, self._lacked = 0.0, "", False, False
+        self._last, self._told, self._seen, self._lacked, self._again = 0.0, "", False, False, False
         self._progress: FleetProgress | None = None
 
     def plain(self, progress: FleetProgress) -> None:
@@ -188,6 +188,9 @@ class _Dashboard:
             tell(self._told)
 
     def address(self, progress: FleetProgress) -> None:
+        if progress.anew and not self._again:
+            self._again = True
+            tell(progress.anew)
         if progress.dashboard and not self._seen:
             self._seen = True
             tell(f"dashboard {progress.dashboard}")

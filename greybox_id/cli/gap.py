@@ -38,10 +38,10 @@ from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
 from ..motion_model import MotionModel
+from ..numbers import listed, number, pretty_unit
 from ..recording import Recording
 from ..reports.gap.saved import Made, as_text
 from ..reports.gap.words import budget, magnitude_words
-from ..reports.numbers import listed, number, pretty_unit
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led
 from ..vehicle import Vehicle

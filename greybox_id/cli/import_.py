@@ -13,7 +13,7 @@ from ..exchange.vehicles import SUFFIXES
 from ..files import ensure_writable
 from ..fit import Fit
 from ..guard import claim
-from ..reports.numbers import counted, number, pretty_unit
+from ..numbers import counted, number, pretty_unit
 from ..signals import unit_of
 from .defaults import command_line
 from .options import json_option

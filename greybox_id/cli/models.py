@@ -16,8 +16,8 @@ from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build
 from ..motion_model import MotionModel
+from ..numbers import pretty_unit
 from ..parameter import Parameter
-from ..reports.numbers import pretty_unit
 from ..reports.text.screen import plain, plain_table
 from ..signals import unit_of
 from .completion import names

@@ -17,8 +17,8 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
+from ..numbers import counted, pretty_unit, with_sd
 from ..recording import Recording
-from ..reports.numbers import counted, pretty_unit, with_sd
 from ..reports.text.fit import timing_lines
 from ..scores.metrics import Prediction, as_dict, prediction_errors
 from ..scores.prediction import as_table, assumed

@@ -14,8 +14,8 @@ from ..files import at_once
 from ..fit import Fit, load
 from ..guard import claim
 from ..models.registry import build
+from ..numbers import counted
 from ..recording import Recording
-from ..reports.numbers import counted
 from ..saved import format_of
 from .options import json_option, own_option, part
 from .output import console, print_json, working

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import BadInput
 from ..guard import protect
-from ..parameter import Array
+from ..shorthands import Array
 
 WORDS = "straight:LENGTHxWIDTH, disc:RADIUS (in m), or a .csv file with columns x and y, the outline of a free area"
 SMALLEST, LARGEST = 0.1, 1e5

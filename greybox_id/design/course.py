@@ -12,8 +12,7 @@ from ..engine.motion.runs import MotionRun
 from ..engine.motion.schedule import longest_segment, schedule
 from ..engine.motion.simulator import Simulator
 from ..motion_model import MotionModel
-from ..parameter import Array
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .driver import PATH, PLANNED, TOLD, PlanDriver, driven
 from .limits import DriveLimits
 from .primitives import AskedDrive

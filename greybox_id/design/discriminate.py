@@ -22,8 +22,8 @@ from ..gap.advice import same_readings
 from ..gap.gap import Gap
 from ..gap.model_error import Amplitudes, believed
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..vehicle import StatedModelError
 from .course import PlanCourse, PlannedMotion
 from .driver import driver_of, vehicle_of

@@ -12,9 +12,8 @@ from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index, Mask
+from ..shorthands import Array, Index, Mask
 from .course import PlannedMotion
 from .scatter import ForceScatter, Rough, Scores, by_interval
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..parameter import Array
 from ..saved import Kind
+from ..shorthands import Array
 from .arena import Arena, Placement
 from .course import AT, PlannedMotion
 from .driver import PlanDriver

@@ -10,8 +10,7 @@ import numpy as np
 from ..errors import BadInput
 from ..fit import Fit
 from ..motion_model import MotionModel
-from ..parameter import Array
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from .arena import Arena, Placement
 from .course import AT, PlanCourse, PlannedMotion, strain
 from .driver import driver_of, vehicle_of

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..parameter import Array
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .limits import DriveLimits
 
 Shape = Callable[[Array, float], Array]

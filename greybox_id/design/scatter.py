@@ -24,9 +24,8 @@ from ..gap.calibration import CAL
 from ..gap.model_error import Amplitudes, ForceSizes, linearised, model_error
 from ..gap.unknown_forces import knows_unknown_forces, with_unknown_forces
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index
+from ..shorthands import Array, Index
 
 
 @dataclass(frozen=True)

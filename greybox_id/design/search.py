@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .arena import Arena, Placement
 from .course import AT, PlanCourse, PlannedMotion, strain
 from .limits import DriveLimits

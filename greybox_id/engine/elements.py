@@ -10,8 +10,7 @@ import numpy as np
 
 from ..errors import BadModel
 from ..model import Symbol
-from ..parameter import Array
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .sampled import SampledFunction
 from .trace import Trace, namespace
 

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..model import Model
-from ..parameter import Array, Parameter, Prior
-from ..shorthands import Index
+from ..parameter import Parameter, Prior
+from ..shorthands import Array, Index
 
 
 def prior_rows(

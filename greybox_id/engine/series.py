@@ -15,9 +15,8 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .free_run import free_run
 from .trace import Columns, Trace, tidy
 

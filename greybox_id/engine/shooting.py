@@ -14,8 +14,8 @@ from copy import copy
 
 import numpy as np
 
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .elements import Sensing
 from .least_squares import NormalEquations, beliefs, lay_out, limits
 from .series import Run, runs

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 
 BLOCK = 128
 """Most lanes that one mapped function evaluates."""

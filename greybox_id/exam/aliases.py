@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf, isfinite
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "tyres": (

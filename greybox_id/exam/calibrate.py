@@ -32,7 +32,7 @@ from scipy.special import expit
 from ..errors import BadInput
 from ..gap.calibration import CAL, SEARCHED, Calibration
 from ..json_data import read_json
-from ..parameter import Array
+from ..shorthands import Array
 from .answers import Answer, read_answer
 from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
 

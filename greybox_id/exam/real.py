@@ -23,8 +23,8 @@ from ..files import write_atomically
 from ..fit import KIND
 from ..fitting import Say, fit
 from ..models.registry import build
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .answers import Answer, write_answer
 from .folder import BEFORE, CASES, COLUMNS, SEALED
 from .make import Exam, finish, prepare, write_recording

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from ..datasets.virtual_vehicle import Tolerances
-from ..parameter import Array
+from ..shorthands import Array
 from .aliases import TELLS, View
 
 LIKELY = 0.95

@@ -20,8 +20,8 @@ from ..datasets.virtual_vehicle import (
     tolerances,
 )
 from ..datasets.virtual_vehicle.effects import Kind as Class
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .case import Draw, MadeCase, fair_case, with_lateral_velocity
 from .plan import Planned
 from .replays import Replays

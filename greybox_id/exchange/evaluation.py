@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .formula import Formula, formula
 from .network import LARGEST, Network, NetworkRelation
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 
 MOST_CODE = 5_000
 """Characters of one function."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..models.msnn_lat import LateralSettings
-from ..parameter import Array
+from ..shorthands import Array
 from .evaluation import evaluate
 from .local_models import PROBES, LocalPlace, Response, affine, leaves, local_models, matched, responses
 from .network import Network

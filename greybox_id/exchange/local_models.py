@@ -14,7 +14,7 @@ from functools import reduce
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .evaluation import LONGEST_WINDOW, evaluate, fuzzy_of, index_of, weights_of, window_of
 from .network import Network
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..models.msnn_long import LongitudinalSettings
-from ..parameter import Array
+from ..shorthands import Array
 from .evaluation import LONGEST_WINDOW, evaluate, weights_of
 from .local_models import PROBES, Response, affine, leaves, local_models, responses
 from .network import Network

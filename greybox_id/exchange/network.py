@@ -18,7 +18,7 @@ import numpy as np
 from ..errors import BadInput
 from ..files import near_file
 from ..guard import protect
-from ..parameter import Array
+from ..shorthands import Array
 
 MOST_BYTES = 5_000_000
 """The paper's networks take 50 kB; read as JSON, a file takes some twenty times its size of memory."""

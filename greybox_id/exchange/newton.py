@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.msnn_long import GRAVITY
-from ..parameter import Array
+from ..shorthands import Array
 from .evaluation import evaluate, window_of
 from .local_models import MOST_RELATIONS, PROBES, SAME
 from .network import Network

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..models.msnn_lat import LateralSettings
 from ..models.msnn_long import LongitudinalSettings
-from ..parameter import Array
+from ..shorthands import Array
 from .network import Network
 
 

@@ -16,9 +16,10 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..memory_model import MemoryModel
 from ..models.registry import build
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 from ..recording import Recording
 from ..scores.metrics import predictions
+from ..shorthands import Array
 from .evaluation import evaluate
 from .family import NetworkFamily, recognise
 from .network import Network, read_network

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ..engine.compiler import CannotCompile, tell_slow
-from ..parameter import Array
+from ..shorthands import Array
 from .kernel import CompiledFilter, History, Kept, Kind, SigmaPoints
 from .laid import LaidRun
 from .plain import PlainFilter

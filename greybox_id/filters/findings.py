@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from ..engine.motion.runs import MotionRun
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..numbers import exact
 from ..recording import Recording
 from ..scores.verdict import distrust
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from ..signals import unit_of
 from .kernel import History
 from .laid import LaidRun
@@ -97,6 +98,21 @@ FLOORED = 0.999
 """Noise below this share of its floor is below it, and not by rounding."""
 
 
+def must_fill_a_window(runs: Sequence[MotionRun], name: str) -> None:
+    """Raise `BadInput` where not one window of innovations is there to judge the filter by."""
+    rows, step = sum(len(own) for own in runs), runs[0].sample_time
+    if rows < window_rows(step):
+        raise BadInput(
+            f"{name}: the filter has {rows} rows ({exact(rows * step)} s) to run along, and needs {exact(WINDOW)} s, "
+            "over which its innovations are judged. Track a longer recording."
+        )
+
+
+def window_rows(sample_time: float) -> int:
+    """Rows of a window in which innovations are judged."""
+    return max(2, round(WINDOW / sample_time))
+
+
 def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: str) -> None:
     """Raise `BadInput` where a filter diverged."""
     for own, history in zip(runs, histories, strict=True):
@@ -115,7 +131,7 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping
     for name, column in columns.items():
         seconds, first = 0.0, np.nan
         for own, history in zip(runs, histories, strict=True):
-            size = max(2, round(WINDOW / own.run.sample_time))
+            size = window_rows(own.run.sample_time)
             nis = (history.off[:, column] ** 2 / history.spread[:, column])[own.row_segment]
             for begin in range(0, len(nis) - size + 1, size):
                 window = nis[begin : begin + size]

@@ -17,7 +17,7 @@ import casadi as cs
 import numpy as np
 
 from ..engine.compiler import library
-from ..parameter import Array
+from ..shorthands import Array
 from .sources import ekf_source, ukf_source
 from .state_space import StateSpace
 

@@ -15,9 +15,8 @@ import numpy as np
 from ..checks.values import outlying
 from ..engine.motion.runs import MotionRun, motion_runs
 from ..engine.motion.schedule import longest_segment, schedule
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .state_space import StateSpace
 
 

@@ -15,8 +15,8 @@ from ..engine.motion.runs import MotionRun
 from ..engine.motion.schedule import longest_segment
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .filtering import Filtering
 from .how import How
 from .laid import LONGEST_GAP, LaidRun

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import BadInput, near_or_all
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import unit_of
 from ..statistics import white_noise_sd
 from .state_space import StateSpace

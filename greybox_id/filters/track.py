@@ -10,8 +10,8 @@ import pandas as pd
 
 from ..effect import Effect
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
 from .findings import Consistency
 

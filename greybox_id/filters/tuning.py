@@ -21,7 +21,8 @@ from scipy.optimize import minimize
 
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
+from ..shorthands import Array
 from .filtering import Filtering
 from .laid import LaidRun
 from .state_space import StateSpace

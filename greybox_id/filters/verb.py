@@ -14,24 +14,24 @@ from threadpoolctl import threadpool_limits
 from ..effect import Effect
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from ..signals import unit_of, unit_of_quantity
 from .filtering import Filtering, filtering, smoothed
 from .findings import (
-    WINDOW,
     Consistency,
     consistency,
     distrusted_data,
     lost,
     must_be_finite,
+    must_fill_a_window,
     only_over_mass,
     standing,
     told_rows,
     too_quiet,
     untold,
     widening,
+    window_rows,
 )
 from .how import READINGS, How
 from .kernel import History, Kept
@@ -75,7 +75,7 @@ def track(
 
     Raises
     ------
-    BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
+    BadInput : a name stands for nothing, the recording lacks an input or is too short, or the filter diverges.
     """
     how = replace(how or How(), **more)
     recording.must_run()
@@ -135,6 +135,7 @@ class Tracker:
         inputs = tuple(n for name in space.model.inputs for n in _signals(space.model, name))
         clean, sentences = guarded(recording, inputs)
         runs = laid(space, clean, space.model.values, self.readings)
+        must_fill_a_window([own.run for own in runs], recording.name)
         levels = start_levels(space, scatter_of(clean, self.readings), self.readings, self.stated_noise)
         p = np.concatenate([space.model.values, levels.values])
         floors = resolution_of(clean, self.readings)
@@ -253,7 +254,7 @@ class Tracker:
 
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
         found = {}
-        per_window = max(2, round(WINDOW / runs[0].run.sample_time))
+        per_window = window_rows(runs[0].run.sample_time)
         for name in self.readings:
             k = self.space.model.outputs.index(name)
             off = np.concatenate([h.off[:, k] for h in histories])

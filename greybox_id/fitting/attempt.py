@@ -13,8 +13,8 @@ import numpy as np
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..solvers.ipopt import ipopt
 from ..statistics import MIDDLE_HALF, correlation_time

@@ -15,9 +15,9 @@ from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..memory_model import MemoryModel
-from ..parameter import Array
 from ..processes import side_by_side
 from ..recording import Recording, join
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 
 FOLDS = 6

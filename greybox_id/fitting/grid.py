@@ -26,11 +26,11 @@ from ..engine.trace import Trace
 from ..errors import BadInput
 from ..memory_model import MemoryModel
 from ..models.registry import prepared
-from ..parameter import Array
 from ..processes import side_by_side
 from ..recording import Recording
 from ..scores.metrics import Error, aic, errors, predictions
 from ..scores.verdict import doubted
+from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths

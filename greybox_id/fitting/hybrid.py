@@ -12,10 +12,10 @@ from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
-from ..parameter import Array
 from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import SIGNALS
 from ..solvers.quasi_newton import Descent, descend
 from .how import How, Say, quiet

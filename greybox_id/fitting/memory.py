@@ -12,10 +12,10 @@ from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..memory_model import MemoryModel
-from ..parameter import Array
 from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording, join
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from ..solvers.ipopt import ipopt
 from .certificate import certified

@@ -20,10 +20,10 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..processes import apart, side_by_side
 from ..provenance import Certificate, Stage
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from .attempt import (
     MOST_STEPS,

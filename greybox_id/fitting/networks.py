@@ -16,8 +16,8 @@ from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.quasi_newton import Descent, descend
 from .how import How, Say
 from .hybrid import Trained, manoeuvres, split, trained_best

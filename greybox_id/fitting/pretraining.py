@@ -21,8 +21,9 @@ from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..hybrid_model import HybridModel
 from ..motion_model import MotionModel
-from ..parameter import Array, Prior
+from ..parameter import Prior
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.quasi_newton import descend
 from .how import Say
 

@@ -27,12 +27,13 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array, unpack
+from ..parameter import unpack
 from ..provenance import DataRecord, Stage, data_record
 from ..recording import Recording, join
 from ..scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
 from ..scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words
 from ..scores.verdict import distrust, judged, used_signals
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status
 from ..uncertainty import uncertainty
 from ..verdict import USABLE, Verdict

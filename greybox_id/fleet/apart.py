@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, fdtrc, stdtr
 
-from ..parameter import Array
+from ..shorthands import Array
 from ..statistics import robust_sd
 from .hierarchy import LEAST_DOF, NOT_INFORMED, Informed, marginal
 

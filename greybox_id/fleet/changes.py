@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from ..combined import Z
-from ..parameter import Array
+from ..shorthands import Array
 from .hierarchy import Population
 
 STEADY = 0.9

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .apart import Flags, FleetDistances, distances, spared, strangers
 from .changes import WALK, VehicleChange, changes_of, dismissed, shows, together
 from .hierarchy import Informed, Population, marginal, population, scattered

@@ -14,7 +14,7 @@ from scipy.special import chdtri, ndtr
 
 from ..combined import Z, reach
 from ..declared import understood
-from ..reports.numbers import counted, number, pretty_unit, quantity, with_interval
+from ..numbers import counted, number, pretty_unit, quantity, with_interval
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted
 from .joined import ORDERS, JoinedFits, doubted, joined_fits, natural, plain_rows

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg as la
 from scipy.sparse import csr_matrix
 
-from ..parameter import Array
+from ..shorthands import Array
 
 MOST_TURNS, ENOUGH, FARTHEST = 60, 1e-4, 10.0
 """Most steps of scoring; the relative change of standard deviations below which they end; by which factor one moves a

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from . import NOT_TRUSTED, OK
 from .apart import Flags
 from .hierarchy import Informed, informed

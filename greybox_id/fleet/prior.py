@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..files import write_atomically
-from ..parameter import Array
+from ..shorthands import Array
 from . import OK
 from .drift import Drifted, drifted
 from .hierarchy import marginal

@@ -32,6 +32,7 @@ class FleetProgress:
     cpu_seconds : of the processor, in units.
     last : sentence of the last recording that was not done; "" where there was none.
     dashboard : address of the engine's dashboard; "" where it has none.
+    anew : how many of them earlier runs had done, and why they are done again; "" where there are none.
     lacks : what the engine waits for before it can begin; "" where there is nothing.
     began : of the clock.
     """
@@ -43,6 +44,7 @@ class FleetProgress:
     cpu_seconds: float = 0.0
     last: str = ""
     dashboard: str = ""
+    anew: str = ""
     lacks: str = ""
     began: float = field(default_factory=time.monotonic)
 

@@ -14,12 +14,12 @@ from matplotlib.axes import Axes
 from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..guard import claim
-from ..parameter import Array
+from ..numbers import counted, number, pretty_unit
 from ..reports.document import Document, Drawing, Pairs, Part, Points, Section, Table, Text, VerdictBox, titled
 from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from ..reports.html import write_html
-from ..reports.numbers import counted, number, pretty_unit
+from ..shorthands import Array
 from . import BROKEN, NOT_TRUSTED, OK, WAITING
 from .changes import STEP
 from .estimate import FleetEstimate, estimate

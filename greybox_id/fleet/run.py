@@ -16,12 +16,13 @@ from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..files import write_atomically
 from ..guard import protect
+from ..numbers import counted
 from ..processes import duration
-from ..reports.numbers import counted
 from . import BROKEN, FAILED, FIT, NOT_TRUSTED
+from .anew import anew, differences, origin_of
 from .engines import engine as engine_of
 from .manifest import FleetEntry, entries
-from .plan import FleetPlan, plan_of
+from .plan import FleetPlan, content_of, plan_of
 from .prior import second_pass
 from .progress import FleetProgress, Watch
 from .store import OF_RESULTS, Journal, Store
@@ -29,6 +30,8 @@ from .unit import MADE_BY
 
 ENGINES = ("local", "dask")
 ONLY = ("all", "changed")
+ORIGIN = "fleet.json"
+"""What the last run was asked for, in the folder of its results."""
 SETTLE = 30.0
 """s between parts, while results come."""
 
@@ -46,6 +49,7 @@ class FleetRun:
     skipped : done by earlier runs.
     refitted : fitted again by this run, with what the fleet has as their prior.
     cpu_seconds, seconds : of the processor in units of work, and by the clock.
+    anew : how many recordings that earlier runs had done this one did again, and why; "" where there were none.
     folder : where the results are.
     """
 
@@ -57,6 +61,7 @@ class FleetRun:
     refitted: int
     cpu_seconds: float
     seconds: float
+    anew: str
     folder: Path
 
     def to_json(self) -> dict[str, Any]:
@@ -67,9 +72,10 @@ class FleetRun:
         """The same in lines."""
         again = f"again    {self.refitted} fitted with the fleet's mean and spread as prior\n" if self.refitted else ""
         why = f"why      greybox fleet status {self.folder}\n" if self.failed else ""
+        anew = f"anew     {self.anew}\n" if self.anew else ""
         return (
             f"fleet    {counted(self.recordings, 'recording')}: {self.done} done, {self.skipped} done before; "
-            f"{self.failed} without a result, {self.not_trusted} not to be trusted\n{why}{again}"
+            f"{self.failed} without a result, {self.not_trusted} not to be trusted\n{anew}{why}{again}"
             f"took     {duration(self.seconds)}, {self.cpu_seconds:.1f} CPU s\n"
             f"written  {self.folder}   next: greybox fleet estimate {self.folder}"
         )
@@ -138,8 +144,10 @@ def run(
     watch = progress or _unseen
     with Store(out).opened() as store:
         fleet = entries(asked, _known(store) if only == "changed" else None)
+        earlier, origin = _earlier(store), _origin(asked)
+        why = differences(origin_of(store.folder / ORIGIN), origin)
         store.replace("manifest", [_listed(entry) for entry in fleet])
-        write_atomically(store.folder / "fleet.json", _origin(asked), continued=True)
+        write_atomically(store.folder / ORIGIN, json.dumps(origin, indent=1) + "\n", continued=True)
         done = store.done()
         wanted = {entry.key for entry in fleet}
         wanted |= {_again(key) for key in wanted}
@@ -148,7 +156,7 @@ def run(
             store.keep({key for key in done if key not in again and (key in wanted or not compact)})
             done = {key: status for key, status in done.items() if key not in again}
         todo = [entry for entry in fleet if entry.key not in done]
-        shown = FleetProgress(todo=len(todo), skipped=len(fleet) - len(todo))
+        shown = FleetProgress(todo=len(todo), skipped=len(fleet) - len(todo), anew=anew(todo, earlier, done, why))
         if todo:
             _work(asked, store, todo, (engine, jobs, scheduler), shown, watch)
         second = _refitted(asked, store, fleet, (engine, jobs, scheduler), watch) if refit else FleetProgress()
@@ -163,6 +171,7 @@ def run(
         refitted=second.done,
         cpu_seconds=round(shown.cpu_seconds + second.cpu_seconds, 3),
         seconds=round(time.monotonic() - began, 3),
+        anew=shown.anew,
         folder=store.folder,
     )
 
@@ -279,13 +288,24 @@ def _known(store: Store) -> dict[str, tuple[int, int, str]]:
     }
 
 
-def _origin(plan: FleetPlan) -> str:
+def _earlier(store: Store) -> dict[str, tuple[str, str]]:
+    """The last run's recordings: path -> hash and key."""
+    table = store.read("manifest")
+    return {
+        str(path): (str(digest), str(key))
+        for path, digest, key in zip(table["path"], table["sha256"], table["key"], strict=True)
+    }
+
+
+def _origin(plan: FleetPlan) -> dict[str, Any]:
+    """What a run was asked for, as plain data."""
     body = {
         "version": MADE_BY, "plan": str(plan.file.resolve()), "recordings": plan.recordings, "vehicle": plan.vehicle,
         "columns": plan.columns, "steps": plan.steps, "options": plan.options, "seconds": plan.seconds,
-        "memory": plan.memory,
+        "memory": plan.memory, "map": content_of(plan.columns),
     }  # fmt: skip
-    return json.dumps(body, indent=1, default=str) + "\n"
+    plain: dict[str, Any] = json.loads(json.dumps(body, default=str))
+    return plain
 
 
 def _unseen(progress: FleetProgress) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..declared import understood
-from ..reports.numbers import counted
+from ..numbers import counted
 from . import BROKEN, WAITING
 from .store import Store
 

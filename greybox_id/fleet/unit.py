@@ -25,8 +25,9 @@ from ..fitting.how import FitOptions, quiet
 from ..model import Model
 from ..models.own import is_place
 from ..models.registry import install
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 from ..recording import Recording
+from ..shorthands import Array
 from ..uncertainty.identifiability import left_open
 from ..vehicle import Vehicle
 from . import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK

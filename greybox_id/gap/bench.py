@@ -18,9 +18,8 @@ from ..engine.motion.schedule import Schedule, longest_segments, schedule
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .calibration import CAL
 from .unknown_forces import knows_unknown_forces
 

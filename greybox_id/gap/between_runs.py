@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
 from .refit import bounded_step

@@ -14,7 +14,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 from ..statistics import resampled
 from .calibration import CAL
 from .closing import Misfit

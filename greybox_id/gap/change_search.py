@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .between_runs import Common, RunExplained, explained
 from .calibration import CAL
 from .innovations import FollowedRun

@@ -20,8 +20,8 @@ from ..checks import Severity, check
 from ..effect import Effect
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, values_of

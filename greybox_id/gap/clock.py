@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 
 
 def running(time: Array) -> Array:

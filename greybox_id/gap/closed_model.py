@@ -11,8 +11,8 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import MIDDLE_HALF, correlation_time
 from .calibration import CAL

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import unit_of
 from ..statistics import resampled
 from ..vehicle import Vehicle

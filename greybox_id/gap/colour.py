@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 from ..statistics import robust_sd
 from .calibration import CAL
 

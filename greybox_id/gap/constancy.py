@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .hypothesis import Hypothesis
 from .search import Search

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..checks.finding import listed
 from ..effect import Effect
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..vehicle import Vehicle
 from .axes import candidates, nuisances, shifting
 from .bench import Bench

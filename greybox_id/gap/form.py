@@ -13,7 +13,7 @@ from math import inf
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .axes import Axis
 from .calibration import CAL
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from math import isfinite, nan, sqrt
 from typing import Any
 
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .kinds import Diagnosed
 

@@ -9,9 +9,9 @@ import numpy as np
 from ..engine.motion.prediction import Predictions, Predictor
 from ..engine.motion.simulator import Simulator
 from ..memory_model import MemoryModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import ASTRAY, Prediction, predictions
+from ..shorthands import Array
 from ..signals import unit_of
 from .calibration import CAL
 from .gap import Errors

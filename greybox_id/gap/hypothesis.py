@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..parameter import Array
+from ..shorthands import Array
 from .axes import Axis, Candidate
 
 

@@ -30,9 +30,8 @@ from ..filters.noise import resolution_of, scatter_of, start_levels
 from ..filters.state_space import SLOWEST, StateSpace, Tracked
 from ..filters.tuning import noise_coordinates, tuned
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Index
+from ..shorthands import Array, Index
 from .calibration import CAL
 from .preparing import excerpt
 from .unknown_forces import FORCES, with_unknown_forces

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 
 Diagnosed = MotionModel | MemoryModel

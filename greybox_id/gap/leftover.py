@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .hypothesis import Hypothesis
 from .kinds import AnyBench

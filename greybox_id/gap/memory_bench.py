@@ -17,8 +17,8 @@ from ..engine.elements import Sensing
 from ..engine.series import Run, runs
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from .calibration import CAL
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from ..engine.sampled import SampledFunction
-from ..parameter import Array
+from ..shorthands import Array
 from ..vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CAL

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 from .colour import Colour
 from .hypothesis import Hypothesis
 from .selection import Selection

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 from .axes import Axis
 from .calibration import CAL
 from .hypothesis import Hypothesis, Start

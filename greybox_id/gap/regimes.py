@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .clock import running
 from .gap import Where

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .axes import Candidate
 from .calibration import CAL
 from .colour import Whitener

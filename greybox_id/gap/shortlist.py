@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from .axes import Candidate
 from .calibration import CAL
 from .hypothesis import Hypothesis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from ..statistics import robust_sd, white_noise_sd
 from ..vehicle import Vehicle
 from .calibration import CAL

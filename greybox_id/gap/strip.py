@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..parameter import Array
+from ..shorthands import Array
 from ..statistics import welch
 from .calibration import CAL
 from .clock import running

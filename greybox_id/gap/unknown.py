@@ -9,7 +9,7 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .constancy import varies
 from .hypothesis import Hypothesis

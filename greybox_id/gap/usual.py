@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effect import Effect
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..shorthands import Array
 from ..vehicle import Vehicle
 from .between_runs import Common, VaryingNumber, Weigher, common, values_of
 from .calibration import CAL

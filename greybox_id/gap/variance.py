@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
-from ..parameter import Array
+from ..shorthands import Array
 from .calibration import CAL
 from .kinds import AnyBench
 

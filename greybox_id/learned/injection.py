@@ -25,8 +25,9 @@ from ..export.equations import Equations
 from ..json_data import checksum, plain
 from ..model import Model, Symbol
 from ..motion_model import MotionModel, Quantities
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 from ..racing.stage import BEND, Period, SteppedModel, moved_along
+from ..shorthands import Array
 from .net import DRIVE, ActuatorNet
 
 LEARNED = "learned_yaw"

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..files import write_atomically
-from ..parameter import Array
 from ..racing.policy import sizes_of
 from ..saved import Kind
+from ..shorthands import Array
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..errors import BadInput
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..racing.stage import BEND, PLANE, stage
 from ..recording import Recording
+from ..shorthands import Array
 from .windows import resampled
 
 HORIZONS = (0.1, 0.5, 2.0)

@@ -9,10 +9,9 @@ import numpy as np
 
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..racing.stage import PLANE
 from ..recording import Recording
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from ..solvers.quasi_newton import Descent, descend
 from .injection import fingerprint
 from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, drawn, unpacked

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadInput
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import COMMANDS
 from .net import DRIVE, Variant
 

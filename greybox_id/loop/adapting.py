@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..racing.draws import Draws
 from ..racing.learner import FINE_TUNING, Learned, learn, shipped_learned
 from ..racing.world import Rules, World
 from ..racing.worlds import STEER_MAX
 from ..recording import Recording
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from ..vehicle import Vehicle
 from .arms import Twin, twin
 

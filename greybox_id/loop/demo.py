@@ -27,14 +27,13 @@ from ..files import held, write_atomically
 from ..learned.injection import InjectedModel
 from ..models.registry import motion_model_of
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..racing.draws import Draws, by_hand
 from ..racing.learner import Learned
 from ..racing.policy import Policy
 from ..racing.world import Observations, World
 from ..recording import Recording
 from ..reports.html import page
-from ..shorthands import Say
+from ..shorthands import Array, Say
 from ..vehicle import Vehicle
 from .adapting import (
     TWIN_LANES,

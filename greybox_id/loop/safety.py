@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..json_data import finite
-from ..parameter import Array
+from ..shorthands import Array
 from .adapting import WINDOW
 
 LATE = 1.5

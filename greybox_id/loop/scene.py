@@ -22,10 +22,10 @@ from ..datasets.virtual_vehicle import (
     vehicle_file_text,
 )
 from ..errors import BadInput
-from ..parameter import Array
+from ..numbers import quantity
 from ..racing.world import HALTED, HALTED_FOR, SPUN, Observations, World
 from ..recording import Recording
-from ..reports.numbers import quantity
+from ..shorthands import Array
 from ..vehicle import Vehicle
 from .adapting import SETTLED
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from ..errors import BadInput
 from ..files import replacing
-from ..parameter import Array
 from ..racing.learner import Learned, load_learned
 from ..racing.policy import Policy, load_policy
 from ..racing.world import AHEAD, LARGEST, OWN, Observations
+from ..shorthands import Array
 from .protocol import digest_of
 from .state import of_bytes
 

@@ -17,8 +17,8 @@ from scipy.stats import f as fisher
 from ..errors import BadInput
 from ..learned.open_loop import OpenLoop
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 
 FIRST, EVERY, LEAST = 5_000, 10_000, 2_000
 """Rows before the first time, between times, and since the last time at least, as published."""

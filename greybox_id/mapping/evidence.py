@@ -12,6 +12,7 @@ from ..checks.agreement import Agreement, agreement
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
 from ..checks.pairs import Pair, pairs
 from ..datasets.column_map import Column
+from ..numbers import number
 from ..recording import Recording
 from ..signals import SIGNALS
 from ..units import to_si
@@ -92,8 +93,8 @@ class Met:
     def words(self) -> str:
         """For a person."""
         if self.pair.kinematic:
-            return f"{self.pair.left} is {abs(self.agreed.gain):.2g} times {self.pair.right}"
-        return f"{self.pair.left} against {self.pair.right} says a length of {1 / abs(self.agreed.gain):.2g} m"
+            return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
+        return f"{self.pair.left} against {self.pair.right} says a length of {number(1 / abs(self.agreed.gain), 2)} m"
 
 
 def pairs_of(recording: Recording) -> list[Pair]:
@@ -186,10 +187,11 @@ def _by_margin(
     alike = [own.words for own in agreed if entry.signal in own.pair.channels]
     if margin >= MARGIN:
         size = sizes[entry.signal]
-        why = "; ".join(alike[:2]) or f"values up to {size:.3g} are too large for the other units"
+        why = "; ".join(alike[:2]) or f"values up to {number(size)} are too large for the other units"
         return replace(entry, reasons=(*entry.reasons, f"unit: {why}"))
     names = tuple(own.unit for own in options)
-    why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {sizes[entry.signal]:.3g})"
+    below = number(sizes[entry.signal])
+    why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
     return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
 
 
@@ -204,7 +206,7 @@ def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     """A speed that is none in any usual unit: counts, whose number in 1 m/s the other channels tell; else nothing."""
     if entry.signal != "v_x" or sizes["v_x"] <= 3.6 * LIMITS["v_x"][0]:
         return []
-    why = f"values up to {sizes['v_x']:.3g} are no speed in m/s or km/h: counts, such as a motor's rpm"
+    why = f"values up to {number(sizes['v_x'])} are no speed in m/s or km/h: counts, such as a motor's rpm"
     counts = []
     for own in met(raw):
         if own.pair.nodes[0] == "v_x":

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..datasets.formats import Group
 from ..errors import BadInput
+from ..numbers import exact, number
 from ..shorthands import Array
 from ..signals import SIGNALS
 from ..units import to_si
@@ -190,7 +191,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     first = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     for unit, size in EPOCHS:
         if first > size:
-            return MapEntry(TIME, name, unit, reasons=(why, f"unit: {first:.3g} counts {unit} since 1970"))
+            return MapEntry(TIME, name, unit, reasons=(why, f"unit: {number(first)} counts {unit} since 1970"))
     units = [
         u for u, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if SLOWEST <= second / step <= FASTEST
     ]
@@ -203,10 +204,10 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     if units:
         likely = units[0] if len(units) == 1 or not whole else units[-1] if step >= 1e4 else units[0]
         return MapEntry(
-            TIME, name, likely, reasons=(why, f"unit: its usual step of {step:.3g} is a sample time in {likely}")
+            TIME, name, likely, reasons=(why, f"unit: its usual step of {exact(step)} is a sample time in {likely}")
         )
     return MapEntry(
-        TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, f"a step of {step:.3g} is no sample time")
+        TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, f"a step of {exact(step)} is no sample time")
     )
 
 

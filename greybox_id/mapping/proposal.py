@@ -248,7 +248,7 @@ def as_toml(proposal: Proposal, name: str) -> str:
     if proposal.others:
         listed, lacking = ", ".join(proposal.others), proposal.lacking
         which = "If one of them is a signal below, name it there. " if lacking else ""
-        lines += ["", *_comment(f"Taken for nothing: {listed}. {which}What else you want to keep goes under [extra].")]
+        lines += ["", *_comment(f"Unused columns: {listed}. {which}What else you want to keep goes under [extra].")]
         lines += [f'#? {signal} = {{ column = "...", unit = {quoted(unit_of(signal))} }}' for signal in lacking]
     return "\n".join(lines) + "\n"
 

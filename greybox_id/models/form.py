@@ -36,7 +36,8 @@ import numpy as np
 
 from ..model import Symbol
 from ..motion_model import MotionModel, Quantities
-from ..parameter import Array, Parameter, Prior
+from ..parameter import Parameter, Prior
+from ..shorthands import Array
 from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
 from .roughness import TRACK_SD, steered_wheels

@@ -24,8 +24,9 @@ import numpy as np
 from ..errors import BadInput
 from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ..model import Namespace, Symbol
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
 from ..recording import Recording
+from ..shorthands import Array
 from .settings import within
 from .single_track import BODY, G
 

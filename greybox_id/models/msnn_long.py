@@ -17,8 +17,9 @@ import numpy as np
 
 from ..memory_model import MemoryModel, Past
 from ..model import Namespace, Symbol
-from ..parameter import Array, Parameter, Prior
+from ..parameter import Parameter, Prior
 from ..recording import Recording
+from ..shorthands import Array
 from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .settings import within
 

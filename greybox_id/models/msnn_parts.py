@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import BadInput
 from ..model import Symbol
-from ..parameter import Array, Prior
+from ..parameter import Prior
+from ..shorthands import Array
 
 
 def memberships(x: Symbol, centres: Sequence[float]) -> list[Symbol]:

@@ -21,7 +21,7 @@ import scipy.linalg as la
 from scipy.special import logsumexp, ndtr, ndtri
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .density import PosteriorDensity
 
 Distance = Literal["pooled", "trajectories"]

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.targets import Targets
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..datasets.formats.contents import needed
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .target import RIDGE, Target
 
 FEWEST_WALKERS = 16

@@ -26,7 +26,7 @@ from ..files import replacing, write_atomically
 from ..fit import Build, Fit, load
 from ..guard import protect
 from ..json_data import checksum, plain
-from ..parameter import Array
+from ..shorthands import Array
 from .density import DrawnNumber, entry_names
 from .laplace import trusted
 

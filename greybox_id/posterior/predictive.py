@@ -18,10 +18,10 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
 from ..scores.metrics import Prediction
 from ..scores.prediction import as_table, must_suit
+from ..shorthands import Array
 from .posterior import Posterior, must_name
 from .verb import must_suit_sampling
 

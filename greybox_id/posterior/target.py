@@ -16,8 +16,7 @@ import numpy as np
 import scipy.linalg as la
 
 from ..errors import BadInput
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from .density import PosteriorDensity
 
 ADDING = ("m", "s", "kg", "kg m^2")

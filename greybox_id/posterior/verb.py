@@ -17,8 +17,8 @@ from ..fit import KIND, Fit
 from ..fitting.how import Say, quiet
 from ..fitting.restated import restated
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..uncertainty import uncertainty
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet

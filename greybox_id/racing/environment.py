@@ -12,8 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from ..errors import BadInput
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from .world import LARGEST, Observations, World
 from .worlds import STEER_MAX as STEER_MAX
 from .worlds import world as world

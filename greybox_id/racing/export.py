@@ -22,7 +22,7 @@ from ..export.equations import Named
 from ..export.folder import write_folder
 from ..export.quoting import c_comment
 from ..export.subject import named_in_c
-from ..parameter import Array
+from ..shorthands import Array
 from .policy import Layer, Policy
 from .world import LARGEST, SEEN
 

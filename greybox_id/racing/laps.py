@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from .world import Observations, World
 
 RUN_IN = 0.25

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import write_atomically
-from ..parameter import Array
 from ..saved import Kind
+from ..shorthands import Array
 from .world import Observations
 
 ACTIONS = 2

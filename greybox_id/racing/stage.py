@@ -15,7 +15,7 @@ from ..errors import BadInput
 from ..export.equations import Equations
 from ..model import Symbol
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..shorthands import Array
 
 BEND = ("curvature", "bends", "s_0")
 """What a stage is told of its path: curvature [1/m] at s_0 [m], and its change along s [1/m^2]."""

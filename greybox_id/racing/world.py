@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import BadInput, near_or_all
 from ..motion_model import MotionModel
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from .draws import Draws, nothing_drawn
 from .stage import PLANE, Period, stage
 from .track import RaceTrack, Usage, track

@@ -13,9 +13,11 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
+from ..numbers import counted, listed, number, percent, pretty_unit, signal_words
+from ..numbers import interval as interval_of
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
+from ..shorthands import Array
 from ..signals import SIGNALS, unit_of
 from ..statistics import correlation_time, resampled
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
@@ -24,8 +26,6 @@ from .figures.sheet import sheet_of
 from .figures.style import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look
 from .hybrid import seen as hybrid_seen
 from .memory import seen
-from .numbers import counted, listed, number, percent, pretty_unit, signal_words
-from .numbers import interval as interval_of
 from .recordings import Seen
 
 DRAWS = 2000

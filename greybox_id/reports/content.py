@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from ..fit import Fit
+from ..numbers import capital, counted, interval, listed, number, percent, pretty_unit, signal_words, with_sd
 from ..parameter import Parameter
 from ..provenance import DataRecord, Stage
 from ..signals import unit_of
@@ -14,7 +15,6 @@ from .document import Formulas, Part, Points, Table, Text
 from .equations.expression import Equation, readable
 from .figures.estimates import same_as_best, spread_of
 from .noise import Noise
-from .numbers import capital, counted, interval, listed, number, percent, pretty_unit, signal_words, with_sd
 from .recordings import Seen, of_role
 
 ROLE_WORDS = {"train": "training", "validate": "validation"}

@@ -10,12 +10,12 @@ import numpy as np
 from ..checks import Finding, check
 from ..datasets.column_map import Column, column_map
 from ..errors import BadInput
-from ..parameter import Array
+from ..numbers import counted, number, percent, pretty_unit, raised, signal_words
 from ..recording import Recording
+from ..shorthands import Array
 from ..signals import unit_of
 from .document import Drawing, Part, Points, Table, Text, titled
 from .figures.characteristics import excitation
-from .numbers import counted, number, percent, pretty_unit, raised, signal_words
 from .recordings import Seen, of_role
 
 MOST_FINDINGS = 6

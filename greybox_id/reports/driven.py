@@ -12,10 +12,10 @@ from ..engine.motion.runs import MotionRun, recorded_outputs
 from ..engine.motion.simulator import Simulator
 from ..fit import Fit
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..provenance import DataRecord
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, hold, prediction_errors
+from ..shorthands import Array
 from .recordings import Seen, matched, of_role
 
 SHOWN = ("alpha_f", "alpha_r")

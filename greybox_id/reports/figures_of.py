@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from ..numbers import listed, signal_words
 from .document import Drawing
 from .figures.predictions import residual_correlations, spectrum, traces
 from .noise import Noise
-from .numbers import listed, signal_words
 from .recordings import Seen, of_role, shown_first, typical_stretch
 
 TALL, LOW = 335.0, 250.0

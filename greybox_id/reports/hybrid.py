@@ -8,10 +8,11 @@ import numpy as np
 
 from ..fit import Fit
 from ..hybrid_model import HybridModel
-from ..parameter import Array
+from ..numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
 from ..recording import Recording
 from ..scores.estimates import apply_hybrid
 from ..scores.metrics import FREE_RUN, hybrid_predictions
+from ..shorthands import Array
 from ..signals import unit_of
 from .content import (
     ROLE_WORDS,
@@ -32,7 +33,6 @@ from .figures.characteristics import forces_over_slip
 from .figures.estimates import convergence
 from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
 from .noise import noise
-from .numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
 from .recordings import Seen, matched
 
 LOSS = (

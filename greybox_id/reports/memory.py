@@ -9,6 +9,7 @@ import numpy as np
 
 from ..fit import Fit
 from ..memory_model import MemoryModel
+from ..numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
 from ..provenance import Stage
 from ..recording import Recording
 from ..scores.metrics import PROTOCOLS, Protocol, predictions
@@ -35,7 +36,6 @@ from .figures.characteristics import MOST_PANELS, impulse_responses, steering
 from .figures.predictions import errors
 from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
 from .noise import noise
-from .numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
 from .recordings import Seen, matched, of_role
 
 LEADS = ("How good", "Against what", "How chosen")

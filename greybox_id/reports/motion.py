@@ -10,6 +10,20 @@ from typing import Any
 import numpy as np
 
 from ..fit import SURPRISING, Fit
+from ..numbers import (
+    capital,
+    counted,
+    interval,
+    listed,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    raised,
+    short_with_sd,
+    signal_words,
+    with_sd,
+)
 from ..parameter import Parameter
 from ..posterior.posterior import Posterior
 from ..provenance import Stage
@@ -43,20 +57,6 @@ from .figures.predictions import horizons
 from .figures.style import NEAR
 from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
 from .noise import noise
-from .numbers import (
-    capital,
-    counted,
-    interval,
-    listed,
-    number,
-    percent,
-    pretty_unit,
-    quantity,
-    raised,
-    short_with_sd,
-    signal_words,
-    with_sd,
-)
 from .posterior import posterior_parts
 from .recordings import shown_first
 
@@ -163,8 +163,8 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
         for name, error in scores[protocol].items()
         if name in held.get(protocol, {})
     }
-    what = f"for {protocol.removesuffix(' ahead')}" if near else "of a run's first row"
-    return f"Holding the last reading {what} errs {_times(ratios, 'as much')}"
+    what = f"over {protocol.removesuffix(' ahead')}" if near else "from a run's first row"
+    return f"Persistence {what} has an RMSE of {_times(ratios, 'that')}"
 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
@@ -206,7 +206,7 @@ def _not_determined(fit: Fit) -> str:
     far = [p.name for p in free if _far(p)]
     clauses = [
         f"the recordings do not determine {listed(untold)}" if untold else "",
-        f"they tell only together {listed(pairs)}" if pairs else "",
+        f"identifiable only in combination are {listed(pairs)}" if pairs else "",
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
         f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
     ]
@@ -263,7 +263,7 @@ def _parameters(fit: Fit) -> tuple[Part, ...]:
     return (
         *titled("Parameters", scalars(fit, free), Text(f"{INTERVALS} {' '.join(_held(fit))}")),
         *titled("Effects", scalars(fit, [model[name] for name in model.effects], absent(fit)), level=2),
-        *titled("Determined together", _combinations(fit), level=2),
+        *titled("Identifiable in combination", _combinations(fit), level=2),
         *((Together((Text("by these recordings:", lead="Left open"), Points(open_))),) if open_ else ()),
         *indistinguishable(raised(sentence) for sentence in model.together),
         *_correlation(fit),

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..fit import Fit
+from ..numbers import interval, number, pretty_unit, signal_words
 from ..posterior.posterior import Posterior
 from ..posterior.predictive import PredictiveBand, predictive_band
 from ..recording import Recording
@@ -16,7 +17,6 @@ from .figures.estimates import corner
 from .figures.sheet import Sheet, band
 from .figures.style import BLUE, DASHED, MEASURED, look, signal_label
 from .figures_of import stretch_words
-from .numbers import interval, number, pretty_unit, signal_words
 from .recordings import shown_first, typical_stretch
 
 MOST_DRAWN = 7

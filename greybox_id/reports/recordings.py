@@ -10,10 +10,10 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
-from ..parameter import Array
 from ..provenance import DataRecord
 from ..recording import Recording
 from ..scores.metrics import FREE_RUN, Prediction
+from ..shorthands import Array
 
 SECONDS = 15.0
 """Length of a typical stretch."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..engine.motion.trace import MotionTrace
 from ..motion_model import MotionModel
-from ..parameter import Array, Parameter
+from ..parameter import Parameter
+from ..shorthands import Array
 
 ROUNDS, SETTLED = 30, 1e-9
 """Newton steps to a steady state, at most, and the rates in it, per state's scale and second."""

@@ -12,8 +12,8 @@ from ..engine.hybrid.cell import free_run
 from ..errors import BadInput
 from ..fit import Fit
 from ..hybrid_model import HybridModel
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 
 SD = "_sd"
 """What the name of a standard deviation ends in."""

@@ -33,9 +33,8 @@ from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..motion_model import MotionModel
-from ..parameter import Array
 from ..recording import Recording
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 
 ASTRAY = 10.0
 """A prediction that is off by more than so many times the range of the readings has diverged."""

@@ -25,8 +25,8 @@ from ..fit import Fit
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.smooth import ROLLING
-from ..parameter import Array
 from ..recording import Recording
+from ..shorthands import Array
 from ..statistics import correlation_time
 from .metrics import Error, Prediction, errors, predictions
 

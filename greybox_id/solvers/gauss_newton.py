@@ -21,8 +21,7 @@ import scipy.linalg as la
 from scipy.linalg import lapack
 
 from ..engine.least_squares import LeastSquares, Matched, NormalEquations
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
 """Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are

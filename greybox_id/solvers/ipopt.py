@@ -17,7 +17,7 @@ import numpy as np
 from ..engine.least_squares import LeastSquares
 from ..engine.motion.shooting import MotionProblem
 from ..engine.shooting import Problem
-from ..parameter import Array
+from ..shorthands import Array
 from .gauss_newton import Solution, Status
 from .programs import UNLIMITED, Condensed, Lifted, MotionProgram, bounds_of
 

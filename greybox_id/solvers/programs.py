@@ -19,8 +19,7 @@ from ..engine.motion.lanes import Lanes
 from ..engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..engine.series import Run
 from ..engine.shooting import Problem
-from ..parameter import Array
-from ..shorthands import Index
+from ..shorthands import Array, Index
 
 UNLIMITED = 1e10
 """Ipopt takes no infinite values: an effect that stands at its infinite null (no limit at all) is pinned here."""

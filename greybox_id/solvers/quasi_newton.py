@@ -15,7 +15,7 @@ import scipy.linalg as la
 from scipy.optimize import Bounds, minimize
 
 from ..engine.least_squares import LeastSquares
-from ..parameter import Array
+from ..shorthands import Array
 
 Loss = Callable[[Array], tuple[float, Array]]
 """Unknowns -> loss and its gradient."""

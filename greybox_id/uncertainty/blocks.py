@@ -16,8 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ..engine.least_squares import LeastSquares, Matched
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from ..statistics import correlation_time
 
 LONGER = 10

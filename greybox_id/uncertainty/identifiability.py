@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fit import Fit
-from ..parameter import Array
+from ..numbers import quantity, signed, with_unit
+from ..shorthands import Array
 
 HALF = 0.5
 """A relative standard deviation above this determines hardly more than a sign."""
@@ -57,8 +58,8 @@ class Undetermined:
             return f"{self.name}: dominated by the prior; its standard deviation is {share}."
         if self.relative_sd > 1.0:
             return (
-                f"{self.name}: its standard deviation, {_with_unit(f'{self.sd:.2g}', self.unit)}, is larger than the "
-                f"estimate, {_with_unit(f'{self.value:.2g}', self.unit)}."
+                f"{self.name}: its standard deviation, {quantity(self.sd, self.unit, 2)}, is larger than the "
+                f"estimate, {quantity(self.value, self.unit, 2)}."
             )
         return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
 
@@ -210,7 +211,7 @@ def _directions(
         order = order[np.abs(vector[order]) >= LEAST_NAMED * np.abs(vector[order[0]])]
         moves = spread * vector[order] * np.sign(vector[order[0]])
         changes = [
-            _with_unit(f"{move * size[k]:+.2g}", units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
+            with_unit(signed(move * size[k], 2), units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
             for k, move in zip(order, moves, strict=True)
         ]
         found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
@@ -228,10 +229,6 @@ def _condition(covariance: Array) -> float:
         return np.inf
     by = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     return float(np.linalg.cond(normal * np.outer(by, by)))
-
-
-def _with_unit(number: str, unit: str) -> str:
-    return number if unit in ("1", "") else f"{number} {unit}"
 
 
 def left_open(fit: Fit) -> Identifiability | None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..engine.least_squares import LeastSquares, Matched
 from ..errors import BadInput
-from ..parameter import Array
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 from .sandwich import Uncertainty, uncertainty
 

@@ -23,8 +23,7 @@ import scipy.linalg as la
 from scipy.special import ndtri, stdtrit
 
 from ..engine.least_squares import LeastSquares, Matched
-from ..parameter import Array
-from ..shorthands import Mask
+from ..shorthands import Array, Mask
 from .blocks import Blocks, blocks
 
 MANY = 200

@@ -192,7 +192,7 @@ def test_a_summary_says_what_was_fitted(fit):
 
 def test_results_are_shown_in_a_few_lines(fit, laps):
     track = gb.track(fit, laps[1], options=gb.TrackOptions(tune=0.0))
-    for own in (fit, laps[0], fit.model, track):
+    for own in (fit, laps[0], fit.model, track, gb.Vehicle.load("roboracer")):
         assert len(repr(own).splitlines()) <= 10
         assert len(repr(own)) < 1000
         assert own._repr_html_().startswith("<")
@@ -201,6 +201,16 @@ def test_results_are_shown_in_a_few_lines(fit, laps):
     assert {"C_alpha_f", "C_alpha_f_sd"} <= set(table)
     assert track.plot("C_alpha_f").get_ylabel() == "C_alpha_f [N/rad]"
     assert len(track.plot()) == len(track.values)
+
+
+def test_units_are_shown_as_they_are_printed(laps):
+    for own in (laps[0], gb.effects.accel_bias_x, gb.models.lateral(vehicle="roboracer")["I_z"]):
+        assert "^" not in repr(own)
+    assert repr(gb.Parameter("I_z", "kg m^2", 0.05, (0.005, 0.5), about="yaw inertia")) == (
+        "Parameter I_z [kg m²]: 0.05, bounds [0.005, 0.5]; yaw inertia"
+    )
+    array = gb.Parameter("c", "1", [[1.0, 2.0]], prior=gb.Prior(1.0), fixed=True, scope="run")
+    assert repr(array) == "Parameter c: array of shape (1, 2) from 1 to 2, fixed, with a prior, one for each run"
 
 
 def test_networks_are_shown_in_a_few_lines():

@@ -1,5 +1,6 @@
 """Faults of the column map: each is found and named, and nothing is said against a recording that shows nothing."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from checks_recordings import clean as any_clean
 from simulated import clean
 
 from greybox_id.checks import Severity, check, distrusted
-from greybox_id.checks.mapping_faults import check_mapping
+from greybox_id.checks.mapping_faults import _faults, check_mapping
 from greybox_id.datasets.read import read
 from greybox_id.recording import Recording
 
@@ -43,6 +44,19 @@ def test_a_fault_is_found_and_named_and_its_remedy_told(name):
     sentences = [finding.sentence for finding in accused(fault.apply(recording))]
     assert any(fault.named(sentence) for sentence in sentences), sentences
     assert any("column map" in sentence or "Map " in sentence or "unit = " in sentence for sentence in sentences)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_units_and_numbers_are_printed_as_everywhere(name):
+    for finding in check(FAULTS[name].apply(complete())):
+        printed = re.sub(r'unit = "[^"]*"', "", finding.sentence)  # what is to be typed is in pint's spelling
+        assert not re.search(r"\^|\de[+-]?\d", printed)
+
+
+def test_factors_of_time_are_written_out():
+    written = {fault.what: fault.remedy for fault in _faults(complete()) if fault.what.startswith("time")}
+    assert "divide time by 1000." in written["time is 1000 times as long as it should be"]
+    assert "divide time by 0.001." in written["time is 0.001 times as long as it should be"]
 
 
 def test_undoing_what_the_sentence_says_mends_the_recording():

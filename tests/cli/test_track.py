@@ -199,6 +199,15 @@ def test_what_cannot_be_done_is_a_sentence(files, more, said):
     assert said in refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", target, *more)
 
 
+@pytest.mark.parametrize("rows", [3, 99])
+def test_a_recording_too_short_to_judge_a_filter_by_is_refused(files, rows):
+    pd.read_csv(files / "lap.csv")[:rows].to_csv(files / "short.csv", index=False)
+    said = refused("track", "--vehicle", files / "car.toml", files / "short.csv", "--out", files / "s.csv")
+    assert f"short: the filter has {rows} rows ({rows / RATE:g} s) to run along, and needs 2 s" in said
+    assert "longer recording" in said
+    assert not (files / "s.csv").exists()
+
+
 def test_a_recording_must_be_named(files):
     assert "RECORDING" in refused("track", "--vehicle", files / "car.toml")
 

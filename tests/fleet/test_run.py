@@ -10,6 +10,7 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_id.fleet import manifest as manifest_module
+from greybox_id.fleet.anew import differences, origin_of
 from greybox_id.fleet.store import COLUMNS, OF_RESULTS, SCHEMA
 
 
@@ -70,6 +71,58 @@ def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(fleet, t
     assert len(rows) == 6
     assert set(pd.read_parquet(results / "parameters")["key"]) == set(rows[rows["status"] == "ok"]["key"])
     assert len(list((results / "parameters").iterdir())) == 1
+
+
+def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_path):
+    shutil.copytree(fleet[0].parent, tmp_path / "own")
+    plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
+    text = plan.read_text(encoding="utf-8")
+    other = text.replace('"lateral"', '"kinematic"').replace('set = {tyre = "linear"}\nfix = ["m"]\n', "")
+    plan.write_text(other, encoding="utf-8")
+    called = greybox("fleet", "run", plan, "--out", results)
+    said = (
+        '8 recordings done by an earlier run are done again: [fit] fix was ["m"] and is not given; '
+        '[fit] model was "lateral" and is "kinematic"; [fit] set was {"tyre": "linear"} and is not given.'
+    )
+    assert said in called.err
+    assert f"anew     {said}" in called.out
+    assert greybox("fleet", "run", plan, "--out", results, "--json").told["anew"] == ""
+    plan.write_text(text, encoding="utf-8")  # what the first run did is there still
+    assert greybox("fleet", "run", plan, "--out", results, "--json").told["done"] == 0
+
+
+def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
+    shutil.copytree(fleet[0].parent, tmp_path / "own")
+    plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
+    car = plan.parent / "car.toml"
+    car.write_text("# weighed again\n" + car.read_text(encoding="utf-8"), encoding="utf-8")
+    told = greybox("fleet", "run", plan, "--out", results, "--json").told
+    assert told["done"] == 8
+    assert told["anew"].endswith("are done again: a vehicle file, or a recording's vehicle, is not what it was.")
+
+
+NOW = {"version": "0.1.0", "steps": ["fit"], "options": {"fit": {"model": "lateral"}}, "columns": "my.toml", "map": "a"}
+
+
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        ({}, []),
+        (NOW, []),
+        ({**NOW, "version": "0.0.9"}, ['version was "0.0.9" and is "0.1.0"']),
+        ({**NOW, "steps": ["check", "fit"]}, ['steps was ["check", "fit"] and is ["fit"]']),
+        ({**NOW, "options": None}, ['[fit] model was not given and is "lateral"']),
+        ({**NOW, "columns": "other.toml", "map": "b"}, ['columns was "other.toml" and is "my.toml"']),
+        ({**NOW, "map": "b"}, ["the column map my.toml is not what it was"]),
+    ],
+)
+def test_what_differs_is_in_words(before, said):
+    assert differences(before, NOW) == said
+
+
+def test_an_origin_that_is_damaged_says_nothing(tmp_path):
+    (tmp_path / "fleet.json").write_text("[1, ", encoding="utf-8")
+    assert origin_of(tmp_path / "fleet.json") == origin_of(tmp_path / "missing.json") == {}
 
 
 def test_what_failed_is_tried_again_when_it_is_asked_for(fleet, tmp_path):

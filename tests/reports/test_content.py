@@ -6,11 +6,22 @@ import numpy as np
 import pytest
 from report_parts import below
 
+from greybox_id.numbers import (
+    alike,
+    exact,
+    interval,
+    number,
+    percent,
+    pretty_unit,
+    quantity,
+    signed,
+    with_interval,
+    with_sd,
+)  # fmt: skip
 from greybox_id.parameter import Parameter, Prior
 from greybox_id.provenance import Certificate
 from greybox_id.reports.content import scalars
 from greybox_id.reports.memory import verdict, yardsticks
-from greybox_id.reports.numbers import alike, interval, number, percent, pretty_unit, quantity, with_interval, with_sd
 from greybox_id.reports.report import prepared
 
 
@@ -79,6 +90,14 @@ def test_scalars_have_an_interval_within_their_bounds_and_their_prior(small_fit)
         (interval(0.5, 0.776, 0.09), "[0.500, 0.776]"),
         (number(float("nan")), "–"),
         (number(-0.25), "−0.250"),
+        (number(0.001), "0.00100"),
+        (number(9.997), "10.0"),
+        (number(99_990.0), "1.00·10⁵"),
+        (exact(0.001), "0.001"),
+        (exact(1000.0), "1000"),
+        (exact(1.2e-4), "1.2·10⁻⁴"),
+        (signed(-9.81), "−9.81"),
+        (signed(0.2, 2), "+0.20"),
         (percent(0.0216), "2.2 %"),
         (percent(1.4), "140 %"),
         (pretty_unit("N s^2/m^2"), "N s²/m²"),

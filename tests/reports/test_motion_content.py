@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from report_parts import below, flat
 
+from greybox_id.numbers import interval
 from greybox_id.reports.document import Table, Text
 from greybox_id.reports.driven import held_errors
-from greybox_id.reports.numbers import interval
 from greybox_id.reports.report import prepared
 from greybox_id.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
 
@@ -60,7 +60,7 @@ def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, 
     assert good.startswith("On lap 3, 15.9 s that it has not seen, lateral errs in free run (0.5 s ahead)")
     assert "rad/s in yaw rate" in good
     assert f"{motion_fit.metrics['validate'][FREE_RUN]['yaw_rate']['rmse']:.5f}" in good
-    assert against.startswith("Holding the last reading for 0.5 s errs")
+    assert against.startswith("Persistence over 0.5 s has an RMSE of")
     assert "times the residuals of the fit in v_y" in against
     assert "converged" in sure
     assert "Ipopt confirmed" in sure
@@ -91,7 +91,7 @@ def test_effects_have_a_table_of_their_own_that_says_what_may_be_absent(motion_r
 
 
 def test_what_is_told_together_is_said(motion_report):
-    told = rows(motion_report, "Determined together")
+    told = rows(motion_report, "Identifiable in combination")
     names = [row[0] for row in told]
     assert "C_alpha_f" in names
     assert all("%" in row[5] for row in told)
@@ -107,7 +107,7 @@ def test_a_fit_without_validation_says_so(motion_fit, laps):
 def test_a_fit_without_covariance_says_that_this_is_not_known(motion_fit, laps):
     document = prepared(replace(motion_fit, covariance=None), laps)
     assert "is not known" in three(document)[2]
-    assert below(document, "Determined together") == []
+    assert below(document, "Identifiable in combination") == []
     assert not any(isinstance(part, Text) and part.lead == "Left open" for part in flat(document.parts))
 
 

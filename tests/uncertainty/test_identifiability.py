@@ -119,7 +119,7 @@ def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in
     ).directions
     assert first.about() == ("One standard deviation moves tilt by +0.18 rad alone, and the residuals hardly change.")
     assert second.about() == (
-        "One standard deviation moves mass by +50% and curve by +0.2 together, and the residuals hardly change."
+        "One standard deviation moves mass by +50% and curve by +0.20 together, and the residuals hardly change."
     )
     (alone,) = identifiability(("offset",), np.array([0.01]), np.array([[0.04]]), units=("rad",)).undetermined
-    assert alone.about() == "offset: its standard deviation, 0.2 rad, is larger than the estimate, 0.01 rad."
+    assert alone.about() == "offset: its standard deviation, 0.20 rad, is larger than the estimate, 0.010 rad."

@@ -27,8 +27,8 @@ import numpy as np
 
 from ...hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ...model import Symbol
-from ...parameter import Array
 from ...recording import Recording
+from ...shorthands import Array
 from .stretches import stretches
 
 

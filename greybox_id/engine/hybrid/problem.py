@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 
 from ...hybrid_model import HybridModel
-from ...parameter import Array
+from ...shorthands import Array
 from .cell import Cell
 from .stretches import Stretch, Windows, windows
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...errors import BadInput
 from ...hybrid_model import HybridModel
-from ...parameter import Array
 from ...recording import Recording
+from ...shorthands import Array
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """A recording may differ from the model's sample time by this share."""

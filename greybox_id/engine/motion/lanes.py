@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parameter import Array
-from ...shorthands import Index
+from ...shorthands import Array, Index
 from .schedule import Schedule
 
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...parameter import Array
 from ...recording import Recording
-from ...shorthands import Index
+from ...shorthands import Array, Index
 from .lanes import Interval, lay
 from .runs import MotionRun, motion_runs
 from .schedule import Schedule, least_segment, longest_segment, schedule

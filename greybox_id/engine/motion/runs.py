@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import BadInput
 from ...motion_model import MotionModel
-from ...parameter import Array
 from ...recording import Recording
-from ...shorthands import Index, Mask
+from ...shorthands import Array, Index, Mask
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""
@@ -99,7 +98,7 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
     if not found:
         raise BadInput(
             f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all "
-            "there."
+            "there. Take a longer recording, or see with greybox data check where values are missing and runs end."
         )
     return found
 

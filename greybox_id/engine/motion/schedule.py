@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from ...parameter import Array
-from ...shorthands import Index
+from ...shorthands import Array, Index
 from .runs import MotionRun
 from .trace import MotionTrace
 

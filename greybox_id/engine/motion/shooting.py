@@ -20,9 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...errors import BadInput
-from ...parameter import Array
 from ...recording import Recording
-from ...shorthands import Index, Mask
+from ...shorthands import Array, Index, Mask
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import MotionRun, motion_runs

@@ -8,8 +8,7 @@ import casadi as cs
 import numpy as np
 
 from ...motion_model import MotionModel
-from ...parameter import Array
-from ...shorthands import Index
+from ...shorthands import Array, Index
 from ..kernel import Kernel
 from ..sampled import SampledFunction
 from .runs import MotionRun

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...parameter import Array
-from ...shorthands import Index, Mask
+from ...shorthands import Array, Index, Mask
 from .lanes import Interval, lay
 from .runs import MotionRun
 from .schedule import Schedule

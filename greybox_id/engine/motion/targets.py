@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...motion_model import MotionModel
-from ...parameter import Array
-from ...shorthands import Mask
+from ...shorthands import Array, Mask
 from .lanes import Interval
 from .runs import MotionRun
 

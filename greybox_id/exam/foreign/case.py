@@ -14,8 +14,8 @@ from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
 from ...datasets.virtual_vehicle import Tolerances, VirtualCar, toleranced, tolerances
 from ...datasets.virtual_vehicle.compiled import Row
 from ...errors import BadInput
-from ...parameter import Array
 from ...recording import Recording
+from ...shorthands import Array
 from ..case import Draw, MadeCase, fair_case, with_lateral_velocity
 from ..plan import Planned
 from ..replays import Replays

@@ -15,11 +15,12 @@ from ...fit import Fit
 from ...memory_model import MemoryModel
 from ...model import Combination, Model, Namespace
 from ...motion_model import MotionModel
-from ...parameter import Array, Parameter
+from ...numbers import number, quantity
+from ...parameter import Parameter
 from ...recording import Recording
+from ...shorthands import Array
 from ...signals import SIGNALS
 from ..driven import MOVING, Driven, motion_model, typical_speed
-from ..numbers import number, quantity
 from ..recordings import Seen, of_role
 from ..settled import OverSlip, steady_turns
 from .sheet import Sheet, apart, band, density, scale_of_counts, sheet_of

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...fit import Fit
-from ...parameter import Array
+from ...numbers import pretty_unit
 from ...provenance import Stage
-from ..numbers import pretty_unit
+from ...shorthands import Array
 from .sheet import WIDE, Sheet, cells, shades
 from .style import BLUE, INK, ORANGE, SMALL, look, symbol
 

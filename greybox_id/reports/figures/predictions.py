@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...fit import Fit
-from ...parameter import Array
+from ...numbers import pretty_unit
 from ...scores.metrics import FREE_RUN, Prediction
+from ...shorthands import Array
 from ...signals import unit_of
 from ...statistics import correlation, welch
 from ..noise import Noise
-from ..numbers import pretty_unit
 from ..recordings import Seen, run_rows, typical_stretch
 from .sheet import Sheet, band, sheet_of
 from .style import (

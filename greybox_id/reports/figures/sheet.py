@@ -27,8 +27,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from matplotlib.transforms import Bbox, BboxTransformTo, ScaledTranslation, blended_transform_factory
 
 from ...guard import MARK
-from ...parameter import Array
-from ..numbers import number, raised
+from ...numbers import number, raised
+from ...shorthands import Array
 from ..words import is_symbol_index, named
 from .style import BLUE, FAINT, INK, LIGHT, PALE, SIZE, SMALL
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...numbers import pretty_unit
 from ...recording import Recording
 from ...scores.metrics import FREE_RUN, ahead
 from ...signals import SIGNALS
-from ..numbers import pretty_unit
 from ..words import spans
 
 INK = "#1a1a1a"

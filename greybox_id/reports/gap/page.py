@@ -17,11 +17,11 @@ from ... import __version__
 from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
 from ...gap.clock import running
 from ...models.effects import EFFECTS
-from ...parameter import Array
+from ...numbers import listed, number
+from ...shorthands import Array
 from ..document import Document, Drawing, VerdictBox
 from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
 from ..figures.style import BLUE, DASHED, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SMALL, ZERO, Look, label, look, symbol
-from ..numbers import listed, number
 from ..pdf import write_pdf, write_png
 from .words import judged, magnitude_words, verdict
 

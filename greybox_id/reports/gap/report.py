@@ -13,11 +13,11 @@ from ...memory_model import MemoryModel
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
+from ...numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
 from ..content import recorded_in, written_down
 from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
 from ..equations.expression import Equation, readable
 from ..equations.tracing import memory_equations, motion_equations
-from ..numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
 from ..report import write
 from .page import drawings
 from .saved import Made

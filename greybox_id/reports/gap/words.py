@@ -7,7 +7,7 @@ from math import fsum, isfinite, sqrt
 
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
-from ..numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
+from ...numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
 
 NORMAL = 1.959964
 """Half of a 95 % interval, in standard deviations."""

@@ -8,8 +8,8 @@ from rich.console import RenderableType
 
 from ...adaptation.outcome import Adaptation
 from ...motion_model import MotionModel
+from ...numbers import number, pretty_unit, with_sd
 from ...signals import unit_of
-from ..numbers import number, pretty_unit, with_sd
 from .screen import led, plain_table
 
 MOST_MOVED = 8

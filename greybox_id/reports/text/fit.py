@@ -14,13 +14,13 @@ from ...fit import Fit
 from ...hybrid_model import HybridModel
 from ...memory_model import MemoryModel
 from ...motion_model import MotionModel
+from ...numbers import counted, interval, number, percent, pretty_unit, with_sd
 from ...parameter import Parameter, Prior
 from ...provenance import DataRecord, Stage
 from ...scores.metrics import FREE_RUN
 from ...signals import unit_of
 from ...uncertainty.identifiability import absent, told_together
 from ...verdict import Verdict
-from ..numbers import counted, interval, number, percent, pretty_unit, with_sd
 from .screen import led, plain, plain_table
 
 MS = 1e3

@@ -8,6 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from ...gap import Budget, Closure, Errors, Gap
+from ...numbers import listed, number, pretty_unit, rmse
 from ..gap.words import (
     as_it_stands,
     how_far,
@@ -20,7 +21,6 @@ from ..gap.words import (
     whether,
     whole_percent,
 )
-from ..numbers import listed, number, pretty_unit, rmse
 from .screen import WIDTH, led
 
 LEAST, MOST = 0.02, 6

@@ -10,9 +10,9 @@ import numpy as np
 from rich.console import RenderableType
 
 from ...filters import Track
+from ...numbers import alike, counted, pretty_unit
+from ...numbers import number as decimal
 from ...signals import unit_of
-from ..numbers import alike, counted, pretty_unit
-from ..numbers import number as decimal
 from ..track.digest import Digest
 from .screen import plain_table
 

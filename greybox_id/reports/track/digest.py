@@ -12,10 +12,10 @@ import numpy as np
 
 from ...filters import Track
 from ...filters.findings import WINDOW, Consistency, bounds, windowed
-from ...parameter import Array
 from ...provenance import DataRecord, data_record
 from ...recording import Recording
 from ...saved import Kind
+from ...shorthands import Array
 from ...statistics import correlation
 
 

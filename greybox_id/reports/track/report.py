@@ -12,6 +12,7 @@ from ...filters.walking import walking
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
+from ...numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from ...signals import unit_of
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
@@ -19,7 +20,6 @@ from ..equations.tracing import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import Sheet, band
 from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
-from ..numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from .digest import Course, Digest, Measured
 
 MOST_NAMED = 4
@@ -47,7 +47,7 @@ def _how_sure(found: Digest) -> str:
     return (
         f"Along {found.data.name}, {counted(found.rows, 'row')} in {counted(found.runs, 'run')}, {method(found)} on "
         f"{found.model} estimates with a standard deviation of, in the median, {listed(each)}"
-        f"{f'; the recording tells {listed(untold)} of the rows' if untold else ''}."
+        f"{f'; the recording informs {listed(untold)} of the rows' if untold else ''}."
     )
 
 
@@ -296,8 +296,8 @@ def whiteness(found: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Identifiable in: of what walks, the share of rows in which the recording tells more than was known "
-    "before."
+    "track left. Identifiable in: of what walks, the share of rows in which the recording informs beyond what was "
+    "known before."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "

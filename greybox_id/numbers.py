@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from ..signals import SIGNALS
+from .signals import SIGNALS
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 MOST_DIGITS = 7
@@ -27,7 +27,17 @@ def raised(text: str) -> str:
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number of three digits, unless told otherwise, with its unit."""
-    return f"{number(value, digits)} {pretty_unit(unit)}" if unit not in ("", "1") else number(value, digits)
+    return with_unit(number(value, digits), unit)
+
+
+def with_unit(shown: str, unit: str) -> str:
+    """A number as it is printed, with its unit where it has one."""
+    return shown if unit in ("", "1") else f"{shown} {pretty_unit(unit)}"
+
+
+def signed(value: float, digits: int = 3) -> str:
+    """A number with its sign: +0.20, −0.20."""
+    return f"{'+' if value > 0.0 else ''}{number(value, digits)}"
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -36,10 +46,16 @@ def number(value: float, digits: int = 3) -> str:
         return "–" if math.isnan(value) else ("∞" if value > 0 else "−∞")
     if value == 0.0:
         return "0"
-    power = _power(value)
+    power = _power(float(f"{value:.{digits - 1}e}"))  # of what is shown: 9.997 is 10.0
     if SMALLEST <= power < LARGEST:
         return _minus(f"{value:.{max(0, digits - 1 - power)}f}")
     return f"{_minus(f'{value / 10.0**power:.{digits - 1}f}')}·10{_raised(power)}"
+
+
+def exact(value: float, digits: int = 3) -> str:
+    """A number that is what it is, such as a factor between units: no zeros at the end of its decimals."""
+    shown, times, power = number(value, digits).partition("·")
+    return (shown.rstrip("0").rstrip(".") if "." in shown else shown) + times + power
 
 
 def rmse(value: float) -> str:
