@@ -75,7 +75,9 @@ class Calibration:
     untempered: float = _known(10.0, "gains are taken as they are where misfits gain well below so much")
     alike: float = _known(3.0, "nats, tempered, below which two explanations are not distinguished: a factor of 20")
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
-    varies: float = _known(0.12, "spread of a magnitude between thirds of driving: causes 0 to .05, others .2", DRAWN)
+    varies: float = _known(
+        0.12, "spread of a size between thirds of a drive, channels: causes 0 to .05, others .2", DRAWN
+    )
     varies_width: float = _known(0.02, "width of that threshold", DRAWN)
     surely_varies: float = _known(
         1e-4, "p of a spread by chance from which it counts: a cause had 8e-4, mimics 1e-5", FOREIGN

@@ -226,8 +226,8 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
         spread = varying.get(name)
         if spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
-                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % along "
-                f"{spread.along}, that of a cause does not"
+                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % "
+                f"{spread.place}, that of a cause does not"
             )
         elif found.unnamed is not None and _mimics(found, best, name) > CAL.present:
             reasons[name] = (
@@ -257,8 +257,8 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
 def _gain(found: Examined, hypothesis: Hypothesis, name: str) -> float:
     """Log-likelihood that an effect gains beside the others of a hypothesis."""
     base, others = found.selection.base, set(hypothesis.names) - {name}
-    without = (own.cost for own in (base, *found.selection.tried) if set(own.names) == others)
-    return min(without, default=base.cost) - hypothesis.cost
+    without = [own.cost for own in found.selection.tried if set(own.names) == others]
+    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either may have been left on its way
 
 
 def _mimics(found: Examined, hypothesis: Hypothesis, name: str) -> float:
@@ -419,7 +419,7 @@ def _shape(found: Examined, channel: str) -> str:
             f"unknown forces of {lateral:.2g} % of the lateral and {longitudinal:.2g} % of the longitudinal ones"
         )
     if names and own.spread > CAL.form_of_size:
-        parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % along {own.along}")
+        parts.append(f"{names[0]}, the nearest name, would differ by {100 * own.spread:.0f} % {own.place}")
     if own.left > CAL.form_of_size:
         on = listed([own.name for own in found.recordings])
         parts.append(f"{100 * min(own.left, 1.0):.0f} % of the error beyond noise is left on {on}")

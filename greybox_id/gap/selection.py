@@ -100,6 +100,11 @@ def select(
         _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), worth)
     found = sorted(tried.values(), key=by_cost)
     base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
+    if _far(search, base):
+        with search.elsewhere():
+            search.about(base)
+            for own in _let_go(search, base, candidates):
+                found = _better(found, own)
     replacing = _in_each_place(search, found, candidates, worth)
     costs = {frozenset(own.names): own.cost for own in found}
     replacing = [own for own in replacing if own.cost < costs.get(frozenset(own.names), np.inf) - CAL.enough]
@@ -143,9 +148,12 @@ def _polished(
             again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
             bases = [own for own in again if not own.names]
             new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
-            new += [settled(search, own) if turn == 0 else own for own in sorted(bases, key=by_cost)[:1]]
+            new += sorted(bases, key=by_cost)[:1]  # it may cost more once settled, as rivals may, which are not
+            new += [settled(search, own) for own in new[-1:] if turn == 0 and not own.names]
             gained = max((better[frozenset(own.names)].cost - own.cost for own in new), default=0.0)
-            better |= {names: own for own in new if own.cost < better[names := frozenset(own.names)].cost}
+            for own in sorted(new, key=by_cost, reverse=True):
+                if own.cost < better[names := frozenset(own.names)].cost:
+                    better[names] = own
             if gained < CAL.enough:
                 break
     base = better.pop(nothing)
@@ -207,23 +215,44 @@ def _from_beliefs(
 ) -> list[Hypothesis]:
     """Single effects from where nuisances are believed to be, if some went far from there to do without an effect.
 
-    What has taken a cause's place may hold it: from there a refit finds a little of the cause, and no way back.
-    Nuisances are linearised again beside those that may yet be the best.
+    Those that went far are let go, where they may be effects themselves. What has taken a cause's place may hold it:
+    from there a refit finds a little of the cause, and no way back. Nuisances are linearised again beside those that
+    may yet be the best.
     """
-    if not any(far > CAL.tolerated_sd for far in search.far(base)):
+    if not _far(search, base):
         return []
+    themselves = _let_go(search, base, candidates)
     with search.elsewhere():
         search.about(None)
         believed = search.at_means()
         (e,) = search.residuals([search.vector(believed)])
         believed = replace(believed, e=e, J=np.zeros((*e.shape, 0)))
         if not np.all(np.isfinite(e)):
-            return []
+            return themselves
         promised = promises(search, believed, candidates)[: CAL.replacing]
         found = _with_each(search, believed, promised)
-        least = min((own.cost for own in (*singles, *found)), default=np.inf)
-        far = least + max(CAL.close * worth, CAL.nearly * (base.cost - least))
-        return _gaps(search, [settled(search, own) if own.cost < far else own for own in found])
+        least = min((own.cost for own in (*singles, *themselves, *found)), default=np.inf)
+        enough = least + max(CAL.close * worth, CAL.nearly * (base.cost - least))
+        found = _gaps(search, [settled(search, own) if own.cost < enough else own for own in found])
+    return [*themselves, *found]
+
+
+def _far(search: Search, base: Hypothesis) -> set[int]:
+    """Parameters that are tolerances and further off than these reach."""
+    axes = (*search.moving, *search.shifts)
+    return {own.index for own, off in zip(axes, search.far(base), strict=True) if off > CAL.tolerated_sd}
+
+
+def _let_go(search: Search, base: Hypothesis, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Effects that the base has as tolerances, further off than these reach, from where it has them; best first."""
+    far = _far(search, base)
+    starts = [
+        Start((own,), np.array([search.where(base, main), *(axis.null for axis in others)]), base.theta, base.linear)
+        for own in candidates
+        for main, *others in [own.axes]
+        if main.index in far
+    ]
+    return _gaps(search, refit(search, starts))
 
 
 def _combine(

@@ -28,7 +28,7 @@ class Signs:
     beyond : the same over what is no gap yet, in the channel where that is most.
     structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
     spread : by which share the magnitude differs between parts of the recording.
-    along : what those are parts of.
+    place : which parts, in words.
     gain : log-likelihood that the named effects gain.
     effects : how many they are.
     over : log-likelihood that driving still explains beyond what noise alone would gain.
@@ -41,7 +41,7 @@ class Signs:
     beyond: float
     structure: float
     spread: float
-    along: str
+    place: str
     gain: float
     effects: int
     over: float = 0.0
@@ -75,11 +75,11 @@ def signs(
     gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
     spread = 0.0
-    along = ""
+    place = ""
     known = varies(search, best, seen) if best.candidates else {}
     if best.candidates and best.names[0] in known:
         most = known[best.names[0]]
-        spread, along = min(most.relative, 2.0), most.along
+        spread, place = min(most.relative, 2.0), most.place
     left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
     if (
         scatter > 0 and not best.candidates and rest <= 0
@@ -91,7 +91,7 @@ def signs(
         beyond,
         over / max(over + gain, 1e-9),
         spread,
-        along,
+        place,
         gain,
         len(best.candidates),
         float(over),

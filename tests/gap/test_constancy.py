@@ -22,7 +22,8 @@ def examined(truth, seed=0, nuisances=()):
     search = search_on(GivenBench(lambda p: X @ p, measured, 2), SD, nuisances)
     base = search.at_means()
     (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
-    return {own.along: own for own in spreads(search, found, {"speed": speed, "time": np.arange(ROWS)})}
+    orders = {"speed": speed, "time": np.arange(ROWS)}
+    return {own.place: own for own in spreads(search, found, orders)}
 
 
 def test_p_values_of_a_constant_magnitude_are_uniform():
@@ -57,6 +58,20 @@ def test_a_magnitude_that_drifts_is_seen_along_time():
     assert found["time"].relative > 4 * found["speed"].relative
 
 
+def test_a_magnitude_that_differs_from_channel_to_channel_is_seen_between_them():
+    rng = np.random.default_rng(3)
+    X = rng.standard_normal((ROWS, 2, 1))
+    measured = X[:, :, 0] * [1.3, 0.6] + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 1), SD)
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    time, channels = spreads(search, found, {"time": np.arange(ROWS)})
+    assert channels.place == "between channels"
+    assert channels.p_value < 1e-12
+    np.testing.assert_allclose(channels.parts, [1.3, 0.6], atol=0.08)
+    assert time.relative < 0.05
+
+
 def test_a_part_that_says_nothing_has_no_magnitude():
     rng = np.random.default_rng(0)
     X = rng.standard_normal((ROWS, 1, 1))
@@ -64,7 +79,7 @@ def test_a_part_that_says_nothing_has_no_magnitude():
     search = search_on(GivenBench(lambda p: X @ p, X[:, :, 0], 1), SD[:1])
     base = search.at_means()
     (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
-    (own,) = spreads(search, found, {"time": np.arange(ROWS)})
+    own, _ = spreads(search, found, {"time": np.arange(ROWS)})
     assert own.p_value == pytest.approx(1.0, abs=0.01)
     assert np.nansum(own.parts) == pytest.approx(np.sum(np.isfinite(own.parts)), rel=1e-3)
 

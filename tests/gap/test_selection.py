@@ -10,7 +10,7 @@ from greybox_id.gap.calibration import CAL
 from greybox_id.gap.colour import colour, white_noise
 from greybox_id.gap.hypothesis import Start
 from greybox_id.gap.refit import refit
-from greybox_id.gap.selection import _in_each_place, _polished, select
+from greybox_id.gap.selection import _in_each_place, _let_go, _polished, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -108,3 +108,13 @@ def test_where_nothing_acts_no_effect_gains_what_it_must():
     X = smooth_columns(6)
     found = selected(linear_bench(X, np.zeros(6), SD), 6)
     assert found.base.cost - found.tried[0].cost < WORTH
+
+
+def test_a_tolerance_further_off_than_it_reaches_is_let_go_as_an_effect():
+    X = smooth_columns(2)
+    search = search_on(linear_bench(X, [0.5, 0.02], SD), SD, [axis(0, sd=0.1), axis(1, sd=0.1)])
+    (base,) = refit(search, [search.start_of(search.at_means())])
+    (found,) = _let_go(search, base, [candidate(0), candidate(1)])
+    assert found.names == ("effect_0",)
+    assert found.m[0] == pytest.approx(0.5, abs=0.05)
+    assert base.cost - found.cost == pytest.approx(0.5 * search.charge(base), rel=0.2)
