@@ -75,12 +75,17 @@ def with_form_error(model: MotionModel) -> MotionModel:
         )
         return force + grip * getattr(q, f"F_z{suffix}") * cs.sign(alpha) * error
 
-    def outer_slip(alpha: Symbol, q: Quantities) -> Symbol:
-        v, L = forward_speed(speed(q)), q.p.l_f + q.p.l_r
-        across = v * q.x.yaw_rate  # as in a steady turn: a_y itself would ask for this slip
-        transfer = FRONT_SHARE * across * q.p.h_cg * L / (G * q.p.l_r)  # s m a_y h_cg / F_zf
-        more = (q.u.steer - alpha) * q.x.yaw_rate / v - q.p.ackermann * q.u.steer**2 / L
-        return alpha + q.p.steered_wheels * more * transfer
+    def outer_front(alpha: Symbol, q: Quantities) -> Symbol:
+        L = q.p.l_f + q.p.l_r
+        more = (q.u.steer - alpha) * q.x.yaw_rate / forward_speed(speed(q)) - q.p.ackermann * q.u.steer**2 / L
+        return alpha + more * transfer(FRONT_SHARE, q.p.l_r, q)
+
+    def outer_rear(alpha: Symbol, q: Quantities) -> Symbol:
+        return alpha - alpha * q.x.yaw_rate / forward_speed(speed(q)) * transfer(1 - FRONT_SHARE, q.p.l_f, q)
+
+    def transfer(share: float, other: Symbol, q: Quantities) -> Symbol:
+        across = speed(q) * q.x.yaw_rate  # as in a steady turn: a_y itself would ask for this slip
+        return q.p.steered_wheels * share * across * q.p.h_cg * (q.p.l_f + q.p.l_r) / (G * other)
 
     slips = [
         Parameter(
@@ -101,9 +106,9 @@ def with_form_error(model: MotionModel) -> MotionModel:
         about="steering geometry, from parallel to Ackermann's",
     )  # fmt: skip
     wheels = steered_wheels()
-    moment = replace(wheels.parameter, value=HALFWAY, prior=Prior(TRACK_SD, mean=HALFWAY))
+    moment = replace(wheels.parameter, value=1.0, prior=Prior(TRACK_SD, mean=1.0))
     own = model.with_parameters(*slips, *curves, moment, ackermann).altered(
-        alpha_f=outer_slip, F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q),
+        alpha_f=outer_front, alpha_r=outer_rear, F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q),
     )  # fmt: skip
     assert wheels.apply is not None
     return replace(wheels.apply(own), settings={**model.settings, "form": "uncertain"})
