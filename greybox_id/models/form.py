@@ -46,7 +46,7 @@ from .tyres import AXLES
 
 CURVE_SD = 0.03
 """Standard deviation of a curve's error over the load, friction being near one: what formulas of `TYRES` differ by."""
-KNOTS = 5
+KNOTS = 7
 """With three, four and five, fits of designed drives held 80, 89 and 95 % of I_z, B and D (11 virtual vehicles of other
 forms, seeds 7301 to 7311 of development; before errors were orthogonal to slope and peak, D being the curve's peak)."""
 SHAPE = 1.4
