@@ -13,12 +13,11 @@ definition: those of the formula that comes nearest to its curve, where every sh
 errors are orthogonal to what slope and peak do: what these stand for is told by drives that use all of the friction,
 whatever the form, and by no others.
 
-Two front wheels. The outer one bears more by 2 s m a_y h_cg / track, is steered, drags on its side and turns the car
-back (`roughness.steered_wheels`). It runs faster, so that it slips by (delta - alpha) track / (2 R) more than the axle,
-R the radius of the turn, and Ackermann's geometry steers it by delta^2 track / (2 L) less; the inner wheel the other
-way round. Weighed by loads, of which the transfer leaves no track, the axle slips more by
-
-    steered_wheels ((delta - alpha) / R - ackermann delta^2 / L) s m a_y h_cg / F_zf
+Four wheels. The outer ones bear more by 2 s m a_y h_cg / track, s the share of their axle; they run faster, by
+yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 track / (2 L) less. An axle slips as its two
+wheels do, weighed by loads. The outer front wheel, steered, drags on its side and turns the car back. A car has its
+wheels where they stand: `steered_wheels`, over the tracks, is about one, uncertain as shares of a transfer are;
+`ackermann` lies between parallel and Ackermann's geometry.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001 (model discrepancy);
 Plumlee, Bayesian calibration of inexact computer models, J. Am. Statist. Assoc. 112, 2017 (orthogonal to parameters);
@@ -41,7 +40,7 @@ from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
 from .roughness import TRACK_SD, steered_wheels
 from .single_track import G
-from .smooth import forward_speed
+from .smooth import forward_speed, steer_slip
 from .tyres import AXLES
 
 CURVE_SD = 0.03
@@ -54,7 +53,7 @@ SHAPE = 1.4
 SHARES = 200
 """Of the friction, evenly from none to all."""
 HALFWAY = 0.5
-"""Prior mean of both numbers of the front wheels: between none of it and all."""
+"""Prior mean of the steering geometry: between parallel and Ackermann's."""
 _NUMBERS = range(1, KNOTS + 1)
 
 
@@ -75,17 +74,35 @@ def with_form_error(model: MotionModel) -> MotionModel:
         )
         return force + grip * getattr(q, f"F_z{suffix}") * cs.sign(alpha) * error
 
-    def outer_front(alpha: Symbol, q: Quantities) -> Symbol:
-        L = q.p.l_f + q.p.l_r
-        more = (q.u.steer - alpha) * q.x.yaw_rate / forward_speed(speed(q)) - q.p.ackermann * q.u.steer**2 / L
-        return alpha + more * transfer(FRONT_SHARE, q.p.l_r, q)
+    def transfer(suffix: str, across: Symbol, q: Quantities) -> Symbol:
+        """What the right wheel bears more than the left one, over the axle's load."""
+        share, other = (FRONT_SHARE, q.p.l_r) if suffix == "f" else (1 - FRONT_SHARE, q.p.l_f)
+        moment = share * across * q.p.h_cg * (q.p.l_f + q.p.l_r) / (G * other)
+        return cs.fmin(cs.fmax(2 * moment / getattr(q.p, f"track_{suffix}"), -1), 1)
 
-    def outer_rear(alpha: Symbol, q: Quantities) -> Symbol:
-        return alpha - alpha * q.x.yaw_rate / forward_speed(speed(q)) * transfer(1 - FRONT_SHARE, q.p.l_f, q)
+    def steered(side: float, q: Quantities) -> tuple[Symbol, Symbol]:
+        """Place of a front wheel to the left, its angle."""
+        y = 0.5 * side * q.p.steered_wheels * q.p.track_f
+        return y, q.u.steer + y * q.p.ackermann * q.u.steer**2 / (q.p.l_f + q.p.l_r)
 
-    def transfer(share: float, other: Symbol, q: Quantities) -> Symbol:
-        across = speed(q) * q.x.yaw_rate  # as in a steady turn: a_y itself would ask for this slip
-        return q.p.steered_wheels * share * across * q.p.h_cg * (q.p.l_f + q.p.l_r) / (G * other)
+    def weighed(suffix: str, alpha: Symbol, q: Quantities) -> Symbol:
+        x, v = (q.p.l_f if suffix == "f" else -q.p.l_r), speed(q)
+        more = transfer(suffix, v * q.x.yaw_rate, q)  # as in a steady turn: a_y itself would ask for this slip
+        for side in (1.0, -1.0):
+            y, angle = steered(side, q)
+            if suffix == "r":
+                y, angle = 0.5 * side * q.p.steered_wheels * q.p.track_r, q.u.steer
+            turned, w = steer_slip(angle - q.u.steer, v), q.x.v_y + x * q.x.yaw_rate
+            own = turned - cs.atan2(w, forward_speed(v - y * q.x.yaw_rate)) + cs.atan2(w, forward_speed(v))
+            alpha = alpha + 0.5 * (1 - side * more) * own
+        return alpha
+
+    def turned_back(M_z: Symbol, q: Quantities) -> Symbol:
+        more = transfer("f", (q.F_yf + q.F_yr) / q.p.m, q)
+        for side in (1.0, -1.0):
+            y, angle = steered(side, q)
+            M_z = M_z + 0.5 * (1 - side * more) * q.F_yf * y * cs.sin(angle)
+        return M_z
 
     slips = [
         Parameter(
@@ -105,13 +122,12 @@ def with_form_error(model: MotionModel) -> MotionModel:
         "ackermann", "1", HALFWAY, (-1.0, 2.0), prior=Prior(TRACK_SD, mean=HALFWAY),
         about="steering geometry, from parallel to Ackermann's",
     )  # fmt: skip
-    wheels = steered_wheels()
-    moment = replace(wheels.parameter, value=1.0, prior=Prior(TRACK_SD, mean=1.0))
-    own = model.with_parameters(*slips, *curves, moment, ackermann).altered(
-        alpha_f=outer_front, alpha_r=outer_rear, F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q),
+    wheels = replace(steered_wheels().parameter, value=1.0, prior=Prior(TRACK_SD, mean=1.0))
+    own = model.with_parameters(*slips, *curves, wheels, ackermann).altered(
+        alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
+        F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q), M_z=turned_back,
     )  # fmt: skip
-    assert wheels.apply is not None
-    return replace(wheels.apply(own), settings={**model.settings, "form": "uncertain"})
+    return replace(own, settings={**model.settings, "form": "uncertain"})
 
 
 def _bumps(slip: Symbol) -> list[Symbol]:
