@@ -54,6 +54,8 @@ SHARES = 200
 """Of the friction, evenly from none to all."""
 HALFWAY = 0.5
 """Prior mean of the steering geometry: between parallel and Ackermann's."""
+WHEELS, WHEELS_SD = 0.04, 0.02
+"""Mass by which turning wheels resist acceleration, over the vehicle's: what is usual of cars without their engines."""
 _NUMBERS = range(1, KNOTS + 1)
 
 
@@ -102,7 +104,7 @@ def with_form_error(model: MotionModel) -> MotionModel:
         for side in (1.0, -1.0):
             y, angle = steered(side, q)
             M_z = M_z + 0.5 * (1 - side * more) * q.F_yf * y * cs.sin(angle)
-        return M_z
+        return M_z / (1 + q.p.turning_wheels * q.p.m * q.p.track_f * q.p.track_r / (4 * q.p.I_z))
 
     slips = [
         Parameter(
@@ -123,7 +125,11 @@ def with_form_error(model: MotionModel) -> MotionModel:
         about="steering geometry, from parallel to Ackermann's",
     )  # fmt: skip
     wheels = replace(steered_wheels().parameter, value=1.0, prior=Prior(TRACK_SD, mean=1.0))
-    own = model.with_parameters(*slips, *curves, wheels, ackermann).altered(
+    turning = Parameter(
+        "turning_wheels", "1", WHEELS, (0.0, 0.5), prior=Prior(WHEELS_SD), about="mass by which wheels resist being turned"
+    )
+    own = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
+        a_x=lambda a_x, q: a_x / (1 + q.p.turning_wheels),
         alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
         F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q), M_z=turned_back,
     )  # fmt: skip
