@@ -30,6 +30,8 @@ MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 """The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
 parameters move by less than the second; rounds at most."""
+MOST_WALLS = 3
+"""Times that a search that stalled goes on with bounds where its objective jumps."""
 LEAST_NOISE = 1e-9
 SPREAD = 0.7
 """Standard deviation of the logarithm of positive parameters over random starts."""
@@ -183,15 +185,42 @@ def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: S
         say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
         return True
 
-    return gauss_newton(
-        problem,
-        x,
-        max_steps=MOST_STEPS,
-        tolerance=tolerance,
-        negligible=0.0,
-        search="levenberg_marquardt",
-        on_step=report,
-    )
+    def searched(x: Array) -> Solution:
+        return gauss_newton(
+            problem,
+            x,
+            max_steps=MOST_STEPS,
+            tolerance=tolerance,
+            negligible=0.0,
+            search="levenberg_marquardt",
+            on_step=report,
+        )
+
+    solution = searched(x)
+    for _ in range(MOST_WALLS):
+        if solution.status is not Status.STALLED or not _walled(problem, solution):
+            break
+        further = searched(solution.x)
+        solution = replace(further, steps=solution.steps + further.steps, history=solution.history + further.history)
+    return solution
+
+
+def _walled(problem: MotionProblem, solution: Solution) -> bool:
+    """Bound unknowns of the problem where its objective jumps up, as at bounds that were stated; whether there are any.
+
+    A delay meets such a wall where a reading would come before a command rather than after: a search leans on it, and
+    what a smooth objective would promise beyond keeps everything else from its optimum.
+    """
+    x, (low, high) = solution.x, (bound.copy() for bound in problem.bounds)
+    equations = problem.normal_equations(x, solution.nodes)
+    g, curvature, found = equations.g, np.diag(equations.H), False
+    for k in np.flatnonzero(problem.free & (curvature > 0.0) & (np.where(g > 0.0, x > low, x < high))):
+        moved = x.copy()
+        moved[k] = np.clip(x[k] - g[k] / curvature[k], low[k], high[k])
+        if problem.objective(moved, problem.simulated_nodes(moved)) > solution.objective:
+            found, (low if g[k] > 0.0 else high)[k] = True, x[k]
+    problem.bounds = low, high
+    return found
 
 
 def _problem(
