@@ -49,9 +49,8 @@ def sliding(model, slips, **given):
     unit = float(model["curve_slip_r"].array)
     p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
     load = p["m"] * 9.81 * p["l_f"] / (p["l_f"] + p["l_r"])
-    return np.array([
-        forces(model, (20.0, -20.0 * np.tan(s * unit), 0.0), steer=0.0, turning_wheels=0.0, **given)[1] / load for s in slips
-    ])  # fmt: skip
+    given |= {"steer": 0.0, "turning_wheels": 0.0}
+    return np.array([forces(model, (20.0, -20.0 * np.tan(s * unit), 0.0), **given)[1] / load for s in slips])
 
 
 def test_an_error_of_the_curve_is_odd_and_a_bump_less_what_slope_and_peak_would_make_of_it():
