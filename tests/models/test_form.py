@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from linearised import rates, vector
+from linearised import rates, segment, vector
 
+from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.errors import BadInput
 from greybox_id.models.form import CURVE_SD, KNOTS
 from greybox_id.models.registry import build
@@ -46,11 +47,12 @@ def test_it_is_rebuilt_from_its_settings_as_json():
 
 def sliding(model, slips, **given):
     """F_yr over F_z at these slips, in units of the rear curve's own."""
-    unit = float(model["curve_slip_r"].array)
     p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
     load = p["m"] * 9.81 * p["l_f"] / (p["l_f"] + p["l_r"])
-    given |= {"steer": 0.0, "turning_wheels": 0.0}
-    return np.array([forces(model, (20.0, -20.0 * np.tan(s * unit), 0.0), **given)[1] / load for s in slips])
+    v_y = [-20.0 * np.tan(s * p["curve_slip_r"]) for s in slips]
+    z = np.stack([np.full(len(v_y), 20.0), v_y, np.zeros(len(v_y))])
+    found = np.array(MotionTrace(model).rates(z, segment(model), vector(model, turning_wheels=0.0, **given)))
+    return (p["l_f"] * p["m"] * found[1] - p["I_z"] * found[2]) / (p["l_f"] + p["l_r"]) / load
 
 
 def test_an_error_of_the_curve_is_odd_and_a_bump_less_what_slope_and_peak_would_make_of_it():
