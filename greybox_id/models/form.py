@@ -18,7 +18,8 @@ yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 tra
 two wheels do, weighed by loads. The outer front wheel, steered, drags on its side and turns the car back. A car has its
 wheels where they stand: `steered_wheels`, over the tracks, is about one, uncertain as shares of a transfer are;
 `ackermann` lies between parallel and Ackermann's geometry. Wheels resist being turned (`turning_wheels`, mass over the
-vehicle's): in acceleration, and half a track beside the middle in yaw, by 1 to 2 % of its inertia.
+vehicle's), half a track beside the middle: yaw meets 1 to 3 % more than the body's inertia. Along the vehicle they do
+as well, but forces stated from acceleration runs are what is left of them.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001 (model discrepancy);
 Plumlee, Bayesian calibration of inexact computer models, J. Am. Statist. Assoc. 112, 2017 (orthogonal to parameters);
@@ -136,7 +137,6 @@ def with_form_error(model: MotionModel) -> MotionModel:
         about="mass by which wheels resist being turned",
     )
     own = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
-        a_x=lambda a_x, q: a_x / (1 + q.p.turning_wheels),
         alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
         F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q), M_z=turned_back,
     )  # fmt: skip

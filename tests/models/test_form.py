@@ -126,13 +126,6 @@ def test_wheels_slip_where_they_stand_and_weigh_as_their_loads_and_the_outer_fro
     assert found["v_y"] + yaw_rate * v_x == pytest.approx((along + force["r"]) / p["m"], rel=1e-6)
 
 
-def test_wheels_that_turn_resist_being_braked():
-    model = build("single_track", {"form": "uncertain"})
-    straight = [rates(model, (12.0, 0.0, 0.0), p=vector(model, turning_wheels=own), steer=0.0, drive=-2.0)["v_x"]
-                for own in (0.0, 0.05)]  # fmt: skip
-    assert straight[1] == pytest.approx(straight[0] / 1.05, rel=1e-9)
-
-
 def test_what_does_not_go_together_is_a_sentence():
     for settings, words in (
         ({"form": "sure"}, "exact or uncertain"),
