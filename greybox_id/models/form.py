@@ -42,7 +42,7 @@ from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
 from .roughness import TRACK_SD, steered_wheels
 from .single_track import G
-from .smooth import forward_speed, steer_slip
+from .smooth import forward_speed
 from .tyres import AXLES
 
 CURVE_SD = 0.03
@@ -85,29 +85,25 @@ def with_form_error(model: MotionModel) -> MotionModel:
         moment = share * across * q.p.h_cg * (q.p.l_f + q.p.l_r) / (G * other)
         return cs.fmin(cs.fmax(2 * moment / getattr(q.p, f"track_{suffix}"), -1), 1)
 
-    def steered(side: float, q: Quantities) -> tuple[Symbol, Symbol]:
-        """Place of a front wheel to the left, its angle."""
-        y = 0.5 * side * q.p.steered_wheels * q.p.track_f
-        return y, q.u.steer + y * q.p.ackermann * q.u.steer**2 / (q.p.l_f + q.p.l_r)
+    def toed(steer: Symbol, q: Quantities) -> Symbol:
+        more = transfer("f", speed(q) * q.x.yaw_rate, q)
+        return steer - 0.5 * more * q.p.steered_wheels * q.p.track_f * q.p.ackermann * steer**2 / (q.p.l_f + q.p.l_r)
 
     def weighed(suffix: str, alpha: Symbol, q: Quantities) -> Symbol:
         x, v = (q.p.l_f if suffix == "f" else -q.p.l_r), speed(q)
-        more = transfer(suffix, v * q.x.yaw_rate, q)  # as in a steady turn: a_y itself would ask for this slip
+        w, more = q.x.v_y + x * q.x.yaw_rate, transfer(suffix, v * q.x.yaw_rate, q)
         for side in (1.0, -1.0):
-            y, angle = steered(side, q)
-            if suffix == "r":
-                y, angle = 0.5 * side * q.p.steered_wheels * q.p.track_r, q.u.steer
-            turned, w = steer_slip(angle - q.u.steer, v), q.x.v_y + x * q.x.yaw_rate
-            own = turned - cs.atan2(w, forward_speed(v - y * q.x.yaw_rate)) + cs.atan2(w, forward_speed(v))
+            y = 0.5 * side * q.p.steered_wheels * getattr(q.p, f"track_{suffix}")
+            own = cs.atan2(w, forward_speed(v)) - cs.atan2(w, forward_speed(v - y * q.x.yaw_rate))
             alpha = alpha + 0.5 * (1 - side * more) * own
         return alpha
 
     def turned_back(M_z: Symbol, q: Quantities) -> Symbol:
-        more = transfer("f", (q.F_yf + q.F_yr) / q.p.m, q)
-        for side in (1.0, -1.0):
-            y, angle = steered(side, q)
-            M_z = M_z + 0.5 * (1 - side * more) * q.F_yf * y * cs.sin(angle)
-        return M_z / (1 + q.p.turning_wheels * q.p.m * q.p.track_f * q.p.track_r / (4 * q.p.I_z))
+        more, half = transfer("f", (q.F_yf + q.F_yr) / q.p.m, q), 0.5 * q.p.steered_wheels * q.p.track_f
+        toe = half * q.p.ackermann * q.u.steer**2 / (q.p.l_f + q.p.l_r)
+        left, right = 0.5 * (1 - more) * cs.sin(q.u.steer + toe), 0.5 * (1 + more) * cs.sin(q.u.steer - toe)
+        inertia = q.p.turning_wheels * q.p.m * q.p.track_f * q.p.track_r / 4
+        return (M_z + half * q.F_yf * (left - right)) / (1 + inertia / q.p.I_z)
 
     slips = [
         Parameter(
@@ -137,7 +133,7 @@ def with_form_error(model: MotionModel) -> MotionModel:
         about="mass by which wheels resist being turned",
     )
     own = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
-        alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
+        steer=toed, alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
         F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q), M_z=turned_back,
     )  # fmt: skip
     return replace(own, settings={**model.settings, "form": "uncertain"})
