@@ -14,12 +14,13 @@ errors are orthogonal to what slope and peak do: what these stand for is told by
 whatever the form, and by no others.
 
 Four wheels. The outer ones bear more by 2 s m a_y h_cg / track, s the share of their axle; they run faster, by
-yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 track / (2 L) less. An axle slips as its
-two wheels do, weighed by loads. The outer front wheel, steered, drags on its side and turns the car back. A car has its
-wheels where they stand: `steered_wheels`, over the tracks, is about one, uncertain as shares of a transfer are;
-`ackermann` lies between parallel and Ackermann's geometry. Wheels resist being turned (`turning_wheels`, mass over the
-vehicle's), half a track beside the middle: yaw meets 1 to 3 % more than the body's inertia. Along the vehicle they do
-as well, but forces stated from acceleration runs are what is left of them.
+yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 track / (2 L) less. An axle slips and
+points as its two wheels do, weighed by loads: a hundredth of a radian by which a force points elsewhere shows in the
+speed after seconds. The outer front wheel, steered, drags on its side and turns the car back. A car has its wheels
+where they stand: `steered_wheels`, over the tracks, is about one, uncertain as shares of a transfer are; `ackermann`
+lies between parallel and Ackermann's geometry. Wheels resist being turned (`turning_wheels`, mass over the vehicle's),
+half a track beside the middle: yaw meets 1 to 3 % more than the body's inertia. Along the vehicle they do as well, but
+forces stated from acceleration runs are what is left of them.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001 (model discrepancy);
 Plumlee, Bayesian calibration of inexact computer models, J. Am. Statist. Assoc. 112, 2017 (orthogonal to parameters);
