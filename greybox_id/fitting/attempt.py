@@ -30,6 +30,8 @@ MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 """The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
 parameters move by less than the second; rounds at most."""
+MOST_WALLS = 3
+"""Times that a search that stalled goes on with bounds where its objective jumps."""
 LEAST_NOISE = 1e-9
 SPREAD = 0.7
 """Standard deviation of the logarithm of positive parameters over random starts."""
@@ -38,18 +40,35 @@ SPREAD = 0.7
 def starting_points(model: MotionModel, how: How) -> list[Array]:
     """Nominal values, and others drawn about them, (parameters,) each: positive parameters keep their sign."""
     random = np.random.default_rng(how.seed)
+    nominal = off_bounds(model, model.values)
     low = np.concatenate([np.full(p.size, p.bounds[0]) for p in model.parameters])
     high = np.concatenate([np.full(p.size, p.bounds[1]) for p in model.parameters])
     free = np.concatenate([np.full(p.size, not p.fixed) for p in model.parameters])
-    points = [model.values]
+    points = [nominal]
     for _ in range(how.starts - 1):
         draw = random.standard_normal(model.size)
         factor = np.exp(SPREAD * draw)
         with np.errstate(invalid="ignore"):
-            moved = np.where(low >= 0, model.values * factor, model.values + SPREAD * np.abs(model.values) * draw)
-        moved = np.where(np.isfinite(moved), moved, model.values)
-        points.append(np.where(free, np.clip(moved, low, high), model.values))
+            moved = np.where(low >= 0, nominal * factor, nominal + SPREAD * np.abs(nominal) * draw)
+        moved = np.where(np.isfinite(moved), moved, nominal)
+        points.append(np.where(free, np.clip(moved, low, high), nominal))
     return points
+
+
+def off_bounds(model: MotionModel, p: Array) -> Array:
+    """(parameters,) with what is believed to lie near its lower bound, and is there, a standard deviation inside.
+
+    Readings just after a command jump with it where nothing is late, and no derivative knows of that jump: a search
+    that begins with all delays at none stays there, and other numbers take the blame.
+    """
+    found, start = np.array(p), 0
+    for own in model.parameters:
+        at, start = slice(start, start + own.size), start + own.size
+        if not own.fixed and own.prior is not None:
+            (low, high), sd = own.bounds, np.broadcast_to(np.asarray(own.prior.sd, float), own.shape).ravel()
+            inside = np.where(np.isfinite(sd), np.minimum(low + sd, 0.5 * (low + high)), low)
+            found[at] = np.where(found[at] <= low, inside, found[at])
+    return found
 
 
 @dataclass(frozen=True)
@@ -137,7 +156,7 @@ def _on_the_way(
         )
         yield Attempt(ahead, p, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
-        p, noise = ahead.shared(solution.x), residual_noise(ahead, solution)
+        p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
     problem = _problem(simulator, recordings, noise, how, p)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     settled, taken = known and not problem.carries, 0
@@ -166,15 +185,42 @@ def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: S
         say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
         return True
 
-    return gauss_newton(
-        problem,
-        x,
-        max_steps=MOST_STEPS,
-        tolerance=tolerance,
-        negligible=0.0,
-        search="levenberg_marquardt",
-        on_step=report,
-    )
+    def searched(x: Array) -> Solution:
+        return gauss_newton(
+            problem,
+            x,
+            max_steps=MOST_STEPS,
+            tolerance=tolerance,
+            negligible=0.0,
+            search="levenberg_marquardt",
+            on_step=report,
+        )
+
+    solution = searched(x)
+    for _ in range(MOST_WALLS):
+        if solution.status is not Status.STALLED or not _walled(problem, solution):
+            break
+        further = searched(solution.x)
+        solution = replace(further, steps=solution.steps + further.steps, history=solution.history + further.history)
+    return solution
+
+
+def _walled(problem: MotionProblem, solution: Solution) -> bool:
+    """Bound unknowns of the problem where its objective jumps up, as at bounds that were stated; whether there are any.
+
+    A delay meets such a wall where a reading would come before a command rather than after: a search leans on it, and
+    what a smooth objective would promise beyond keeps everything else from its optimum.
+    """
+    x, (low, high) = solution.x, (bound.copy() for bound in problem.bounds)
+    equations = problem.normal_equations(x, solution.nodes)
+    g, curvature, found = equations.g, np.diag(equations.H), False
+    for k in np.flatnonzero(problem.free & (curvature > 0.0) & (np.where(g > 0.0, x > low, x < high))):
+        moved = x.copy()
+        moved[k] = np.clip(x[k] - g[k] / curvature[k], low[k], high[k])
+        if problem.objective(moved, problem.simulated_nodes(moved)) > solution.objective:
+            found, (low if g[k] > 0.0 else high)[k] = True, x[k]
+    problem.bounds = low, high
+    return found
 
 
 def _problem(

@@ -1,0 +1,50 @@
+"""Where a search begins, and what it does where the objective jumps."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
+from greybox_id.fitting.how import How
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
+from greybox_id.parameter import Prior
+
+
+def test_what_is_believed_near_its_bound_begins_inside():
+    """With all delays at none, readings jump with commands and no derivative says so."""
+    model = build("single_track") + EFFECTS["steering_delay"] + EFFECTS["steering_lag"]
+    model = model.with_parameters(replace(model["steering_delay"], prior=Prior(0.002)))
+    for point in starting_points(model, How(starts=3)):
+        found = dict(zip([own.name for own in model.parameters], point, strict=True))
+        assert 0.0 < found["steering_delay"] < 0.02
+        assert found["steering_lag"] == 0.0, "nothing is believed of it"
+    first = starting_points(model, How())[0]
+    assert np.flatnonzero(first != model.values).tolist() == [
+        [own.name for own in model.parameters].index("steering_delay")
+    ]
+    assert np.array_equal(off_bounds(model, first), first)
+
+
+@pytest.mark.parametrize(("away", "side"), [(1.0, 0), (-1.0, 1)])
+def test_an_objective_that_jumps_is_bounded_there_and_nowhere_else(away, side):
+    """0.5 |x - (0, 3)|^2 with x_0 at `away`, towards whose optimum it jumps up."""
+    x = np.array([away, 2.0])
+
+    def objective(x, nodes):
+        return 0.5 * x[0] ** 2 + 0.5 * (x[1] - 3.0) ** 2 + 9.0 * (away * x[0] < 1.0)
+
+    def equations(x, nodes):
+        return SimpleNamespace(g=x - [0.0, 3.0], H=np.eye(2))
+
+    problem = SimpleNamespace(
+        bounds=(np.full(2, -5.0), np.full(2, 5.0)), free=np.ones(2, dtype=bool), objective=objective,
+        simulated_nodes=lambda x: None, normal_equations=equations,
+    )  # fmt: skip
+    assert _walled(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
+    expected = [[-5.0, -5.0], [5.0, 5.0]]
+    expected[side][0] = away
+    assert np.array(problem.bounds).tolist() == expected
+    assert not _walled(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
