@@ -6,8 +6,8 @@
     search FOLDER .. --draws  verdicts with all numbers of the search halved and doubled at random, at once
 
 FOLDER is an examination that was made, and for thresholds and costs also diagnosed, of families that no examination
-draws from: `greybox exam make --tier foreign --family development`, or of any tier by a seed that is used for nothing else.
-Answers are read, so that such an examination proves nothing afterwards. All print one JSON object.
+draws from: `greybox exam make --tier foreign --family development`, or of any tier by a seed that is used for nothing
+else. Answers are read, so that such an examination proves nothing afterwards. All print one JSON object.
 """
 
 from __future__ import annotations
