@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
@@ -70,6 +70,9 @@ class MemoryModel(Model):
     step_2_holds : parameters that the closed loop does not move once their part is fitted alone.
     actuators, sensors : put there by effects.
     """
+
+    kind: ClassVar[str] = "memory"
+    called: ClassVar[str] = "a model with memory"
 
     equations: Callable[[Namespace, Namespace, Past], Mapping[str, Symbol]]
     sample_time: float

@@ -16,6 +16,7 @@ import numpy as np
 from ..choices.wanted import must_be_recorded
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Prediction
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..fitting.how import How, Say, quiet
@@ -24,7 +25,7 @@ from ..model import Model
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..recording import Recording
-from ..scores.metrics import Error, Prediction, prediction_errors
+from ..scores.metrics import Error, prediction_errors
 from ..shorthands import Array
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
 from .outcome import Adaptation, Outcome, moved_from, parted

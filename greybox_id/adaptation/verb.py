@@ -19,7 +19,8 @@ from ..models.effects import EFFECTS
 from ..parameter import unpack
 from ..provenance import Stage, data_record
 from ..recording import Recording
-from ..scores.metrics import Error, as_dict, errors, score
+from ..scores.memory import errors
+from ..scores.metrics import Error, as_dict, score
 from ..scores.timing import (
     RunDelay,
     aligned,

@@ -17,8 +17,8 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
-from ..fitting.hybrid import TrainedBefore
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
 from ..hybrid_model import HybridModel
 from ..model import Model

@@ -11,12 +11,13 @@ import pandas as pd
 
 from ..choices.wanted import must_be_recorded
 from ..declared import understood
+from ..engine.simulation import Prediction
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, Prediction
+from ..scores.metrics import FREE_RUN
 from ..scores.metrics import score as score_model
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs

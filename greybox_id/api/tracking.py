@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__
 from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
@@ -24,6 +23,7 @@ from ..recording import Recording
 from ..reports.track.digest import TrackMade
 from ..shorthands import Array
 from ..vehicle import TrackingPlan, Vehicle
+from ..version import __version__
 from . import given
 from .fitting import Progress
 from .given import Columns, ModelLike, VehicleLike

@@ -28,18 +28,20 @@ from ..adaptation.outcome import Adaptation
 from ..adaptation.verb import adapt, tuned_in_sample
 from ..datasets.read import read
 from ..engine.shooting import Problem
+from ..engine.simulation import Prediction
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.grid import Grid, fit_grid
 from ..fitting.how import How, Say, quiet
-from ..fitting.memory import MOST_STEPS, fit_briefly
+from ..fitting.steps import MOST_STEPS, fit_briefly
 from ..fitting.verb import fit
 from ..memory_model import MemoryModel
 from ..models.registry import candidates, prepared
 from ..recording import Recording
 from ..reports.comparison import paired
-from ..scores.metrics import BATCH, Error, Prediction, errors, predictions
+from ..scores.memory import BATCH, errors, predictions
+from ..scores.metrics import Error
 from ..scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from ..engine.simulation import Prediction
 from ..fit import Fit
 from ..fitting.grid import Grid
 from ..memory_model import MemoryModel
@@ -34,7 +35,6 @@ from ..reports.figures.style import (
     signal_label,
 )
 from ..reports.noise import Noise
-from ..scores.metrics import Prediction
 from ..shorthands import Array
 from ..statistics import correlation_time
 

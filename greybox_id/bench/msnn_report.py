@@ -7,16 +7,16 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from .. import __version__
 from ..adaptation.outcome import parted
+from ..engine.simulation import Prediction
 from ..memory_model import MemoryModel
 from ..numbers import number
 from ..recording import Recording
 from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.noise import noise
 from ..reports.text.screen import plain_table
-from ..scores.metrics import Prediction
 from ..scores.timing import timed
+from ..version import __version__
 from .msnn import OURS, MsnnBench, Row, one_output
 from .msnn_figures import adapted, criterion, densities, handling, predicted, responses, speed_ranges
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..engine.hybrid.cell import free_run
 from ..engine.hybrid.problem import WindowErrors
 from ..engine.hybrid.stretches import stretches
@@ -28,6 +27,7 @@ from ..models.registry import prepared
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
+from ..version import __version__
 from .truck_grey_boxes import fitted
 from .truck_models import LEVER_ARM, truck
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..choices.parameters import Choices, state_values, with_choices
 from ..choices.wanted import doubts_of_drive, must_be_recorded
 from ..datasets.result_table import target_of, write_table
+from ..engine.simulation import Prediction
 from ..guard import claim
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
@@ -20,7 +21,7 @@ from ..motion_model import MotionModel
 from ..numbers import counted, pretty_unit, with_sd
 from ..recording import Recording
 from ..reports.text.fit import timing_lines
-from ..scores.metrics import Prediction, as_dict, prediction_errors
+from ..scores.metrics import as_dict, prediction_errors
 from ..scores.prediction import as_table, assumed
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs

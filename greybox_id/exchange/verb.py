@@ -18,7 +18,7 @@ from ..memory_model import MemoryModel
 from ..models.registry import build
 from ..parameter import Parameter
 from ..recording import Recording
-from ..scores.metrics import predictions
+from ..scores.memory import predictions
 from ..shorthands import Array
 from .evaluation import evaluate
 from .family import NetworkFamily, recognise

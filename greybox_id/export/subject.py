@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..engine.hybrid.motion import as_motion
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
@@ -18,6 +17,7 @@ from ..hybrid_model import HybridModel
 from ..model import Model
 from ..motion_model import MotionModel
 from ..vehicle import Vehicle
+from ..version import __version__
 from .equations import Equations
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")

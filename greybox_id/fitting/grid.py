@@ -28,14 +28,15 @@ from ..memory_model import MemoryModel
 from ..models.registry import prepared
 from ..processes import side_by_side
 from ..recording import Recording
-from ..scores.metrics import Error, aic, errors, predictions
+from ..scores.memory import aic, errors, predictions
+from ..scores.metrics import Error
 from ..scores.verdict import doubted
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
 from .how import Say, above_zero, quiet
-from .memory import MOST_STEPS, TOLERANCE, fit_briefly
+from .steps import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000
 """Fits in a grid: a slip of the pen is no day's work."""

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..engine.simulation import Prediction
 from ..fit import Fit
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
@@ -16,8 +17,8 @@ from ..motion_model import MotionModel
 from ..numbers import counted, listed, number, percent, pretty_unit, signal_words
 from ..numbers import interval as interval_of
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, Prediction
-from ..shorthands import Array
+from ..scores.metrics import FREE_RUN
+from ..shorthands import Array, Index
 from ..signals import SIGNALS, unit_of
 from ..statistics import correlation_time, resampled
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
@@ -118,7 +119,7 @@ def _together(
     output: str,
     one: tuple[Recording, tuple[str, ...], Prediction],
     other: tuple[Recording, tuple[str, ...], Prediction],
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Index]:
     """Errors of both at the rows that both predict, and the rows' runs."""
     errors = []
     for _, outputs, found in (one, other):

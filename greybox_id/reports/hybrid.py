@@ -11,7 +11,8 @@ from ..hybrid_model import HybridModel
 from ..numbers import capital, counted, listed, number, percent, pretty_unit, signal_words, with_sd
 from ..recording import Recording
 from ..scores.estimates import apply_hybrid
-from ..scores.metrics import FREE_RUN, hybrid_predictions
+from ..scores.hybrid import hybrid_predictions
+from ..scores.metrics import FREE_RUN
 from ..shorthands import Array
 from ..signals import unit_of
 from .content import (

@@ -12,7 +12,7 @@ from ..memory_model import MemoryModel
 from ..numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
 from ..provenance import Stage
 from ..recording import Recording
-from ..scores.metrics import PROTOCOLS, Protocol, predictions
+from ..scores.memory import PROTOCOLS, Protocol, predictions
 from ..signals import unit_of
 from .content import (
     OBJECTIVE,

@@ -24,7 +24,7 @@ from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, prepared
 from greybox_id.recording import join
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.scores.timing import run_delays
 
 

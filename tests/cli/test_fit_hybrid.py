@@ -99,7 +99,7 @@ def test_the_models_are_listed():
 
 
 def test_training_is_carried_on_from_a_fit(fitted, files, tmp_path, monkeypatch):
-    monkeypatch.setattr("greybox_id.fitting.hybrid.STEPS", 3)
+    monkeypatch.setattr("greybox_id.fitting.training.STEPS", 3)
     path, _ = fitted
     again = ("fit", "--model", "hybrid_force", *files, "--columns", "canonical", "--out", tmp_path / "again")
     done = greybox(*again, "--pretrain", path, "--json")

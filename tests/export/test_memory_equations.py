@@ -12,7 +12,7 @@ from greybox_id.export.equations import Equations
 from greybox_id.export.memory_equations import MemoryEquations, equations_of
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 CLOSED = ("msnn_full", "msnn_full_plus")
 
