@@ -142,7 +142,7 @@ class FitPlots:
         BadInput : the model has no axles with slip angles.
         """
         model = _motion(self._fit.model)
-        if not has_tyres(self._fit):
+        if not has_tyres(model):
             raise BadInput(f"{model.name} has no tyres: no slip angles, lateral forces and loads of its axles.")
         speed = v_x if v_x is not None else self._speed()
         reach = slip if slip is not None else self._slip()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ..memory_model import MemoryModel
@@ -31,12 +31,16 @@ class Prediction:
         """Some of the rows, in that order."""
         return Prediction(self.rows[order], self.predicted[order], self.measured[order], self.run[order])
 
+    def of(self, outputs: Sequence[int]) -> Prediction:
+        """The same of some of the outputs."""
+        return replace(self, predicted=self.predicted[:, outputs], measured=self.measured[:, outputs])
+
 
 Diagnosed = MotionModel | MemoryModel
 """A model that can be simulated so, and diagnosed."""
 
 
-class LaidRun(Protocol):
+class SimulatedRun(Protocol):
     """An unbroken run as a simulation lays it out."""
 
     @property
@@ -56,7 +60,7 @@ class FreeRuns(Protocol):
         """With all candidates."""
 
     @property
-    def runs(self) -> Sequence[LaidRun]:
+    def runs(self) -> Sequence[SimulatedRun]:
         """The recordings' unbroken runs."""
 
     @property

@@ -44,25 +44,20 @@ class Driven(Seen):
     quantities: Mapping[str, Array]
 
 
-def motion_model(fit: Fit) -> MotionModel:
-    """The model of a fit of this kind."""
-    assert isinstance(fit.model, MotionModel)
-    return fit.model
-
-
-def driven(fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS) -> tuple[Driven, ...]:
+def driven(
+    model: MotionModel, fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS
+) -> tuple[Driven, ...]:
     """The recordings of a fit, in its order, with predictions.
 
     Parameters
     ----------
-    fit, recordings : the fit and what it saw.
+    model, fit, recordings : the fit, its model and what it saw.
     horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
 
     Raises
     ------
     BadInput : one that the fit saw is missing, or is another file.
     """
-    model = motion_model(fit)
     shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
     simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
     return tuple(
@@ -135,9 +130,8 @@ def _rows_of(found: Prediction, near: float, horizon: float, runs: Sequence[Moti
 
 def _of(found: Prediction, columns: Sequence[int]) -> Prediction:
     """Some outputs of predictions, in the order of the recording's rows."""
-    own = found.taken(np.argsort(found.rows, kind="stable"))
-    predicted = np.where(np.isinf(own.predicted), np.nan, own.predicted)
-    return replace(own, predicted=predicted[:, columns], measured=own.measured[:, columns])
+    own = found.taken(np.argsort(found.rows, kind="stable")).of(columns)
+    return replace(own, predicted=np.where(np.isinf(own.predicted), np.nan, own.predicted))
 
 
 def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:

@@ -16,7 +16,7 @@ from ...numbers import alike, counted, listed, number, percent, pretty_unit, qua
 from ...signals import unit_of
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
-from ..equations.tracing import motion_equations
+from ..equations.motion import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import Sheet, band
 from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
