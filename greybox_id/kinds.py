@@ -19,7 +19,7 @@ from collections.abc import Callable
 from functools import cache, update_wrapper
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+from typing import Concatenate, Generic, ParamSpec, TypeVar
 
 from .errors import BadInput
 from .model import Model
@@ -68,11 +68,11 @@ def by_kind(otherwise: Callable[Concatenate[Model, P], T]) -> ByKind[P, T]:
     return ByKind(otherwise)
 
 
-def must_be(model: Any, kind: type[Kind], why: str) -> Kind:
-    """The model, where it is of the kind that is needed. Raises `BadInput`: what it is instead, and `why` not."""
+def must_be(kind: type[Kind], model: Model, otherwise: str = "") -> Kind:
+    """The model, where it is of the kind that is needed. Raises `BadInput` with that sentence where it is not."""
     if isinstance(model, kind):
         return model
-    raise BadInput(f"{model.name} is {model.called}{why}")
+    raise BadInput(otherwise or f"{model.name} is {model.called}; {kind.called} is needed here.")
 
 
 @cache

@@ -66,6 +66,7 @@ class Model:
     combinations : quantities to report beside the parameters.
     origins : name of an effect that greybox-id does not ship -> where its equations come from.
     aliases : input -> signals any one of which is that input, the first one recorded counts.
+    parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
     kind : of a class, what the modules are called that deal with its models (see kinds.py).
     called : of a class, what its models are, for people.
 
@@ -96,6 +97,7 @@ class Model:
     combinations: tuple[Combination, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=lambda: MappingProxyType({}))
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    parts: tuple[Model, ...] = ()
     kind: ClassVar[str] = ""
     called: ClassVar[str] = "a model of its own kind"
 

@@ -13,7 +13,8 @@ from ..fit import Fit
 from ..fitting.judging import judgement
 from ..provenance import data_record
 from ..recording import Recording
-from ..reports.text.fit import errors_table, motion_errors_table, verdict_table
+from ..reports.text.fit import errors_table, verdict_table
+from ..reports.text.motion import motion_errors_table
 from ..reports.text.screen import as_text
 from ..scores.metrics import Scores, as_dict
 from ..scores.verdict import HELD_OUT, distrust, used_signals

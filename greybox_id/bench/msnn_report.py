@@ -9,6 +9,7 @@ from rich.console import RenderableType
 
 from ..adaptation.outcome import parted
 from ..engine.simulation import Prediction
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..numbers import number
 from ..recording import Recording
@@ -204,8 +205,7 @@ def _predictions(found: MsnnBench, recording: Recording, output: str) -> dict[st
 def _after(found: MsnnBench, car: str, kind: str, rest: Recording, output: str) -> Prediction:
     """Predictions of the adapted network; of the run that goes on, with the delay that the new seconds told."""
     own = found.adapted[car, kind]
-    model = own.fit.model
-    assert isinstance(model, MemoryModel)
+    model = must_be(MemoryModel, own.fit.model)
     delays = {0: list(own.delays.values())[-1][output]} if own.delays else {}
     return timed(model, rest, delays)
 

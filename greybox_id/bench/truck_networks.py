@@ -23,6 +23,7 @@ from ..fitting.how import How, Say
 from ..fitting.networks import counted, trained_from
 from ..fitting.pretraining import Pretraining, known_physics
 from ..hybrid_model import HybridModel
+from ..kinds import must_be
 from ..models.registry import prepared
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -187,8 +188,7 @@ def scored(
 def _model(cell: NetworkCell, train: Recording, bicycle: MotionModel) -> HybridModel:
     window = min(round(cell.horizon / train.sample_time) + 1, ROWS)
     settings = {"hidden": [cell.units] * 4, "window": window, "integrator": "euler", "symmetric": False}
-    model = prepared(NAMES[cell.method], train, settings)
-    assert isinstance(model, HybridModel)
+    model = must_be(HybridModel, prepared(NAMES[cell.method], train, settings))
     return known_physics(model, lesson(BICYCLE, bicycle)) if cell.method == "discrepancy" else model
 
 

@@ -179,7 +179,7 @@ def _applies_to(effect: Effect) -> list[str]:
 
 
 def _aliases(model: Model, name: str) -> tuple[str, ...]:
-    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+    return model.aliases.get(name, (name,))
 
 
 def _input(model: Model, name: str) -> str:

@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..models.registry import prepared
 from ..processes import side_by_side
@@ -232,9 +233,10 @@ def _table(rows: Mapping[str, Mapping[str, Any]], several: Sequence[Mapping[str,
 
 
 def _model(name: str, train: Recording, settings: Mapping[str, Any]) -> MemoryModel:
-    model = prepared(name, train, settings)
-    if not isinstance(model, MemoryModel) or model.parts:
-        raise BadInput(f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none.")
+    none = f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none."
+    model = must_be(MemoryModel, prepared(name, train, settings), none)
+    if model.parts:
+        raise BadInput(none)
     return model
 
 

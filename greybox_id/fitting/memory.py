@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +13,11 @@ from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..parameter import unpack
 from ..provenance import Stage
+from ..recording import Recording
 from ..scores.timing import calibrated_seconds
 from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status
@@ -23,6 +25,7 @@ from ..uncertainty import uncertainty
 from .aligning import alignment
 from .crossvalidation import choose_structure
 from .how import FOR_MOTION, refused
+from .restated import stated_again
 from .steps import fit_alone, fit_together
 from .verb import FitTask, estimated
 
@@ -35,7 +38,7 @@ near as its error allows."""
 
 @estimated.register(MemoryModel)
 def _estimated(model: MemoryModel, task: FitTask) -> Fit:
-    structures = [one for one in task.structures if isinstance(one, MemoryModel)]
+    structures = [must_be(MemoryModel, one) for one in task.structures]
     if task.validate is not None:
         runs(Trace(model), task.validate)  # what is wrong with it is better said before the work than after
     if len(structures) < 2:
@@ -142,3 +145,21 @@ def _refused(model: MemoryModel, option: str) -> str:
     if option not in FOR_MOTION:
         return ""
     return f"{option} is for equations of motion; {model.name} is a model with memory. Omit it."
+
+
+@stated_again.register(MemoryModel)
+def _stated_again(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[Problem, Array]:
+    """That of the last step; what it held is held."""
+    last = fit.stages[-1]
+    if "timing" in fit.how:
+        raise BadInput(f"The fit of {model.name} was made of runs moved by their delays, and is not stated again.")
+    if model.parts:
+        model = model.with_parameters(*(replace(model[name], fixed=True) for name in model.step_2_holds))
+    noise = np.array([last.noise.get(name, 1.0) for name in model.outputs])
+    problem = Problem(Trace(model), recordings, closed_loop=last.closed_loop, noise=noise, strengths=last.strengths)
+    x, start = problem.unknowns(model.values), 0
+    for parameter in model.parameters:
+        for index, value in zip(problem.layout.index, fit.per_run.get(parameter.name, ()), strict=False):
+            x[index[start : start + parameter.size]] = np.ravel(value)
+        start += parameter.size
+    return problem, x

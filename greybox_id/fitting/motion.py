@@ -46,6 +46,7 @@ from .carrying import carries_over
 from .certificate import certified
 from .how import FOR_MOTION, How, Say, quiet, refused
 from .judging import carried
+from .restated import stated_again
 from .verb import FitTask, estimated
 
 CARRIED_ON, LOWER = 2, 1e-6
@@ -399,3 +400,28 @@ def _refused(model: MotionModel, option: str) -> str:
         f"{option} is for models with memory, whose weights have priors to be strengthened; {model.name} is made of "
         "equations of motion. Omit it."
     )
+
+
+@stated_again.register(MotionModel)
+def motion_problem(model: MotionModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, Array]:
+    """See `restated.stated_again`."""
+    how = fit.how
+    noise = how.get("counted", fit.stages[-1].noise)
+    simulator = Simulator(model)
+    simulator.kernel.prepare()
+    problem = MotionProblem(
+        simulator,
+        recordings,
+        noise=np.array([noise.get(name, 1.0) for name in model.outputs]),
+        horizon=how.get("horizon"),
+        starts=how.get("start_from", "free"),
+        robust=how.get("robust"),
+    )
+    x = problem.unknowns(model.values)
+    start = 0
+    for parameter in model.parameters:
+        if parameter.name in fit.per_run:
+            for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
+                x[index[start : start + parameter.size]] = np.ravel(value)
+        start += parameter.size
+    return problem, x

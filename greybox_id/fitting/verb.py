@@ -61,7 +61,6 @@ def estimated(model: Model, task: FitTask) -> Fit:
     ------
     BadInput : as `fit` does; what is wrong with the validation recording is said before the work.
     """
-    del task
     raise BadInput(f"{model.name} is {model.called}, and nothing fits such.")
 
 

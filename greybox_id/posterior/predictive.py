@@ -18,7 +18,6 @@ from ..engine.simulation import Prediction
 from ..errors import BadInput
 from ..fit import Fit
 from ..model import Model
-from ..motion_model import MotionModel
 from ..recording import Recording
 from ..scores.motion import in_order
 from ..scores.prediction import as_table, must_suit
@@ -86,15 +85,14 @@ def predictive_band(
     ------
     BadInput : the posterior is of another fit or has no draws, or the recording lacks a signal.
     """
-    must_suit_sampling(fit)
+    model = must_suit_sampling(fit)
     posterior.must_be_of(fit)
     must_name(fit, posterior)
     if len(posterior) == 0:
         raise BadInput("The posterior has no draws yet: its run was interrupted. Call greybox sample again.")
-    assert isinstance(fit.model, MotionModel)
     if horizon is not None:
         must_suit(horizon, [recording])
-    simulator = Simulator(fit.model)
+    simulator = Simulator(model)
     simulator.kernel.prepare()
     total, squares, base = np.zeros(1), np.zeros(1), None
     for p in posterior.vectors(fit, posterior.chosen(draws, seed)):

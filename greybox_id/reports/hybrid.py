@@ -33,7 +33,6 @@ LOSS = (
 def _sections(
     model: HybridModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
 ) -> Sections:
-    del posterior
     runs = _seen(model, fit, recordings)
     return Sections(
         runs=runs,
@@ -46,9 +45,6 @@ def _sections(
             *titled("Equations of the model", *written_down(hybrid_equations(model), network_words(model))),
         ),
         fitted=titled("How it was trained", stages(fit, lambda stage: stage.model), Text(LOSS), *_training(fit)),
-        inputs=model.inputs,
-        outputs=model.outputs,
-        signals=tuple(dict.fromkeys((*model.inputs, *model.outputs))),
     )
 
 

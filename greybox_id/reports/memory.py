@@ -78,7 +78,6 @@ class Yardstick:
 def _sections(
     model: MemoryModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
 ) -> Sections:
-    del posterior
     drives = memory_seen(model, fit, recordings)
     measures = yardsticks(fit, drives)
     protocols = (Text(PROTOCOL_MEANING[p], lead=f"{capital(PROTOCOL_WORDS[p])}:") for p in fit.metrics["train"])
@@ -95,9 +94,6 @@ def _sections(
             *titled("Equations of the model", *written_down(memory_equations(model), EQUATIONS)),
         ),
         fitted=titled("How it was fitted", stages(fit, _stage_name), Text(OBJECTIVE + _strengths(fit))),
-        inputs=model.inputs,
-        outputs=model.outputs,
-        signals=tuple(dict.fromkeys((*model.inputs, *model.outputs))),
     )
 
 

@@ -86,7 +86,6 @@ def _sections(
         posterior.must_be_of(fit)
     drives = driven(model, fit, recordings, DRAWN)
     held, last = held_errors(drives), fit.stages[-1]
-    signals = tuple(dict.fromkeys(name for one in drives for name in (*_recorded_inputs(model, one), *model.outputs)))
     return Sections(
         runs=drives,
         verdict=tuple(zip(LEADS, verdict(fit, drives, held), strict=True)),
@@ -101,9 +100,6 @@ def _sections(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
             *_convergence(last), starts_table(fit, last), *_starts(fit, last),
         ),
-        inputs=_recorded_inputs(model, shown_first(drives)),
-        outputs=[name for name in model.outputs if any(name in one.outputs for one in drives)],
-        signals=signals,
         beside="; the free run began with the run, not with the stretch",
     )  # fmt: skip
 
@@ -341,12 +337,6 @@ def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
 
 def _rmse(error: Mapping[str, Any]) -> str:
     return short_with_sd(error["rmse"], error["rmse_sd"])
-
-
-def _recorded_inputs(model: MotionModel, one: Driven) -> list[str]:
-    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
-    names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
-    return [next((own for own in each if own in one.recording), each[0]) for each in names]
 
 
 def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:

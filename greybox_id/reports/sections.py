@@ -34,9 +34,6 @@ class Sections:
     judged : sections on how good it is.
     learned : sections on what it has learned.
     fitted : sections on how it was fitted.
-    inputs : recorded signals, with which residuals are correlated.
-    outputs : what is read of what it predicts.
-    signals : recorded ones that the data are described by.
     beside : said of the predictions in the captions of traces.
     """
 
@@ -46,9 +43,6 @@ class Sections:
     judged: tuple[Part, ...]
     learned: tuple[Part, ...]
     fitted: tuple[Part, ...]
-    inputs: Sequence[str]
-    outputs: Sequence[str]
-    signals: Sequence[str]
     beside: str = ""
 
 
@@ -76,7 +70,6 @@ def sections(model: Model, fit: Fit, recordings: Sequence[Recording], posterior:
     ------
     BadInput : as `seen`, or the posterior is of another fit.
     """
-    del posterior
     runs = seen(model, fit, recordings)
     parameters = titled("Parameters", scalars(fit))
     equations = titled("Equations of the model", *written_down(traced(model), EQUATIONS))
@@ -87,9 +80,6 @@ def sections(model: Model, fit: Fit, recordings: Sequence[Recording], posterior:
         judged=titled("Errors in free run", errors(fit)),
         learned=(*parameters, *equations),
         fitted=titled("How it was fitted", stages(fit, lambda stage: stage.model), Text(OBJECTIVE)),
-        inputs=model.inputs,
-        outputs=model.outputs,
-        signals=tuple(dict.fromkeys((*model.inputs, *model.outputs))),
     )
 
 

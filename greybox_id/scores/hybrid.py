@@ -11,7 +11,7 @@ from ..engine.simulation import Prediction
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
 from ..recording import Recording
-from .prediction import predict, simulate
+from .prediction import simulate
 
 
 def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:
@@ -32,13 +32,4 @@ def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:
 def _simulated(model: HybridModel, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:
     if start:
         raise BadInput(f"{model.name} starts from the readings of each run's first rows. Give it no start.")
-    return hybrid_predictions(model, recording)
-
-
-@predict.register(HybridModel)
-def _predicted(
-    model: HybridModel, recording: Recording, horizon: float | None = None, *, open_loop: bool = False
-) -> Prediction:
-    if horizon is not None or open_loop:
-        raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
     return hybrid_predictions(model, recording)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..shorthands import Array
 from .metrics import Error, Scores, error_of, score, standard_error
-from .prediction import predict, simulate
+from .prediction import predict, predicted_how, simulate
 
 Protocol = Literal["honest", "published", "closed_loop"]
 PROTOCOLS: tuple[Protocol, ...] = ("honest", "published", "closed_loop")
@@ -79,6 +79,12 @@ def _predicted_rows(
             "‹horizon›."
         )
     return predictions(model, recording, "closed_loop" if model.feedback is not None and not open_loop else "honest")
+
+
+@predicted_how.register(MemoryModel)
+def _predicted_how(model: MemoryModel, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
+    loop = "open" if open_loop or model.feedback is None else "closed"
+    return f"{loop} loop", {"loop": loop}
 
 
 def protocols(model: MemoryModel) -> tuple[Protocol, ...]:

@@ -5,6 +5,7 @@ run from the first row of each run to its end; beside them, those of holding a r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..recording import Recording
 from ..shorthands import Array
 from ..signals import SIGNALS
 from .metrics import FREE_RUN, HORIZONS, Error, Scores, ahead, prediction_errors, score, score_beside_hold
-from .prediction import assumed, must_suit, predict, simulate
+from .prediction import assumed, must_suit, predict, predicted_how, simulate
 
 
 @simulate.register(MotionModel)
@@ -37,6 +38,11 @@ def _predicted(
         return in_order(predictor.free_run())
     must_suit(horizon, [recording])
     return in_order(predictor.ahead(horizon))
+
+
+@predicted_how.register(MotionModel)
+def _predicted_how(model: MotionModel, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
+    return "free run" if horizon is None else ahead(horizon), {"horizon": horizon}
 
 
 def in_order(found: Prediction) -> Prediction:

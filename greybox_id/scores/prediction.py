@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -50,6 +51,12 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
     if horizon is not None or open_loop:
         raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
     return simulate(model, recording)
+
+
+@by_kind
+def predicted_how(model: Model, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
+    """How `predict` predicts, in words and as data."""
+    return "free run", {}
 
 
 def must_suit(horizon: float, recordings: Sequence[Recording]) -> None:

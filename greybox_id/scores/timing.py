@@ -23,6 +23,7 @@ from ..engine.simulation import Prediction
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.smooth import ROLLING
@@ -223,12 +224,11 @@ def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
 
 def must_have_timing(model: Model) -> MemoryModel:
     """The model, if its runs tell delays that can be held. Raises `BadInput` for others."""
-    if isinstance(model, MemoryModel):
-        return model
-    raise BadInput(
+    none = (
         f"‹calibrate› is for models with memory; {model.name} is none. Add the effect steering_delay or "
         "sensor_latency_yaw to equations of motion, and fit it per run."
     )
+    return must_be(MemoryModel, model, none)
 
 
 def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CALIBRATED) -> Timing:

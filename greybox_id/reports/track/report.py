@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from ...filters.findings import WINDOW
 from ...filters.walking import walking
+from ...kinds import must_be
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
@@ -359,7 +360,6 @@ def _about_tuning(found: Digest) -> tuple[str, ...]:
 
 
 def _equations(found: Digest) -> tuple[Part, ...]:
-    model = build(found.model, found.settings, found.effects)
-    assert isinstance(model, MotionModel)
+    model = must_be(MotionModel, build(found.model, found.settings, found.effects))
     walked, _ = walking(model, found.parameters, found.disturbances, EFFECTS)
     return titled("Equations of the model", *written_down(motion_equations(walked), EQUATIONS))
