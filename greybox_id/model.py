@@ -142,7 +142,7 @@ class Model:
     @property
     def origin(self) -> Origin | None:
         """Where the equations come from; None for models that greybox-id ships."""
-        return origin_of(*(getattr(self, own, None) for own in ("dynamics", "equations", "physics")))
+        return origin_of(*vars(self).values())
 
     @property
     def size(self) -> int:

@@ -119,6 +119,7 @@ def test_it_is_fitted_judged_and_scored(fit, laps):
 def test_it_is_saved_and_loaded(fit, laps, tmp_path):
     again = gb.load(fit.save(tmp_path / "fit.json"), models=[turning()])
     assert type(again.model) is Formula
+    assert again.model.origin.file.endswith("test_kinds.py")
     assert (again.params == fit.params).all()
     ahead = gb.predict(again, laps[1])["yaw_rate"]
     np.testing.assert_array_equal(ahead, gb.simulate(fit, laps[1])["yaw_rate"])
