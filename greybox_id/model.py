@@ -1,9 +1,9 @@
 """A model: equations over named symbols. It holds no data and no solver.
 
-There are three kinds. A `MotionModel` (motion_model.py) is a page of equations of motion, states and their
-derivatives. A `MemoryModel` (memory_model.py) is a discrete map: the next outputs follow from windows of
-past inputs. A `HybridModel` (hybrid_model.py) has a network inside physics. What every model is known by stands here;
-what is done with each kind in a way of its own, in modules of its name (kinds.py).
+There are three kinds: a page of equations of motion, states and their derivatives (motion_model.py); a discrete map,
+whose next outputs follow from windows of past inputs (memory_model.py); and physics with a network inside
+(hybrid_model.py). What every model is known by stands here; what is done with each kind in a way of its own, in modules
+of its name (kinds.py).
 """
 
 from __future__ import annotations
