@@ -11,6 +11,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
+from ..kinds import must_be
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index, Mask
@@ -108,13 +109,13 @@ class Information:
 
     Parameters
     ----------
-    model, fit : the fit and its model; its noise, horizon and outputs are those that new recordings are taken to have.
+    fit : the fit; its noise, horizon and outputs are those that new recordings are taken to have.
     known : what it knows.
     wanted : parameters that are never taken as known, not even roughly.
     """
 
-    def __init__(self, model: MotionModel, fit: Fit, known: Known, wanted: Sequence[str] = ()) -> None:
-        self.model, self.known, self.how = model, known, fit.how
+    def __init__(self, fit: Fit, known: Known, wanted: Sequence[str] = ()) -> None:
+        self.model, self.known, self.how = must_be(MotionModel, fit.model), known, fit.how
         noise = fit.stages[-1].noise if fit.stages else {}
         counted = fit.how.get("counted", noise)
         self.read = tuple(name for name in self.model.outputs if name in noise)

@@ -86,7 +86,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     slower, vehicle = cautious(asked.limits, vehicle, model, samples)
     asked = replace(asked, limits=slower)
     course = PlanCourse(model, driver_of(model, asked.limits), asked.rate, asked.limits.speed_min)
-    information = Information(model, fit, known, wanted)
+    information = Information(fit, known, wanted)
 
     def worth(plan: PlannedMotion, rough: bool) -> float:
         P = samples[: 1 if rough else AVERAGED]
