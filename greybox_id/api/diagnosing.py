@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
@@ -28,6 +27,7 @@ from ..provenance import data_record
 from ..recording import Recording
 from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
+from ..version import __version__
 from . import given
 from .fitting import Progress
 from .gap_result import ChangeResult, GapResult

@@ -151,7 +151,7 @@ def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float
 
 def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
     """Signals that may be an input of the model."""
-    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+    return model.aliases.get(name, (name,))
 
 
 def _indifferent(

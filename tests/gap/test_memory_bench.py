@@ -23,7 +23,7 @@ from greybox_id.gap.preparing import prepare
 from greybox_id.gap.selection import Selection
 from greybox_id.gap.variance import jitter, repeats
 from greybox_id.models.effects import EFFECTS
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.vehicle import Stated, Vehicle
 
 CARRIED = {name for name, effect in EFFECTS.items() if effect.apply_to_memory}
