@@ -8,7 +8,7 @@ import numpy as np
 
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
-from ..engine.simulation import Prediction
+from ..engine.simulation import Diagnosed, Prediction
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..scores.memory import predictions
@@ -17,7 +17,6 @@ from ..shorthands import Array
 from ..signals import unit_of
 from .calibration import CAL
 from .gap import Errors
-from .kinds import Diagnosed
 
 Squares = dict[float | None, Array]
 """Horizon -> (outputs,) mean squares of errors."""
