@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from ..choices.wanted import must_be_recorded
+from ..engine.motion.simulator import Simulator
 from ..fit import Fit
 from ..fitting.carrying import carried
 from ..motion_model import MotionModel
@@ -76,9 +77,10 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     if not isinstance(model, MotionModel):
         scores = {name: score(model, recording) for name, recording in recordings.items()}
         return Validation(model.name, judged(fit, scores, findings=found, data=data), scores, {})
-    both = {name: score_beside_hold(model, recording) for name, recording in recordings.items()}
+    simulator = Simulator(model)
+    both = {name: score_beside_hold(simulator, recording) for name, recording in recordings.items()}
     scores, held = ({name: own[k] for name, own in both.items()} for k in (0, 1))
-    before = {name: unfitted_scores(fit, recording) for name, recording in recordings.items()}
+    before = {name: unfitted_scores(fit, simulator, recording) for name, recording in recordings.items()}
     verdict = judged(fit, scores, held=held, unfitted=before, findings=found, data=data)
     if verdict.usability == USABLE:
         against = [why for name, recording in recordings.items() for why in carried(fit, recording, name)]

@@ -18,6 +18,7 @@ from ..checks.finding import Finding
 from ..engine.hybrid.stretches import stretches
 from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.motion.shooting import MotionProblem
+from ..engine.motion.simulator import Simulator
 from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
@@ -217,7 +218,7 @@ def _fit_motion(
     if stage.confirmed and np.isfinite(solution.objective):  # away from an optimum, its curvature says nothing
         say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
         result = replace(result, **_uncertain(fitted, problem, solution))
-    own, verdict = judged_motion(result, recordings, validate)
+    own, verdict = judged_motion(result, problem.simulator.of(fitted), recordings, validate)
     return replace(result, metrics=own, verdict=verdict)
 
 
@@ -287,15 +288,14 @@ def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
 
 
 def judged_motion(
-    fit: Fit, recordings: Sequence[Recording], validate: Recording | None
+    fit: Fit, simulator: Simulator, recordings: Sequence[Recording], validate: Recording | None
 ) -> tuple[dict[str, Any], Verdict]:
-    """Errors of a fit of a motion model by role, and the verdict on it."""
-    assert isinstance(fit.model, MotionModel)
+    """Errors of a fit of a motion model by role, and the verdict on it; the simulator is of its model."""
     whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
-    both = {role: score_beside_hold(fit.model, one) for role, one in whole.items()}
+    both = {role: score_beside_hold(simulator, one) for role, one in whole.items()}
     own, held = ({role: scores[k] for role, scores in both.items()} for k in (0, 1))
     last = list(whole)[-1]
-    before = {last: unfitted_scores(fit, whole[last])}
+    before = {last: unfitted_scores(fit, simulator, whole[last])}
     findings = _findings(fit, recordings, validate)
     verdict = judged(fit, own, held=held, unfitted=before, findings=findings)
     if validate is not None and verdict.usability == USABLE:

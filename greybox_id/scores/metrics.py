@@ -311,13 +311,14 @@ Scores = Mapping[str, Mapping[str, Error]]
 
 
 def score_beside_hold(
-    model: MotionModel, recording: Recording, horizons: Sequence[float] = HORIZONS
+    simulator: Simulator, recording: Recording, horizons: Sequence[float] = HORIZONS
 ) -> tuple[Scores, Scores]:
-    """Errors of a model over every horizon and in free run, and those of holding the reading it started from.
+    """Errors of its model over every horizon and in free run, and those of holding the reading it started from.
 
     Both are taken over the same rows. In free run what is held is the reading of the run's first row.
     """
-    predictor = Predictor(Simulator(model), recording, model.values)
+    model = simulator.trace.model
+    predictor = Predictor(simulator, recording, model.values)
     own: dict[str, Mapping[str, Error]] = {}
     held: dict[str, Mapping[str, Error]] = {}
     for horizon in (*horizons, None):
@@ -330,13 +331,13 @@ def score_beside_hold(
     return own, held
 
 
-def unfitted_scores(fit: Fit, recording: Recording) -> Scores:
-    """Errors of a fit's model as it was before it was fitted; empty where that was not kept."""
+def unfitted_scores(fit: Fit, simulator: Simulator, recording: Recording) -> Scores:
+    """Errors of a fit's model, which the simulator is of, before it was fitted; empty where that was not kept."""
     before = {name: value for name, value in fit.how.get("unfitted", {}).items() if name in fit.model}
-    if not isinstance(fit.model, MotionModel) or not before:
+    if not before:
         return {}
     model = fit.model.with_parameters(*(fit.model[name].with_value(value) for name, value in before.items()))
-    return score_motion(Simulator(model), recording, model.values)
+    return score_motion(simulator.of(model), recording, model.values)
 
 
 def hold(predictions: Predictions, runs: Sequence[MotionRun], horizon: float | None) -> Predictions:
