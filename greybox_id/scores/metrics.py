@@ -334,7 +334,7 @@ def score_beside_hold(
 def unfitted_scores(fit: Fit, simulator: Simulator, recording: Recording) -> Scores:
     """Errors of a fit's model, which the simulator is of, before it was fitted; empty where that was not kept."""
     before = {name: value for name, value in fit.how.get("unfitted", {}).items() if name in fit.model}
-    if not before:
+    if not isinstance(fit.model, MotionModel) or not before:
         return {}
     model = fit.model.with_parameters(*(fit.model[name].with_value(value) for name, value in before.items()))
     return score_motion(simulator.of(model), recording, model.values)
