@@ -140,7 +140,7 @@ def _vehicles(found: FleetEstimate, names: list[str]) -> Table:
                     "" if math.isnan(own["outlier"]) else f"{own['outlier']:+.1f}", str(own["recordings"]),
                 )
             )  # fmt: skip
-    head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd from mean", "recordings")
+    head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd off", "n")
     return Table(head, tuple(rows), "llrlllrr")
 
 
