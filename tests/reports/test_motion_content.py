@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from report_parts import below, flat
 
-from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.numbers import interval
 from greybox_id.reports.document import Table, Text
 from greybox_id.reports.driven import held_errors
@@ -39,7 +38,7 @@ def test_predictions_are_those_that_the_fit_was_scored_on(motion_fit, motion_fou
 
 
 def test_holding_is_scored_as_by_the_baseline(motion_fit, motion_found):
-    _, held = score_beside_hold(Simulator(motion_fit.model), motion_found[-1].recording)
+    _, held = score_beside_hold(motion_fit.model, motion_found[-1].recording)
     own = held_errors(motion_found)["validate"]
     for protocol, errors in held.items():
         for name, error in errors.items():

@@ -6,7 +6,6 @@ from driven import NOISE, commands, driven, without
 from toys import tiny
 
 from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.errors import BadInput
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -93,7 +92,7 @@ def test_models_with_memory_say_what_they_cannot():
 
 def test_errors_of_the_true_model_are_the_noise_and_holding_is_worse():
     model = build("lateral", vehicle=CAR)
-    own, held = score_beside_hold(Simulator(model), driven("lateral", seconds=20.0))
+    own, held = score_beside_hold(model, driven("lateral", seconds=20.0))
     assert own["free run"]["yaw_rate"].rmse == pytest.approx(NOISE["yaw_rate"], rel=0.1)
     assert held["0.1 s ahead"]["yaw_rate"].rmse > own["0.1 s ahead"]["yaw_rate"].rmse
     assert held["1 s ahead"]["yaw_rate"].rmse > 5 * own["1 s ahead"]["yaw_rate"].rmse
@@ -102,7 +101,7 @@ def test_errors_of_the_true_model_are_the_noise_and_holding_is_worse():
 
 def test_holding_holds_the_reading_of_that_row():
     recording = driven("lateral", runs=1, noise=0.0)
-    _, held = score_beside_hold(Simulator(build("lateral", vehicle=CAR)), recording, [0.4])
+    _, held = score_beside_hold(build("lateral", vehicle=CAR), recording, [0.4])
     r = recording["yaw_rate"]
     assert held["0.4 s ahead"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r[10:] - r[:-10]) ** 2)))
     assert held["free run"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r - r[0]) ** 2)))

@@ -8,11 +8,10 @@ from driven import driven
 
 from greybox_id.choices.wanted import must_be_recorded
 from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting import How, fit
-from greybox_id.fitting.carrying import carried
+from greybox_id.fitting.judging import carried
 from greybox_id.models.registry import build
 from greybox_id.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.scores.verdict import judged
@@ -86,9 +85,9 @@ def test_what_the_checks_distrust_makes_a_fit_not_usable():
 
 
 def test_parameters_that_do_not_carry_over_are_said(good):
-    assert carried(good, lap(3)) == []
+    assert carried(good.model, good, lap(3)) == []
     wrong = good.model.with_parameters(good.model["C_alpha_f"].with_value(0.7 * float(good.model["C_alpha_f"].array)))
-    (why,) = carried(replace(good, model=wrong), lap(3))
+    (why,) = carried(wrong, replace(good, model=wrong), lap(3))
     assert why.at_best == WITH_CARE
     assert "do not carry over" in why.sentence
 
@@ -98,7 +97,7 @@ def test_an_optimum_that_is_not_confirmed_leaves_no_intervals_and_care(good):
     unconfirmed = replace(stage, certificate=replace(stage.certificate, confirmed=False))
     found = replace(good, stages=(unconfirmed,))
     assert not found.confirmed
-    own, held = score_beside_hold(Simulator(found.model), lap(3))
+    own, held = score_beside_hold(found.model, lap(3))
     said = judged(found, {"validate": own}, held={"validate": held})
     assert said.usability == WITH_CARE
     assert "not confirmed" in said.reasons[0]
@@ -110,7 +109,7 @@ def test_an_optimum_that_is_not_confirmed_leaves_no_intervals_and_care(good):
 
 
 def test_a_fit_that_made_the_model_worse_is_not_usable(good):
-    own, held = score_beside_hold(Simulator(good.model), lap(3))
+    own, held = score_beside_hold(good.model, lap(3))
     better = {name: {o: replace(e, rmse=0.3 * e.rmse) for o, e in errors.items()} for name, errors in own.items()}
     said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": better})
     assert said.usability == NOT_USABLE
@@ -118,7 +117,7 @@ def test_a_fit_that_made_the_model_worse_is_not_usable(good):
 
 
 def test_one_output_that_was_made_worse_is_said(good):
-    own, held = score_beside_hold(Simulator(good.model), lap(3))
+    own, held = score_beside_hold(good.model, lap(3))
     before = {
         name: {o: replace(e, rmse=e.rmse * (0.4 if o == "v_y" else 3.0)) for o, e in errors.items()}
         for name, errors in own.items()
@@ -129,7 +128,7 @@ def test_one_output_that_was_made_worse_is_said(good):
 
 
 def test_errors_that_do_not_carry_over_are_said(good):
-    own, held = score_beside_hold(Simulator(good.model), lap(3))
+    own, held = score_beside_hold(good.model, lap(3))
     trained = {name: {o: replace(e, rmse=e.rmse / 3) for o, e in errors.items()} for name, errors in own.items()}
     said = judged(good, {"train": trained, "validate": own}, held={"validate": held})
     assert said.usability == WITH_CARE
@@ -140,7 +139,7 @@ def test_a_far_estimate_and_one_at_its_bound_are_said(good):
     from greybox_id.parameter import Prior
 
     far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 9.0))
-    own, held = score_beside_hold(Simulator(good.model), lap(3))
+    own, held = score_beside_hold(good.model, lap(3))
     changed = replace(good, model=good.model.with_parameters(far))
     said = judged(changed, {"validate": own}, held={"validate": held})
     assert said.usability == WITH_CARE
@@ -154,9 +153,9 @@ def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
     time = np.arange(100)
     predicted = np.where(time < 40, 0.0, 10.0 ** (time - 40.0))[:, None]
     measured = np.sin(0.3 * time)[:, None]
-    from greybox_id.engine.motion.prediction import Predictions
+    from greybox_id.engine.simulation import Prediction
 
-    found = Predictions(time, np.where(time < 10, 0, 1), predicted, measured)
+    found = Prediction(time, predicted, measured, np.where(time < 10, 0, 1))
     error = prediction_errors(["v_y"], found, 0.1)["v_y"]
     assert error.diverges == Divergence(2, pytest.approx(3.2, abs=0.11), 0.5, True)
     assert error.rmse == np.inf
@@ -166,7 +165,7 @@ def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
 
 
 def test_a_fit_whose_predictions_diverge_is_not_usable(good):
-    own, held = score_beside_hold(Simulator(good.model), lap(3))
+    own, held = score_beside_hold(good.model, lap(3))
     astray = Divergence(2, 0.5, 0.6, False)
     lost = {**own, "0.5 s ahead": {o: replace(e, rmse=np.inf, diverges=astray) for o, e in own["0.5 s ahead"].items()}}
     said = judged(good, {"validate": lost}, held={"validate": held})
