@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ..declared import understood
 from ..design.arena import arena as arena_of
-from ..design.discriminate import detecting, discriminating
+from ..design.discriminate import ambiguous, detecting, discriminating
 from ..design.limits import must_agree, read_limits, stated, usual_limits
 from ..design.plan import KIND, Design
 from ..design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
@@ -222,6 +222,24 @@ def design(
     return DesignResult.of(found)
 
 
+def quoted(gap: Gap, made: Made, arena: str, progress: Callable[[str], None] | None = None) -> Gap:
+    """A diagnosis whose advice is the manoeuvre that is computed for an arena, where explanations are open."""
+    names = ambiguous(gap)
+    if not names:
+        return gap
+    lead = f"To tell {names[0]} from {', '.join(names[1:])}"
+    try:
+        found = design(GapResult.of(gap, made), "discriminate", arena=arena, progress=progress)
+    except BadInput as error:  # the diagnosis is worth having all the same
+        told: tuple[str, ...] = (f"{lead}: {error}",)
+    else:
+        expected = "; ".join(f"{' or '.join(own.pair)} by {own.nats:.0f} nats" for own in found.separation)
+        way = f"{found.sentence[:1].lower()}{found.sentence[1:]}"
+        drive = f"{lead}, drive {way} {found.duration:.1f} s in {found.arena.words} tell {expected}."
+        told = (*((drive,) if found.phases else ()), *found.impossible)
+    return replace(gap, advice=(*told, *(line for line in gap.advice if not line.startswith(lead))))
+
+
 def targets(folder: str | Path) -> Path:
     """The folder of a design, its files claimed before long work."""
     place = Path(folder)
@@ -282,4 +300,4 @@ def as_dict(own: Design, written: Sequence[Path] = ()) -> dict[str, Any]:
     return own.as_dict() | {"written": [str(path) for path in written]}
 
 
-__all__ = ["KIND", "DesignResult", "as_dict", "design", "targets"]
+__all__ = ["KIND", "DesignResult", "as_dict", "design", "quoted", "targets"]

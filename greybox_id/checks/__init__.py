@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from weakref import ref
 
 from ..recording import Recording
 from ..signals import SD
@@ -19,6 +20,9 @@ from .values import check_values
 
 __all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
 
+_last: tuple[ref[Recording], float | None, tuple[Finding, ...]] | None = None
+"""What was checked last, which a fit of it asks for again; recordings do not change."""
+
 
 def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]:
     """All that is noteworthy or wrong in a recording, gravest first.
@@ -33,6 +37,15 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
     list of Finding
         Empty if nothing is noteworthy. `distrusted(findings)` tells whether the recording can be used as it is.
     """
+    global _last
+    if _last is not None and _last[0]() is recording and _last[1] == wheelbase:
+        return list(_last[2])
+    found = _checked(recording, wheelbase)
+    _last = ref(recording), wheelbase, tuple(found)
+    return found
+
+
+def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
     recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]

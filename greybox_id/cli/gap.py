@@ -25,6 +25,7 @@ from ..api.diagnosing import (
 from ..choices.parameters import wanted_vehicle
 from ..choices.wanted import must_be_recorded
 from ..datasets.vehicle_file import write_vehicle
+from ..design.arena import arena as arena_of
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
@@ -226,6 +227,7 @@ class _Since(click.Command):
 @click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
 @click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
+@click.option("--arena", metavar="ARENA", help="Compute the manoeuvre that tells explanations apart: disc:30.")
 @click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @own_option
@@ -241,6 +243,7 @@ def gap(
     out: str | None,
     report: str | None,
     apply: str | None,
+    arena: str | None,
     check: bool,
     seed: int,
     as_json: bool,
@@ -262,13 +265,19 @@ def gap(
     if not held_by_file:
         targets = without_vehicle(targets, asked.model.name, apply)
     changed: Changed | None = None
+    if arena is not None:
+        arena_of(arena)  # what is wrong with it is better said before the work than after
     with progress() as say:
         if since:
             changed = _changed(asked, [read_part(file, columns or "canonical") for file in since], say)
             found, asked = changed.gap, replace(asked, vehicle=changed.vehicle)
         else:
             found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
-    made = made_with(asked.model, asked.vehicle, asked.recordings, asked.held_out, seed, command_line())
+        made = made_with(asked.model, asked.vehicle, asked.recordings, asked.held_out, seed, command_line())
+        if arena is not None:
+            from ..api.designing import quoted  # designing loads what a diagnosis alone does without
+
+            found = quoted(found, made, arena, say)
     closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
     for warning in warnings_of(closed, found, apply, out):
         tell(f"warning: {warning}")

@@ -37,6 +37,8 @@ GENTLER = 20
 """Steps in which a plan is made gentler for the draws' sake: an eighth of its steering is left in the end."""
 PENALTY = 30.0
 """Nats that a limit costs that is broken by its own size."""
+SURE, HARDEST = 4, 4
+"""Chains that are made sure of beside the refined ones; draws that stand for all of them while a chain is refined."""
 SPARE = 0.97
 """Share of limits that nominal motion may use: draws use the rest."""
 BACKING = 0.5
@@ -115,17 +117,18 @@ class PlanSearch:
             found += [] if best is None else [best]
             if best is not None and best.worth >= self.enough:
                 break
-        order = sorted((self._scored(own) for own in (*found, *scored[:4])), key=lambda own: -own.worth)
-        for own in order:
-            sure = self.sure(own)
-            if sure is not None:
-                return sure, sure
-        return None, order[0]
+        tried = [*found, *scored[:SURE]]
+        kept = [own for own in map(self.sure, tried) if own is not None]
+        if not kept:
+            return None, tried[0]
+        best = max(kept, key=lambda own: own.worth)
+        return best, best
 
     def sure(self, found: FoundPlan) -> FoundPlan | None:
         """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
         for _ in range(GENTLER):
-            if found.broken <= 0 and self.kept(found, self.samples) >= NEEDED:
+            kept, guilty = self._holding(found, self.samples)
+            if found.broken <= 0 and kept >= NEEDED:
                 return self._scored(found)
             calmer = tuple(
                 replace(
@@ -134,19 +137,32 @@ class PlanSearch:
                     lean=0.93 * own.lean,
                     speed=max(0.97 * own.speed, self.speeds[0]),
                 )
-                for own in found.phases
+                if found.broken > 0 or k in guilty
+                else own
+                for k, own in enumerate(found.phases)
             )
             found = self._made([(calmer, found.duration)])[0]
         return None
 
     def kept(self, found: FoundPlan, P: Array) -> float:
         """Share of the parameters with which a plan keeps to all limits."""
-        shares = []
+        return self._holding(found, P)[0]
+
+    def _holding(self, found: FoundPlan, P: Array) -> tuple[float, frozenset[int]]:
+        """That share, and the phases in which limits are broken first; all of them where the arena is left."""
+        shares, guilty, last = [], set[int](), len(found.phases) - 1  # the stop is the last phase's
+        each = [found.plan.phase == k for k in np.unique(found.plan.phase)]
         for course, own in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
             y = course.driven(found.plan, own, follow=self.follow)
             out = np.array([self._outside(found.placement, motion) for motion in y])
-            shares.append(float(np.mean((strain(y, self.limits).worst <= 1.0) & (out <= 0.0))))
-        return min(shares)
+            broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
+            within = ~np.any(broken, axis=0)
+            shares.append(float(np.mean(within & (out <= 0.0))))
+            first = np.argmax(broken[:, ~within], axis=0)
+            guilty |= {min(int(found.plan.phase[np.argmax(each[k])]), last) for k in first}
+            if np.any(within & (out > 0.0)):
+                guilty |= set(range(last + 1))
+        return min(shares), frozenset(guilty)
 
     def _outside(self, placement: Placement, motion: Array) -> float:
         """By how much a path leaves the arena where the plan is laid, m; infinite where it is not finite."""
@@ -257,7 +273,7 @@ class PlanSearch:
     def _refined(self, start: FoundPlan) -> FoundPlan | None:
         """A chain refined by CMA-ES in its numbers; None where it never keeps to the limits."""
         best: FoundPlan | None = self._scored(start, rough=True) if start.broken <= 0 else None
-        few = self.samples[1:5]
+        few = self._hardest(start)
 
         def cost(own: FoundPlan) -> float:
             nonlocal best
@@ -266,10 +282,10 @@ class PlanSearch:
             own = self._scored(own, rough=True)
             broken = 0.0
             if best is None or not np.isfinite(best.worth) or own.worth > best.worth - 0.5:
-                broken = 1.0 - self.kept(own, few) if len(few) else 0.0
-                if broken <= 0.25 and (best is None or own.worth > best.worth):
+                broken = 1.0 - self.kept(own, few)
+                if broken <= 0.0 and (best is None or own.worth > best.worth):
                     best = own
-            return -own.worth + PENALTY * max(broken - 0.25, 0.0)
+            return -own.worth + PENALTY * broken
 
         def costs(X: Array) -> list[float]:
             if best is not None and best.worth >= self.enough:
@@ -282,6 +298,13 @@ class PlanSearch:
         with suppress(_EnoughError):
             _cma(costs, self._coded(start), 0.25, self._times(GENERATIONS), self.rng)
         return best
+
+    def _hardest(self, found: FoundPlan) -> Array:
+        """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
+        y = self.course.driven(found.plan, self.samples, follow=self.follow)
+        order = np.argsort(strain(y, self.limits).worst, kind="stable")
+        last = int(np.ceil(NEEDED * len(order)))
+        return np.asarray(self.samples[order[max(last - HARDEST, 0) : last]])
 
     def _coded(self, own: FoundPlan) -> Array:
         (slow, fast) = self.speeds

@@ -122,19 +122,23 @@ def beliefs(
     model: Model, layout: Layout, copies: int, strengths: Mapping[str, float] | None
 ) -> tuple[sp.csr_matrix, Array]:
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
-    blocks, offsets, start = [], [], 0
+    rows, columns, values, offsets = ([np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)], [np.empty(0)])
+    start, count = 0, 0
     for parameter in model.parameters:
-        R, r = prior_rows([parameter], strengths)
         own = slice(start, start + parameter.size)
         start += parameter.size
-        placements = layout.index[: copies if parameter.scope == "run" else 1]
-        for index in placements:
-            place = sp.csr_matrix(
-                (np.ones(parameter.size), (np.arange(parameter.size), index[own])), shape=(parameter.size, layout.size)
-            )
-            blocks.append(R @ place)
+        if parameter.prior is None:
+            continue
+        R, r = prior_rows([parameter], strengths)
+        told = sp.coo_matrix(R)
+        for index in layout.index[: copies if parameter.scope == "run" else 1]:
+            rows.append(np.asarray(count + told.row, np.intp))
+            columns.append(index[own][told.col])
+            values.append(told.data)
             offsets.append(r)
-    return sp.vstack(blocks, format="csr"), np.concatenate(offsets)
+            count += len(r)
+    places = np.concatenate(rows), np.concatenate(columns)
+    return sp.csr_matrix((np.concatenate(values), places), shape=(count, layout.size)), np.concatenate(offsets)
 
 
 Matched = Any

@@ -198,20 +198,19 @@ class Distributed:
         return self._client.submit(done, job, key=f"greybox-{key}", retries=RETRIES, pure=False)
 
     def _taken(self, own: Any) -> dict[str, Any]:
-        if own.status == "finished":
-            found: dict[str, Any] = json.loads(own.result())
-            return found
-        if own.status in ("cancelled", "lost"):
-            raise _gone(self._scheduler)
-        error = own.exception()
+        from distributed import CancelledError
         from distributed.scheduler import KilledWorker
 
-        if not isinstance(error, KilledWorker):
-            raise error
-        return {
-            "key": str(own.key).removeprefix("greybox-"), "status": FAILED, "version": MADE_BY, "cpu_s": None,
-            "sentence": f"{RETRIES + 1} workers died at it; read their logs.", "peak_mb": None,
-        }  # fmt: skip
+        try:  # where its worker died before it was fetched, it is computed again and waited for
+            found: dict[str, Any] = json.loads(own.result())
+            return found
+        except CancelledError as error:
+            raise _gone(self._scheduler) from error
+        except KilledWorker:
+            return {
+                "key": str(own.key).removeprefix("greybox-"), "status": FAILED, "version": MADE_BY, "cpu_s": None,
+                "sentence": f"{RETRIES + 1} workers died at it; read their logs.", "peak_mb": None,
+            }  # fmt: skip
 
 
 def _gone(scheduler: str | None) -> BadInput:

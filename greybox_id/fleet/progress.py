@@ -28,6 +28,7 @@ class FleetProgress:
     todo : recordings that are to be done.
     skipped : that were done before.
     counts : status -> how many of this run ended so.
+    unworked : how many of these needed no work, since nothing could be read: they say nothing of how long others take.
     vehicles : vehicle -> status -> how many.
     cpu_seconds : of the processor, in units.
     last : sentence of the last recording that was not done; "" where there was none.
@@ -40,6 +41,7 @@ class FleetProgress:
     todo: int = 0
     skipped: int = 0
     counts: Counter[str] = field(default_factory=Counter)
+    unworked: int = 0
     vehicles: dict[str, Counter[str]] = field(default_factory=dict)
     cpu_seconds: float = 0.0
     last: str = ""
@@ -62,14 +64,16 @@ class FleetProgress:
         """The same in a line."""
         states = ", ".join(f"{count} {status}" for status, count in sorted(self.counts.items()))
         left = ""
-        if 0 < self.done < self.todo:
-            left = f", about {duration(self.seconds / self.done * (self.todo - self.done))} left"
+        worked = self.done - self.unworked
+        if worked > 0 and self.done < self.todo:
+            left = f", about {duration(self.seconds / worked * (self.todo - self.done))} left"
         return f"{self.done} of {self.todo} recordings{f' ({states})' if states else ''}{left}"
 
     def took(self, vehicle: str, result: Mapping[str, Any]) -> None:
         """Count a recording that has ended."""
         self.counts[result["status"]] += 1
         self.vehicles.setdefault(vehicle, Counter())[result["status"]] += 1
+        self.unworked += "cpu_s" not in result
         self.cpu_seconds += result.get("cpu_s") or 0.0
         if result["status"] != OK:
             self.last = str(result.get("sentence", ""))

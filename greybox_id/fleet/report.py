@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from ..combined import Z
 from ..declared import understood
 from ..errors import BadInput, near_or_all
 from ..guard import claim
-from ..numbers import counted, number, pretty_unit
+from ..numbers import alike, counted, number, pretty_unit
 from ..reports.document import Document, Drawing, Pairs, Part, Points, Section, Table, Text, VerdictBox, titled
 from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
@@ -118,10 +119,9 @@ def _population(found: FleetEstimate) -> Table:
     for own in found.population.to_dict("records"):
         spread = "" if math.isnan(own["spread"]) else number(own["spread"], 2)
         ends = "" if not spread else f"[{number(own['spread_low'], 2)}, {number(own['spread_high'], 2)}]"
-        interval = f"[{number(own['low'], 4)}, {number(own['high'], 4)}]"
-        unit = pretty_unit(own["unit"])
-        rows.append((own["name"], number(own["mean"], 4), interval, unit, spread, ends, str(own["recordings"])))
-    head = ("parameter", "mean", "95 % interval", "unit", "spread of vehicles", "95 % interval", "recordings")
+        mean, interval = _with_ends(own["mean"], own["low"], own["high"])
+        rows.append((own["name"], mean, interval, pretty_unit(own["unit"]), spread, ends, str(own["recordings"])))
+    head = ("parameter", "mean", "95 % interval", "unit", "spread", "95 % interval", "recordings")
     return Table(head, tuple(rows), "lrllrlr")
 
 
@@ -132,16 +132,22 @@ def _vehicles(found: FleetEstimate, names: list[str]) -> Table:
     rows = []
     for name in list(far.index)[:MOST_ROWS]:
         for own in table[table["vehicle"] == name].to_dict("records"):
-            interval = f"[{number(own['low'], 4)}, {number(own['high'], 4)}]"
+            today, interval = _with_ends(own["value"], own["low"], own["high"])
+            _, following = _with_ends(own["value"], own["next_low"], own["next_high"])
             rows.append(
                 (
-                    str(name), own["name"], number(own["value"], 4), interval,
-                    f"[{number(own['next_low'], 3)}, {number(own['next_high'], 3)}]", pretty_unit(own["unit"]),
+                    str(name), own["name"], today, interval, following, pretty_unit(own["unit"]),
                     "" if math.isnan(own["outlier"]) else f"{own['outlier']:+.1f}", str(own["recordings"]),
                 )
             )  # fmt: skip
-    head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd from mean", "recordings")
+    head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd off", "n")
     return Table(head, tuple(rows), "llrlllrr")
+
+
+def _with_ends(value: float, low: float, high: float) -> tuple[str, str]:
+    """A value and its 95 % interval, both to two digits of the standard deviation."""
+    shown, *ends = alike(value, low, high, by=(high - low) / (2.0 * Z))
+    return shown, f"[{ends[0]}, {ends[1]}]"
 
 
 def _more(table: pd.DataFrame) -> Iterator[Text]:

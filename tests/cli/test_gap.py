@@ -102,6 +102,16 @@ def test_a_gap_is_no_failure_unless_it_is_checked_for(laps, asked):
     assert greybox(*arguments, "--check").code == 0
 
 
+def test_next_is_computed_where_an_arena_is_named(laps, asked):
+    arguments = ("gap", laps[0], "--vehicle", "full_size_car", "--arena")
+    assert "--arena" in refused(*arguments, "moon")
+    pair = ("accel_bias_x", "imu_mount_pitch")
+    ranking = [replace(clear().ranking[0], effect=own, probability=0.5, indistinguishable_from=pair) for own in pair]
+    asked.said = clear(ranking=tuple(ranking))
+    said = " ".join(greybox(*arguments, "disc:40").out.split())
+    assert "Next accel_bias_x and imu_mount_pitch read the same whatever is driven: no manoeuvre" in said
+
+
 def test_applied_effects_become_a_vehicle_that_simulates(laps, asked, tmp_path):
     closed = tmp_path / "car_closed.toml"
     called = greybox("gap", laps[0], "--vehicle", "full_size_car", "--apply", closed)

@@ -1,11 +1,13 @@
 """Manoeuvres that tell explanations of a gap apart, and those that nothing tells apart."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from made_gaps import clear, none
 
 import greybox_id as gb
+from greybox_id.api import designing
 from greybox_id.api.designing import nominal_of
 from greybox_id.design.discriminate import ENOUGH, ambiguous, parted
 from greybox_id.exam.aliases import ALWAYS_ALIKE
@@ -83,6 +85,20 @@ def test_a_delay_and_a_lag_are_told_apart(saved):
     assert own.p10 <= own.nats
     assert design.impossible == ()
     assert design.kept >= 0.95
+
+
+def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
+    quick = partial(designing.design, duration=6.0, limits=LIMITS, effort=0.03)
+    monkeypatch.setattr(designing, "design", quick)
+    fixed = "To tell steering_delay from steering_lag: drive a step steer; greybox design designs it."
+    gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To see roll at all: drive."))
+    first, second = designing.quoted(gap, made, "disc:80").advice
+    assert first.startswith("To tell steering_delay from steering_lag, drive from ")
+    assert "disc:80 tell steering_delay or steering_lag by " in first
+    assert second == "To see roll at all: drive."
+    assert "too small" in designing.quoted(gap, made, "disc:2").advice[0]
+    sure = clear()
+    assert designing.quoted(sure, made, "disc:80") is sure
 
 
 def test_what_noise_hides_is_called_impossible_here(saved):

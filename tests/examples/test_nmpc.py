@@ -8,11 +8,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "nmpc"
 sys.path.insert(0, str(EXAMPLE))
 
+from follow import followed  # noqa: E402
 from prediction import Prediction  # noqa: E402
 from race import driven  # noqa: E402
 from scene import PAIRS, PERIOD, Scene  # noqa: E402
@@ -95,6 +97,21 @@ def test_commands_keep_their_bounds(scene, models):
     assert np.all((own.commands >= wishes.low - 1e-6) & (own.commands <= wishes.high + 1e-6))
     rates = np.diff(own.commands, axis=0) / PERIOD
     assert np.all(np.abs(rates) <= wishes.fastest * (1 + 1e-6))
+
+
+def test_a_designed_plan_is_driven_wherever_it_lies(scene, models):
+    """Path and speed of a plan.csv, whose arena has other axes than the vehicle that begins it."""
+    time = np.arange(0.0, 4.0, PERIOD)
+    speed = 3.0 - 0.4 * time
+    yaw = 0.5 * np.sin(1.5 * time)
+    line = np.cumsum(speed * np.exp(1j * yaw)) * PERIOD * np.exp(2.0j) + (5.0 - 3.0j)
+    own = followed(
+        pd.DataFrame({"x": line.real, "y": line.imag, "yaw": yaw + 2.0, "v_x": speed}), scene, models["nominal"]
+    )
+    assert own.finished
+    assert own.failures == 0
+    assert own.rms < 0.05 * scene.stated.size.length
+    assert own.time == pytest.approx(4.0, abs=0.2)
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")

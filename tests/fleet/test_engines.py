@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -123,6 +124,23 @@ def test_workers_that_come_later_are_given_work_too(monkeypatch):
         assert handed_out == 3 * engines.AHEAD + 2  # what was returned, and four for each worker
         found += [own["key"] for own in results]
     assert sorted(found) == sorted(f"k{k}" for k in range(60))
+
+
+def test_a_result_whose_worker_died_before_it_was_fetched_is_waited_for():
+    """Dask calls it lost until another worker has it again; only what is cancelled never comes."""
+    distributed = pytest.importorskip("distributed")
+    quiet = {"processes": False, "dashboard_address": None, "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=1, **quiet) as cluster, distributed.Client(cluster) as client:
+        future = client.submit(slowly, json.dumps({"key": "k"}), pure=False)
+        distributed.wait(future)
+        future._state.lose()
+        threading.Timer(0.3, client.loop.add_callback, [future._state.finish]).start()
+        own = engines.Distributed(client, None)
+        assert future.status == "lost"
+        assert own._taken(future) == {"key": "k"}
+        future.cancel()
+        with pytest.raises(gb.BadInput, match="is gone"):
+            own._taken(future)
 
 
 def test_a_scheduler_without_workers_is_told():

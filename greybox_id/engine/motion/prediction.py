@@ -137,7 +137,8 @@ class Predictor:
         ends = np.maximum(plan.row_segment[end], np.max(read, axis=1))  # a latency of zero is read just after its row
         length = int(np.max(ends - first)) + 1
         places = np.minimum(first[:, None] + np.arange(length), len(plan.segments) - 1)
-        segments = np.where((places <= ends[:, None])[:, :, None], plan.segments[places], 0.0)
+        segments = plan.segments[places]
+        segments[places > ends[:, None]] = 0.0
         rank = np.where(read >= 0, read - first[:, None], 0)
         reads = np.zeros(length, dtype=bool)
         reads[np.unique(rank)] = True
