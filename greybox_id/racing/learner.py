@@ -75,7 +75,7 @@ class Settings:
             raise BadInput(f"entropy: a number of 0 or more is needed, not {self.entropy!r}.")
 
 
-FINE_TUNING = Settings(rate=5e-4, rollout=64, batch=256, kl_stop=0.02, least_sd=0.1)
+FINE_TUNING = Settings(rate=7e-4, rollout=64, batch=512, kl_stop=0.02, least_sd=0.05)
 """What is used where learning goes on from a policy: a divergence as published for this, and actions that vary again.
 
 Chosen on two vehicles that the shipped policy does not know, 300 000 steps each, 20 laps (`benchmarks/fine_tuning.py`):
