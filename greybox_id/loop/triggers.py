@@ -1,10 +1,10 @@
 """When it is time to learn anew: by counts of rows, as published, or by evidence that the vehicle is another one.
 
 Evidence is a path error that was not foretold; as long as nothing but its file is known of the vehicle, a gap between
-that and what was driven (`greybox gap`); then innovations of the model that was made of the vehicle: what is read half a
-second later less what it foretells. Normalised by their covariance and squared (NIS, normalised innovation squared;
-Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are distributed
-as chi-square where the vehicle is still that one.
+that and what was driven (`greybox gap`); then innovations of the model that was made of the vehicle: what is read half
+a second later less what it foretells. Normalised by their covariance and squared (NIS, normalised innovation squared;
+Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are
+distributed as chi-square where the vehicle is still that one.
 """
 
 from __future__ import annotations
