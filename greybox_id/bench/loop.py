@@ -5,7 +5,7 @@ arms get the same rows of the first drive, the same driver to begin with, and as
 drives here, and the virtual vehicle's author is that of the models.
 
 DIR/bench.json               what is asked for
-DIR/case_1_vehicle_20_seed_0/ one of the cases: driver.json, that before any data, and
+DIR/case_1_vehicle_30_seed_0/ one of the cases: driver.json, that before any data, and
     actuator_net.json ...    what came of an arm; an arm whose file is there is not run again
 """
 
@@ -42,7 +42,7 @@ from .loop_report import ARMS, BASE, ORACLE, reported
 
 CAPS = (0.6, 0.7, 0.8, 0.9)
 """Shares of the grip: of the first drive, moderate as was published, and after each cycle."""
-FIRST_VEHICLE = 20
+FIRST_VEHICLE = 30
 """Those before were driven while arms and learning were developed."""
 SHARES = (0.6, 0.9)
 """Shares of the grip of held-out drives: what was driven, and beyond."""
@@ -78,7 +78,7 @@ class LoopBenchSize:
     curve: int
 
 
-QUICK = LoopBenchSize((1,), (BASE, "hand", "actuator_net", "named", ORACLE), 1, 150_000, 2_000, 300_000, 3_500, 10_000)
+QUICK = LoopBenchSize((1,), (BASE, "hand", "actuator_net", "named", ORACLE), 1, 300_000, 2_000, 300_000, 3_500, 10_000)
 FULL = LoopBenchSize(tuple(range(len(CASES))), ARMS, 3, 300_000, 5_000, 300_000, 12_000, 20_000)
 
 
