@@ -157,9 +157,9 @@ def randomised(found: Twin) -> Draws:
         sd = (high - low) / (2 * NORMAL)
         off = np.clip(generator.standard_normal(DRAWN), -WIDEST, WIDEST) * (sd if np.isfinite(sd) else 0.0)
         low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
-        there = generator.random(DRAWN) < own["probability"]
-        drawn = np.fmax(np.fmin(found.applied[name] + off, high), low)
-        columns[name] = np.where(there, drawn, found.model[name].null)
+        there, null = generator.random(DRAWN) < own["probability"], found.model[name].null
+        assert null is not None
+        columns[name] = np.where(there, np.fmax(np.fmin(found.applied[name] + off, high), low), null)
     return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()
 
 

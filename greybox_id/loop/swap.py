@@ -128,7 +128,9 @@ class Seat:
             ended = f"The policy could not be probed ({error})." if isinstance(error, Lost) else str(error)
             raise NotSwapped(ended) from error
         assert numbers is not None
-        return Policy(*unpacked(numbers, about[0]["sizes"]), about[0]["about"])
+        layers = unpacked(numbers, about[0]["sizes"])
+        weights, biases = (tuple(own.astype(np.float32) for own in part) for part in layers)
+        return Policy(weights, biases, about[0]["about"])
 
     def close(self) -> None:
         """Wait for the loader."""
@@ -149,7 +151,7 @@ class Prober:
         """Numbers of the policy of a file, after its sizes and what it is about. Raises `NotSwapped`."""
         own = probed(Path(file).read_bytes(), self._folder)
         yield {"sizes": sizes_of(own.weights, own.biases), "about": own.about}
-        return packed(own.weights, own.biases)
+        return packed(*([one.astype(np.float64) for one in part] for part in (own.weights, own.biases)))
 
 
 def probed(body: bytes, folder: Path) -> Policy:
