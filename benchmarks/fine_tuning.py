@@ -24,8 +24,8 @@ VEHICLES = (
 NULLS = ("grip_scale=1", "steering_delay=1e-6", "steering_lag=1e-6", "steering_ratio=1")
 """The effects next to nothing: units and the track stay those of the nominal vehicle, draws set what it has."""
 ARMS = {
-    "published": Settings(rate=1e-4, kl_stop=0.02),
-    "published, sd of 0.1 and more": Settings(rate=1e-4, kl_stop=0.02, least_sd=0.1),
+    "published": Settings(rate=1e-4, kl_stop=0.02, sd=0.03),
+    "published, sd of 0.1 and more": Settings(rate=1e-4, kl_stop=0.02, sd=0.1, least_sd=0.1),
     "default": FINE_TUNING,
 }
 USES = (0.6, 0.8, 0.9)

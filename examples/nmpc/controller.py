@@ -109,8 +109,9 @@ class Controller:
 
 def _linearised(prediction: Prediction, wishes: Wishes, half_width: float) -> cs.Function:
     """(z, rates, z of the next stage, bend, wanted) -> the columns of a `Linear`."""
-    z, rates = cs.SX.sym("z", prediction.size), cs.SX.sym("rates", prediction.inputs)
-    end, bend, wanted = cs.SX.sym("end", prediction.size), cs.SX.sym("bend", 3), cs.SX.sym("wanted", 3)
+    symbols = cs.SX if prediction.own == prediction.size else cs.MX  # networks are matrices
+    z, rates = symbols.sym("z", prediction.size), symbols.sym("rates", prediction.inputs)
+    end, bend, wanted = symbols.sym("end", prediction.size), symbols.sym("bend", 3), symbols.sym("wanted", 3)
     after = prediction.stage(z, rates, bend)
     v_x, v_y = (end[prediction.motion.index(name)] for name in ("v_x", "v_y"))
     s, e_y, e_psi = (end[k] for k in prediction.path.tolist())

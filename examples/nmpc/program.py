@@ -54,13 +54,14 @@ class Program:
         self._thrift, self._price = (units / wishes.rates) ** 2, wishes.beyond
         width = n + m + soft
         self._A = np.zeros((N, n + 2 * soft, width + n))
-        self._A[:, :n, : n + m], self._A[:, :n, width:] = 1.0, -np.eye(n)
+        own = prediction.own
+        self._A[:, :n, : n + m], self._A[:, :n, width:] = prediction.pattern, -np.eye(n)
         self._A[:, n : n + soft, n + m : width] = -np.eye(soft)
         self._A[:, n + soft :, n + m : width] = np.eye(soft)
-        self._A[:, n:, width:] = 1.0
+        self._A[:, n:, width : width + own] = 1.0
         self._H = np.zeros((N + 1, width, width))
         prices = np.concatenate((self._thrift, np.full(soft, self._price)))
-        self._H[:, :n, :n], self._H[:-1, n:, n:] = 1.0, np.diag(prices)
+        self._H[:, :n, :n], self._H[:, :own, :own], self._H[:-1, n:, n:] = np.eye(n), 1.0, np.diag(prices)
         self._unknowns = N * width + n
         self._in_A = _places(self._A, self._A.shape[1], width, (N * self._A.shape[1], self._unknowns))
         self._in_H = _places(self._H, width, width, (self._unknowns, self._unknowns))

@@ -20,6 +20,9 @@ from ..vehicle import Vehicle
 from .arms import Twin, twin
 
 LANES = 64
+FOLLOW = 100.0
+"""Of `Rules`: drivers come to a hundredth of the half width of the path, where 10 asks for a tenth and a path error of
+2 cm costs less than noise does."""
 SETTLED = 1.0
 """s after a start that count for no path error."""
 TWIN_LAPS, TWIN_LANES, TWIN_SECONDS = 1.0, 8, 60.0
@@ -125,7 +128,7 @@ def world_of(
     draws: Draws | None = None, seconds: float = 30.0, usage: float | tuple[float, float] | None = None,
 ) -> World:  # fmt: skip
     """The world of a vehicle's model, driven at a share of the grip; `like`: see `World`, `usage`: see `Rules`."""
-    rules = Rules(action="speed", reward="path", usage_cap=cap, usage=usage, noise=True, seconds=seconds)
+    rules = Rules(action="speed", reward="path", follow=FOLLOW, usage_cap=cap, usage=usage, noise=True, seconds=seconds)
     sd = {"v_y": vehicle.noise.get("v_x", 0.0), **vehicle.noise}
     return World(model, lanes, rules, draws=draws, sd=sd, steer_max=vehicle.steer_max or STEER_MAX, like=like)
 

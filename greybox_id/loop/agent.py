@@ -11,7 +11,7 @@ DIR/log.jsonl          every event
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +25,7 @@ from ..json_data import plain
 from ..models.registry import motion_model_of
 from ..racing.draws import by_hand
 from ..racing.policy import Policy
+from ..recording import Recording
 from ..shorthands import Say
 from .adapting import foretold
 from .client import Client, Unanswered
@@ -34,7 +35,7 @@ from .safety import Cap
 from .scene import DrivenRows, Scene, driven, effect_words
 from .store import DONE, FAILED
 from .swap import WORSE, NotSwapped, Seat
-from .triggers import LEAST, InnovationBand, RowCounts, path_error_beyond
+from .triggers import LEAST, InnovationBand, RowCounts, gap_told, path_error_beyond
 
 ROWS = LEAST
 """Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
@@ -240,8 +241,7 @@ class _Agent(Underway):
         counts = RowCounts(last=self.state["learned_at"])
         reason = counts.due(rows)
         if not reason and recordings and counts.allowed(rows):
-            reason = path_error_beyond(drive.path_error, expected["path_error_rms"])
-            reason = reason or ("" if (band := self._band()) is None else band.beyond(recordings))
+            reason = path_error_beyond(drive.path_error, expected["path_error_rms"]) or self._evidence(recordings)
         self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
         self.keep()
         return reason
@@ -309,13 +309,19 @@ class _Agent(Underway):
         above = [own for own in said if own["cap"] >= cap - 1e-9]
         return min(above or said, key=lambda own: abs(own["cap"] - cap))
 
+    def _evidence(self, recordings: Sequence[Recording]) -> str:
+        """Why the last drive is not that of the vehicle that is believed: the file's at first, then the last twin."""
+        if self.state["twin"] is None:
+            return gap_told(self.vehicle, recordings)
+        return "" if (band := self._band()) is None else band.beyond(recordings)
+
     def _band(self) -> InnovationBand | None:
         """What innovations of the last twin were like on the rows that it was made of.
 
-        None before the first one, where networks act in it, which stay at the server, and where those rows are too few.
+        None where networks act in it, which stay at the server, and where those rows are too few.
         """
         made = self.state["twin"]
-        if made is None or made["vehicle"] is None:
+        if made["vehicle"] is None:
             return None
         if self._known[0] != made:
             files = [self.folder / f"rows_{k}.csv" for k in range(1, made["drives"] + 1)]

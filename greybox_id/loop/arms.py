@@ -147,7 +147,7 @@ def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
 
 
 def randomised(found: Twin) -> Draws:
-    """Draws of what was applied, as uncertain as it is, so that what is learned does not hang on a number."""
+    """Draws of what was applied, as likely and as uncertain as it is: what is learned does not hang on a number."""
     generator = np.random.default_rng(0)
     columns = {}
     for own in found.named:
@@ -158,5 +158,7 @@ def randomised(found: Twin) -> Draws:
         sd = (high - low) / (2 * NORMAL)
         off = np.clip(generator.standard_normal(DRAWN), -WIDEST, WIDEST) * (sd if np.isfinite(sd) else 0.0)
         low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
-        columns[name] = np.fmax(np.fmin(found.applied[name] + off, high), low)
+        there, null = generator.random(DRAWN) < own["probability"], found.model[name].null
+        assert null is not None
+        columns[name] = np.where(there, np.fmax(np.fmin(found.applied[name] + off, high), low), null)
     return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()

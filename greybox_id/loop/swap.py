@@ -1,23 +1,28 @@
 """The policy in force, and how another one takes its place while it drives.
 
 Whoever drives asks one reference, which is replaced in one assignment: a call is answered by the old policy or by the
-new one, never by parts of both. What is to take its place is read, checked and tried by another thread before.
+new one, never by parts of both. What is offered to take its place is read and probed in a process of its own before: a
+thread would hold up who drives, since one at a time runs Python.
 """
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..contained.process import Contained, Failed, Lost
 from ..errors import BadInput
 from ..files import replacing
+from ..learned.net import packed, unpacked
 from ..racing.learner import Learned, load_learned
-from ..racing.policy import Policy, load_policy
+from ..racing.policy import Policy, load_policy, sizes_of
 from ..racing.world import AHEAD, LARGEST, OWN, Observations
 from ..shorthands import Array
 from .protocol import digest_of
@@ -30,6 +35,8 @@ WORSE = 1.1
 """How many times the path error of the present policy that of another one may be in the twin."""
 SIZE = OWN + 2 * len(AHEAD)
 """Numbers of an observation."""
+PATIENCE, MOST = 60.0, 2**26
+"""s by the clock and bytes that reading and probing a policy take at most."""
 
 
 Twin = Callable[[Policy, Policy], None]
@@ -70,6 +77,7 @@ class Seat:
         self._folder = folder
         self._now = InForce(read_policy(body, folder), digest_of(body))
         self._loader = ThreadPoolExecutor(1, "loader")
+        self._prober: Contained | None = None
 
     @property
     def now(self) -> InForce:
@@ -81,7 +89,7 @@ class Seat:
         return self._now.policy.act(seen)
 
     def offer(self, body: bytes, sha: str, twin: Twin = _untried) -> Future[InForce]:
-        """Let a policy be tried by the loader, and take over if nothing speaks against it.
+        """Let a policy be tried while the one in force drives, and take over if nothing speaks against it.
 
         Parameters
         ----------
@@ -90,14 +98,16 @@ class Seat:
 
         The future raises `BadInput` where something does: what was in force still is.
         """
-        return self._loader.submit(self.swap, body, sha, twin)
+        return self._loader.submit(self._seated, body, sha, twin, self._probed_apart)
 
     def swap(self, body: bytes, sha: str, twin: Twin = _untried) -> InForce:
         """As `offer`, here and now."""
+        return self._seated(body, sha, twin, probed)
+
+    def _seated(self, body: bytes, sha: str, twin: Twin, read: Callable[[bytes, Path], Policy]) -> InForce:
         if digest_of(body) != sha:
             raise NotSwapped("The policy is not the one that was announced: its SHA-256 is another.")
-        policy = read_policy(body, self._folder)
-        probe(policy)
+        policy = read(body, self._folder)
         twin(policy, self._now.policy)
         with replacing(self._folder / "policy.json", continued=True) as beside:
             beside.write_bytes(body)
@@ -105,9 +115,50 @@ class Seat:
         self._now = found
         return found
 
+    def _probed_apart(self, body: bytes, folder: Path) -> Policy:
+        """As `probed`, in a process that is started with the first policy that is offered."""
+        if self._prober is None or not self._prober.alive:
+            self._prober = Contained(f"{__name__}:Prober", str(folder))
+        asked, about = self._prober, list[dict[str, Any]]()
+        try:
+            _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: asked.ask(
+                "probed", str(file), patience=PATIENCE, most=MOST, told=about.append
+            ))  # fmt: skip
+        except (Failed, Lost) as error:
+            ended = f"The policy could not be probed ({error})." if isinstance(error, Lost) else str(error)
+            raise NotSwapped(ended) from error
+        assert numbers is not None
+        layers = unpacked(numbers, about[0]["sizes"])
+        weights, biases = (tuple(own.astype(np.float32) for own in part) for part in layers)
+        return Policy(weights, biases, about[0]["about"])
+
     def close(self) -> None:
         """Wait for the loader."""
         self._loader.shutdown()
+        if self._prober is not None:
+            self._prober.close()
+
+
+class Prober:
+    """What reads and probes policies in a process of its own; `folder`: for what lies there for a moment."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = Path(folder)
+        if hasattr(os, "nice"):
+            os.nice(10)  # who drives comes first
+
+    def probed(self, file: str) -> Generator[dict[str, Any], None, Array]:
+        """Numbers of the policy of a file, after its sizes and what it is about. Raises `NotSwapped`."""
+        own = probed(Path(file).read_bytes(), self._folder)
+        yield {"sizes": sizes_of(own.weights, own.biases), "about": own.about}
+        return packed(*([one.astype(np.float64) for one in part] for part in (own.weights, own.biases)))
+
+
+def probed(body: bytes, folder: Path) -> Policy:
+    """A driver's policy from the bytes of its file, that answers as it should. Raises `NotSwapped`."""
+    policy = read_policy(body, folder)
+    probe(policy)
+    return policy
 
 
 def drivers_policy(file: Path) -> Policy:

@@ -1,8 +1,9 @@
 """When it is time to learn anew: by counts of rows, as published, or by evidence that the vehicle is another one.
 
-Evidence is a path error that was not foretold, and innovations of the model that was made of the vehicle: what is read
-half a second later less what it foretells. Normalised by their covariance and squared (NIS, normalised innovation
-squared; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are
+Evidence is a path error that was not foretold; as long as nothing but its file is known of the vehicle, a gap between
+that and what was driven (`greybox gap`); then innovations of the model that was made of the vehicle: what is read half
+a second later less what it foretells. Normalised by their covariance and squared (NIS, normalised innovation squared;
+Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4) they are
 distributed as chi-square where the vehicle is still that one.
 """
 
@@ -14,11 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as fisher
 
+from ..api.diagnosing import diagnose
 from ..errors import BadInput
 from ..learned.open_loop import OpenLoop
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
+from ..vehicle import Vehicle
 
 FIRST, EVERY, LEAST = 5_000, 10_000, 2_000
 """Rows before the first time, between times, and since the last time at least, as published."""
@@ -70,6 +73,13 @@ def path_error_beyond(path_error: float, foretold: float) -> str:
     if foretold > 0 and path_error > EXCESS * foretold:
         return f"path error {path_error:.3f} m, {foretold:.3f} m were foretold"
     return ""
+
+
+def gap_told(vehicle: Vehicle, recordings: Sequence[Recording]) -> str:
+    """Why rows are not those of the vehicle that a file states, as `greybox gap` finds; "" where they may be."""
+    if not diagnose(vehicle, list(recordings), vehicle=vehicle).gap_detected:
+        return ""
+    return "the simulation of the vehicle file deviates from what was driven (greybox gap)"
 
 
 @dataclass(frozen=True)

@@ -50,9 +50,6 @@ REACHED = 10.0
 """Periods in which a wanted speed is driven to."""
 AT_ONCE = 2
 """Commands that are kept where none is late: the newest and the one before it."""
-FOLLOWED = 10.0
-"""Weight of what is beside the path where it is to be followed: a tenth of the half width costs as much as a tenth of
-the speed."""
 ACTIONS, REWARDS = ("drive", "speed"), ("progress", "path", "cth")
 
 
@@ -72,6 +69,8 @@ class Rules:
         crash is -10 in all.
     noise : whether v_x, v_y and yaw rate are seen with the vehicle's sensor noise.
     speed_cap : m/s; wanted speeds beyond are driven at it, and the speed that is seen of the track is at most that.
+    follow : weight of what is beside the path in "path": with 10 a tenth of the half width costs as much as a tenth of
+        the speed, with 100 a hundredth as much as a hundredth.
     usage_cap : share of the grip that the speed on the track may use; whatever is wanted, no faster is driven.
     usage : share of the grip that the speed that is seen of the track asks for, which scales that but not what an
         action means; a pair: drawn evenly between in each episode; None: `usage_cap`, or `USAGE` where there is none.
@@ -82,6 +81,7 @@ class Rules:
     action: str = "drive"
     reward: str = "progress"
     noise: bool = False
+    follow: float = 10.0
     speed_cap: float = np.inf
     usage_cap: float = np.inf
     usage: float | tuple[float, float] | None = None
@@ -92,7 +92,7 @@ class Rules:
         for name, own, known in (("action", self.action, ACTIONS), ("reward", self.reward, REWARDS)):
             if own not in known:
                 raise BadInput(f"There is no {name} {own!r}.{near_or_all(str(own), known)}")
-        for name in ("period", "speed_cap", "usage_cap", "seconds", "laps"):
+        for name in ("period", "follow", "speed_cap", "usage_cap", "seconds", "laps"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"{name}: a number above zero is needed, not {getattr(self, name)!r}.")
         shares = np.ravel(USAGE if self.usage is None else self.usage)
@@ -416,7 +416,7 @@ class World:
         if self.rules.reward == "path":
             wanted = np.minimum(self._pace * self._top * self._ahead(s)[1], self.rules.speed_cap)
             reward = 1.0 - np.abs(v_x * np.cos(e_psi) - v_y * np.sin(e_psi) - wanted) / wanted
-            off = FOLLOWED * (e_y / self.track.half_width) ** 2
+            off = self.rules.follow * (e_y / self.track.half_width) ** 2
             reward -= off / (1.0 + off)  # bounded: to crash is never the better way out
         else:
             reward = (s - before[:, -3]) / (self._top * T) - OFF * (e_y / self.track.half_width) ** 2

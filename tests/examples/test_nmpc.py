@@ -15,13 +15,17 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "nmpc"
 sys.path.insert(0, str(EXAMPLE))
 
 from follow import followed  # noqa: E402
+from learned import LearnedPrediction  # noqa: E402
 from prediction import Prediction  # noqa: E402
 from race import driven  # noqa: E402
 from scene import PAIRS, PERIOD, Scene  # noqa: E402
 
 from greybox_id.datasets.vehicle_file import parse_vehicle  # noqa: E402
-from greybox_id.datasets.virtual_vehicle import SteppedCar, vehicle_file_text  # noqa: E402
+from greybox_id.datasets.virtual_vehicle import SteppedCar, drive, vehicle_file_text  # noqa: E402
+from greybox_id.learned.injection import injected  # noqa: E402
+from greybox_id.learned.training import train_actuator_net  # noqa: E402
 from greybox_id.models.registry import model_of, with_effects  # noqa: E402
+from greybox_id.racing.stage import stage  # noqa: E402
 from greybox_id.racing.track import Usage, track  # noqa: E402
 
 FIRST_BENDS = 12.0
@@ -80,6 +84,28 @@ def test_a_stage_foretells_the_vehicle_with_commands_that_are_late(scene, models
         motion = ride.motion
         names = ("v_x", "v_y", "yaw_rate", "x", "y", "yaw")  # on a straight path s, e_y and e_psi are the pose
         assert [motion[name] for name in names] == pytest.approx(z[:6], abs=tolerance, rel=tolerance)
+
+
+def test_a_stage_with_networks_foretells_what_drivers_learn_on(scene, models):
+    """Yaw rate, which the network says, and speed, which follows from it, over 40 periods; the network acts."""
+    car = models["nominal"]
+    driven_before = drive(scene.car, "mixed", 12.0, 100.0, scene.effects, "nominal", 3)[0]
+    model = injected(car, train_actuator_net(driven_before, sample_time=PERIOD, steps=20))
+    prediction, own, physics = LearnedPrediction(model, PERIOD, np.ones(2)), stage(model, PERIOD), stage(car, PERIOD)
+    z, driven_on = prediction.started(3.0, 0.0), np.zeros((1, own.size + 3))
+    driven_on[0, : own.size] = own.begun(3.0, own.equations.values)[0]
+    alone, before = np.zeros((1, physics.size + 3)), np.zeros(2)
+    alone[0, : physics.size] = physics.begun(3.0, physics.equations.values)[0]
+    at, most = own.states.index("yaw_rate"), 0.0
+    for k in range(40):
+        wanted = np.array([0.15 * np.sin(0.3 * k), 0.2])
+        z = np.asarray(prediction.stage(z, (wanted - before) / PERIOD, np.zeros(3))).ravel()
+        given = wanted[None], np.zeros((1, 3))
+        driven_on = own.advance(driven_on, *given, own.equations.values[None])
+        alone = physics.advance(alone, *given, physics.equations.values[None])
+        before, most = wanted, max(most, abs(alone[0, at] - z[at]))
+        assert z[at] == pytest.approx(driven_on[0, at], abs=2e-3)
+    assert most > 2e-2
 
 
 def test_the_perfect_model_follows_the_path_and_the_nominal_one_does_worse(scene, models):

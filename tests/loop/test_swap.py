@@ -73,6 +73,8 @@ def test_what_is_in_force_stays_where_something_speaks_against_another(tmp_path)
     for word, (other, sha, twin) in refused.items():
         with pytest.raises(BadInput, match=word):
             seat.swap(other, sha or digest_of(other), *([twin] if twin else []))
+        with pytest.raises(BadInput, match=word):
+            seat.offer(other, sha or digest_of(other), *([twin] if twin else [])).result()
         assert seat.now.sha == digest_of(body)
     assert not (tmp_path / "policy.json").exists()
     seat.close()
@@ -86,10 +88,11 @@ def sound(damaged, body):
         return False
 
 
-def test_damaged_policies_are_refused_with_a_sentence(tmp_path):
+@pytest.mark.parametrize("cases", [150, pytest.param(1000, marks=pytest.mark.slow)])
+def test_damaged_policies_are_refused_with_a_sentence(cases, tmp_path):
     body = body_of(by_hand())
     seat = Seat(body, tmp_path)
-    for case in range(150):
+    for case in range(cases):
         damaged = mutated(body, "columns", 3, case)
         if damaged == body:
             continue
