@@ -20,6 +20,7 @@ inputs that are held or run straight to the next row, so that what was trained i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import SimpleNamespace
 
 import casadi as cs
@@ -62,7 +63,7 @@ class Cell:
         u = cs.MX.sym("u", 2 * len(self.model.inputs), columns)
         p = cs.MX.sym("p", self.model.size)
         by_name = parameters(self.model, p)
-        moved = self.traced(carried, u, by_name, lambda *asked: _answer(self.model.network, *asked, by_name), reported)
+        moved = self.traced(carried, u, by_name, partial(_answer, self.model.network, by_name), reported)
         return cs.Function("sample", [carried, u, p], moved)
 
     def traced(
@@ -131,7 +132,7 @@ class Cell:
     def rates(self, state: Symbol, u: Symbol, p: Symbol) -> Symbol:
         """Rates of the states (states, columns), of a network without a memory."""
         by_name = parameters(self.model, p)
-        return self.traced_rates(state, u, by_name, lambda *asked: _answer(self.model.network, *asked, by_name))
+        return self.traced_rates(state, u, by_name, partial(_answer, self.model.network, by_name))
 
     def traced_rates(self, state: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network) -> Symbol:
         """The same; parameters are by name."""
@@ -153,7 +154,7 @@ class Cell:
 
 
 def _answer(
-    network: RecurrentNetwork | FeedForwardNetwork, features: Symbol, before: Symbol, p: Mapping[str, Symbol]
+    network: RecurrentNetwork | FeedForwardNetwork, p: Mapping[str, Symbol], features: Symbol, before: Symbol
 ) -> tuple[Symbol, Symbol]:
     if isinstance(network, FeedForwardNetwork):
         return said(network, features, p), before

@@ -159,9 +159,9 @@ def _on_arrays(function: cs.Function) -> Callable[[tuple[Array, ...]], list[Arra
     def called(known: tuple[Array, ...]) -> list[Array]:
         found = [np.empty(shape) for shape in shapes]
         for k, own in enumerate(known):
-            buffer.set_arg(k, memoryview(np.ascontiguousarray(own)))
+            buffer.set_arg(k, np.ascontiguousarray(own).data)
         for k, own in enumerate(found):
-            buffer.set_res(k, memoryview(own))
+            buffer.set_res(k, own.data)
         evaluate()
         return found
 
