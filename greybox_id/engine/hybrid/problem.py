@@ -120,6 +120,7 @@ class HybridProblem:
     ----------
     model : at its nominal values.
     errors : over windows of the stretches, unless others are handed over.
+    lesson : further errors, whose mean square counts as much.
     anchor : pull of weights to where the model has them, in place of the weak one to zero; None for the latter.
     free : (parameters,) which of the numbers are unknowns.
     bounds : (unknowns, 2) in their own units.
@@ -132,8 +133,9 @@ class HybridProblem:
         noise: Array,
         errors: Errors | None = None,
         anchor: float | None = None,
+        lesson: Errors | None = None,
     ) -> None:
-        self.model = model
+        self.model, self.lesson = model, lesson
         self.errors = WindowErrors(model, found, noise) if errors is None else errors
         pull: list[float] = []
         unit: list[float] = []
@@ -170,6 +172,9 @@ class HybridProblem:
         """Loss and gradient; where the simulation leaves all bounds the loss is huge and flat."""
         p = self.parameters(q)
         mean, slope = self.errors.with_gradient(p)
+        if self.lesson is not None:
+            more, further = self.lesson.with_gradient(p)
+            mean, slope = mean + more, slope + further
         if not (mean < _HUGE and np.all(np.isfinite(slope))):
             return _HUGE, np.zeros(len(q))
         off = self._prior * (p[self.free] - self._means) / self._unit
