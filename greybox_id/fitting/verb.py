@@ -268,6 +268,7 @@ def _fit_hybrid(
             "stopped_by": list(trained.held_out),
             "errors_over_windows": list(trained.errors),
             **({} if pretraining is None else {"pretrained_from": pretraining.source or pretraining.model.name}),
+            **({"pretrained_beyond": pretraining.beyond} if isinstance(pretraining, Pretraining) else {}),
         },
         command=command,
     )
