@@ -139,6 +139,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         budget=shared,
         unnamed=found.unnamed,
         moved=moved(found, best, closed),
+        tried={own.candidate.effect: own.gain for own in selection.promised},
     )
 
 

@@ -127,7 +127,7 @@ def _and_more(named: Sequence[str], count: int) -> str:
 def _how_far(gap: Gap, width: int) -> Group:
     closure, held_out = judged(gap)
     said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
-    if warning := as_it_stands(closure):
+    if warning := as_it_stands(gap, closure):
         said.append(warning)
     if not held_out and gap.applied:
         said.append("what it is worth on other recordings is not known: hold some out")
