@@ -98,8 +98,10 @@ class Sweep:
                 said.append(answer)
                 layers.append(kept)
             told.append(self._tell(now, u, physical, *said))
-            for own, more in ((tape.carried, now), (tape.asked, asked), (tape.said, said), (tape.layers, layers)):
-                own.append(more)  # type: ignore[arg-type]
+            tape.carried.append(now)
+            tape.asked.append(asked)
+            tape.said.append(said)
+            tape.layers.append(layers)
             if not last:
                 now = self._move(now, u, physical, *said)
         return np.array(told), tape
