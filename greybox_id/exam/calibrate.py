@@ -98,23 +98,26 @@ def costs(folders: Sequence[Path]) -> dict[str, Any]:
     """What each effect gains on vehicles without a gap, and what it must gain so that one in fifty of these has a name.
 
     Twice what noise alone gains is distributed as chi-square of one degree of freedom. Equations' form stretches that,
-    by as much as the effect mimics it: the factor is the mean of twice the gains, shrunk towards that of all
-    effects, which counts as so many vehicles as `PRIOR_NULLS`; it is no less than one. What one in fifty of all effects
-    together surpasses is the cost, at most `CAL.cost`: beyond that it is for the rules that tell mimics.
+    by as much as the effect mimics it: the factor is the mean of twice the gains, shrunk towards that of all effects,
+    which counts as so many vehicles as `PRIOR_NULLS`; it is no less than one. Tails are heavier where form has them:
+    from the largest gain on they fall as fast. What one in fifty of all effects together surpasses is the cost, at most
+    `CAL.cost`: beyond that it is for the rules that tell mimics.
     """
     nulls = [found["tried"] for folder in folders for answer, found in _read(folder) if answer.kind == "null"]
     names = sorted({name for own in nulls for name in own})
-    twice = np.array([[2 * max(float(own.get(name, 0.0)), 0.0) for name in names] for own in nulls])
-    if not len(nulls):
+    gains = np.array([[max(float(own.get(name, 0.0)), 0.0) for name in names] for own in nulls])
+    n = len(nulls)
+    if not n:
         return {"nulls": 0, "effects": {}}
-    usual = max(1.0, float(np.median(np.mean(twice, axis=0))))
-    stretch = np.maximum(1.0, (np.sum(twice, axis=0) + PRIOR_NULLS * usual) / (len(nulls) + PRIOR_NULLS))
-    needed = stretch * 0.5 * chi2.isf(RARE / len(names), 1)
-    order = np.argsort(needed)
+    rare, mean, most = RARE / len(names), np.mean(gains, axis=0), np.max(gains, axis=0)
+    usual = max(1.0, 2 * float(np.median(mean)))
+    stretch = np.maximum(1.0, (2 * n * mean + PRIOR_NULLS * usual) / (n + PRIOR_NULLS))
+    needed = stretch * 0.5 * chi2.isf(rare, 1)
+    needed = np.minimum(np.maximum(needed, most + stretch * max(log(1 / (n * rare)), 0.0)), CAL.cost)
     return {
-        "nulls": len(nulls), "used": {"cost": CAL.cost, "costs": dict(CAL.costs)},
-        "effects": {names[k]: {"mean": _round(np.mean(twice[:, k]) / 2), "most": _round(np.max(twice[:, k]) / 2),
-                               "cost": round(min(float(needed[k]), CAL.cost), 1)} for k in order},
+        "nulls": n, "used": {"cost": CAL.cost, "costs": dict(CAL.costs)},
+        "effects": {names[k]: {"mean": _round(mean[k]), "most": _round(most[k]), "cost": round(float(needed[k]), 1)}
+                    for k in np.argsort(needed)},
     }  # fmt: skip
 
 

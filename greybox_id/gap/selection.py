@@ -114,7 +114,8 @@ def select(
     elif replacing:
         names = {frozenset(own.names) for own in replacing}
         found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
-    found = _from_believed_lags(search, _gaps(search, found))
+    base, found = _from_each_other(search, base, _gaps(search, found), worth)
+    found = _from_believed_lags(search, found)
     return Selection(search, base, tuple(found), tuple(promised))
 
 
@@ -159,6 +160,34 @@ def _polished(
                 break
     base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
+
+
+def _from_each_other(
+    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+) -> tuple[Hypothesis, list[Hypothesis]]:
+    """The base and the best hypothesis, each refitted from where the other one has nuisances, until neither gains.
+
+    Curves of tyres have several optima: what an effect seems to gain may be the way from one to another.
+    """
+    if not (search.moving or search.shifts):
+        return base, found
+    for _ in range(CAL.polished):
+        if not found or base.cost - found[0].cost <= CAL.worthy * worth:
+            break
+        best = found[0]
+        with search.elsewhere():
+            search.about(best)
+            starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
+            bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
+            search.about(base)
+            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes))
+            again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
+        gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
+        base = min([base, *bases], key=by_cost)
+        found = sorted((min([best, *again], key=by_cost), *found[1:]), key=by_cost)
+        if gained < CAL.enough:
+            break
+    return base, found
 
 
 def _near(

@@ -107,7 +107,9 @@ def test_what_equations_form_mimics_must_gain_more(tmp_path):
     cost = {name: own["cost"] for name, own in found["effects"].items()}
     alone = 0.5 * chi2.isf(0.02 / 4, 1)
     assert found["nulls"] == 39
-    assert cost["motor_gain"] == cost["yaw_inertia"] == pytest.approx(alone, abs=0.06)
-    assert cost["wheel_speed_scale"] == pytest.approx(alone, rel=0.4)
+    assert cost["motor_gain"] == pytest.approx(alone, abs=0.06)
+    assert alone < cost["wheel_speed_scale"] == pytest.approx(alone, rel=0.6)
+    for name, own in found["effects"].items():
+        assert own["cost"] > min(own["most"], CAL.cost - 0.01), name
     assert cost["tyre_temperature"] == CAL.cost
     assert list(cost.values()) == sorted(cost.values())
