@@ -17,7 +17,7 @@ Weights = Mapping[str, Array]
 """By the names of a network's `shapes`."""
 
 
-class Layers:
+class NetworkLayers:
     """A network, whose weights are handed over with every call.
 
     Attributes

@@ -29,7 +29,7 @@ PULL = 1e-5
 """Of weights to zero: weak, for what ends training is the held-out error."""
 
 
-class Errors:
+class SquaredErrors:
     """Mean squared error of what is told, as a function of the parameter vector.
 
     Parameters
@@ -79,7 +79,7 @@ class Errors:
         return total / self.readings, slope / self.readings
 
 
-class WindowErrors(Errors):
+class WindowErrors(SquaredErrors):
     """Mean squared error over windows, in units of noise."""
 
     def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
@@ -92,7 +92,7 @@ class WindowErrors(Errors):
         )  # fmt: skip
 
 
-class RateErrors(Errors):
+class RateErrors(SquaredErrors):
     """Mean squared error of the rates of states.
 
     Parameters
@@ -131,9 +131,9 @@ class HybridProblem:
         model: HybridModel,
         found: Sequence[Stretch],
         noise: Array,
-        errors: Errors | None = None,
+        errors: SquaredErrors | None = None,
         anchor: float | None = None,
-        lesson: Errors | None = None,
+        lesson: SquaredErrors | None = None,
     ) -> None:
         self.model, self.lesson = model, lesson
         self.errors = WindowErrors(model, found, noise) if errors is None else errors

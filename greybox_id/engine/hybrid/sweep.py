@@ -18,7 +18,7 @@ from ...hybrid_model import HybridModel
 from ...model import Symbol
 from ...shorthands import Array
 from .cell import Network, parameters
-from .layers import Layers
+from .layers import NetworkLayers
 
 Traced = Callable[[Symbol, Symbol, dict[str, Symbol], Network], tuple[Symbol, Symbol]]
 """(carried, inputs, parameters by name, network) -> (carried a sample later, what is told now)."""
@@ -50,7 +50,7 @@ class Sweep:
     """
 
     def __init__(self, model: HybridModel, traced: Traced, sizes: tuple[int, int], columns: int) -> None:
-        self._layers = Layers(model.network)
+        self._layers = NetworkLayers(model.network)
         weights = model.network.shapes
         ends = np.cumsum([own.size for own in model.parameters])
         self._places = {
