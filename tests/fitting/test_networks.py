@@ -12,9 +12,9 @@ from greybox_id.engine.hybrid.cell import Cell
 from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting.how import How, quiet
-from greybox_id.fitting.hybrid import window_error
 from greybox_id.fitting.networks import fit_network
 from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
+from greybox_id.fitting.training import window_error
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 from greybox_id.scores.prediction import simulate
