@@ -52,6 +52,7 @@ def fit(
     pretrain: Fit | Posterior | str | Path | None = None,
     pretrain_points: int = 20_000,
     pretrain_range: Span = "data",
+    pretrain_beyond: float = 1.0,
     progress: Progress | None = None,
 ) -> FitResult:
     """Fit a model to recordings.
@@ -76,6 +77,8 @@ def fit(
         the same model, whose training is carried on: of a vehicle with other tyres, 20 s will do.
     pretrain_points, pretrain_range : at how many points, on rows of the recordings ("data") or in a box 1.3 times as
         wide ("box").
+    pretrain_beyond : for speeds that were not driven: train also on what the known vehicle does at up to so many times
+        the fastest speed recorded, from 1 to 3.
     progress : called with one line at a time.
 
     Returns
@@ -113,7 +116,9 @@ def fit(
     how.must_suit(nominal)
     training = given.recordings(recordings, columns)
     validate = None if validation is None else given.recording(validation, columns, "validation")
-    learnt = None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range)
+    learnt = (
+        None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
+    )
     return planned(asked, nominal, training, validate, how, learnt).run(progress or quiet)
 
 
@@ -189,7 +194,7 @@ def planned(
 
 @by_kind
 def pretraining(
-    model: Model, source: Fit | Posterior | str | Path, points: int, span: Span
+    model: Model, source: Fit | Posterior | str | Path, points: int, span: Span, beyond: float = 1.0
 ) -> Pretraining | TrainedBefore:
     """The known vehicle of a fit, a posterior or the file of one, for a network to learn from, or a trained hybrid.
 

@@ -25,7 +25,7 @@ DRAWS = 200
 
 @pretraining.register(HybridModel)
 def _pretraining(
-    model: HybridModel, source: Fit | Posterior | str | Path, points: int, span: Span
+    model: HybridModel, source: Fit | Posterior | str | Path, points: int, span: Span, beyond: float = 1.0
 ) -> Pretraining | TrainedBefore:
     name = str(source) if isinstance(source, str | Path) else ""
     if model.recurrent:
@@ -43,7 +43,7 @@ def _pretraining(
     else:
         raise BadInput(f"pretrain: a fit, a posterior or the file of one is needed, not {source!r:.60}.")
     no = f"{name or 'pretrain'}: a fit of equations of motion is needed, not one of {fit.model.name}."
-    return Pretraining(must_be(MotionModel, fit.model, no), draws, points, span, name)
+    return Pretraining(must_be(MotionModel, fit.model, no), draws, points, span, name, beyond)
 
 
 def _about(fit: Fit) -> Array:

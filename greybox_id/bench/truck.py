@@ -31,6 +31,7 @@ from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviat
 from .truck_inputs import SPLITS, Chunks, by_speed, raw, splits
 from .truck_networks import (
     BICYCLE,
+    FASTER,
     LESSONS,
     METHODS,
     NetworkCell,
@@ -224,16 +225,16 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
         for share in TAUGHT_ON for taught in LESSONS if taught != BICYCLE
     ]  # fmt: skip
     curves += [NetworkCell(BY_SPEED, method, smallest, last) for method in METHODS]
+    curves += [NetworkCell(BY_SPEED, method, smallest, last, FASTER) for method in METHODS[1:]]
     if how.curves_alone:
         return curves
-    wanted = [NetworkCell(AS_PUBLISHED, method, units, last) for units in SIZES for method in METHODS]
+    wanted = [
+        NetworkCell(AS_PUBLISHED, method, units, horizon)
+        for horizon in HORIZONS[::-1] for units in SIZES for method in METHODS
+    ]  # fmt: skip
     wanted += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
     wanted += curves
-    wanted += [
-        NetworkCell(AS_PUBLISHED, method, units, horizon)
-        for units, horizon in (*((u, h) for h in HORIZONS[-2::-1] for u in SIZES), (SIZES[1], WHOLE))
-        for method in METHODS
-    ]
+    wanted += [NetworkCell(AS_PUBLISHED, method, SIZES[1], WHOLE) for method in METHODS]
     return list(dict.fromkeys(wanted))
 
 
@@ -405,14 +406,15 @@ def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str
 
 def _out_of_range(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Trained on slow trajectories, scored on fast ones: everything over learning from measurements alone."""
-    own = {one.cell.method: one for one in found if one.cell.data == BY_SPEED}
-    if "learning" not in own:
+    own = [one for one in found if one.cell.data == BY_SPEED]
+    alone_of = [one.cell.name for one in own if one.cell.method == "learning"]
+    if not alone_of:
         return []
     fast, bicycle = sets.chunks(BY_SPEED)["fast"], sets.bicycle(BY_SPEED)
     alone = deviations(Simulator(bicycle), fast.recording, bicycle.values)
-    scores = {one.cell.name: (np.mean(one.runs["fast"], axis=0), one.seeds) for one in own.values()}
+    scores = {one.cell.name: (np.mean(one.runs["fast"], axis=0), one.seeds) for one in own}
     scores["bicycle"] = (np.sqrt([np.mean(each**2, axis=0) for each in alone]), 1)
-    base, _ = scores[own["learning"].cell.name]
+    base, _ = scores[alone_of[0]]
     rows = []
     for name, (each, seeds) in scores.items():
         drawn = _redrawn(np.column_stack([base, each]), fast.piece_of)

@@ -80,6 +80,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="On rows of the recordings, or on a box 1.3 times as wide.",
 )
+@click.option(
+    "--pretrain-beyond",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Train on what the known vehicle does up to so many times the fastest speed recorded as well.",
+)
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
 @jobs_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
@@ -100,6 +107,7 @@ def fit(
     pretrain: str | None,
     pretrain_points: int,
     pretrain_range: Span,
+    pretrain_beyond: float,
     starts: int,
     jobs: int,
     seed: int,
@@ -149,7 +157,9 @@ def fit(
     how.must_suit(nominal)
     recordings = [read_part(file, columns) for file in files]
     validate = read_part(validation, columns) if validation is not None else None
-    known = None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range)
+    known = (
+        None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
+    )
     plan = planned(chosen, nominal, recordings, validate, how, known)
     target = Path(out or plan.models[0].name) / "fit.json"
     claim(target, becomes=f"a fit of {plan.models[0].name}")

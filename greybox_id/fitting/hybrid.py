@@ -10,6 +10,7 @@ from ..fit import Fit
 from ..hybrid_model import HybridModel
 from .how import refused
 from .networks import fit_network
+from .pretraining import Pretraining
 from .training import TrainedBefore, fit_hybrid, update_hybrid
 from .verb import FitTask, estimated
 
@@ -41,6 +42,7 @@ def _estimated(model: HybridModel, task: FitTask) -> Fit:
             "stopped_by": list(trained.held_out),
             "errors_over_windows": list(trained.errors),
             **({} if pretraining is None else {"pretrained_from": pretraining.source or pretraining.model.name}),
+            **({"pretrained_beyond": pretraining.beyond} if isinstance(pretraining, Pretraining) else {}),
         },
     )
 

@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
-from ..engine.hybrid.stretches import Stretch
+from ..engine.hybrid.stretches import Stretch, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
 from ..recording import Recording
 from ..shorthands import Array
 from ..solvers.quasi_newton import Descent, descend
 from .how import How, Say
-from .pretraining import Pretraining, known_physics, pretrained
+from .pretraining import Pretraining, faster, known_physics, pretrained
 from .training import Trained, manoeuvres, split, trained_best
 
 HORIZONS = (2, 11, 21)
@@ -92,12 +92,14 @@ def trained_from(
     if known is not None and "m" not in model:
         p = pretrained(model, p, recordings, known, seed, say)
     random = known is None or "m" in model
+    further = () if known is None else faster(model, recordings, known, seed)
+    beyond = [one for recording in further for one in stretches(model, recording)]
     horizons = [*(rows for rows in HORIZONS if rows < model.window), model.window]
     found: Descent | None = None
     for rows in horizons:
         last = rows == model.window
         short = replace(model, window=rows, warm_up=min(model.warm_up, rows - 1) if last else 0)
-        problem = HybridProblem(short, train, sd)
+        problem = HybridProblem(short, train, sd, lesson=WindowErrors(short, beyond, sd) if beyond else None)
 
         def told(step: int, loss: float, held_out: float, rows: int = rows) -> None:
             line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"

@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ..engine.hybrid.problem import HybridProblem, RateErrors
+from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..hybrid_model import HybridModel
@@ -52,6 +53,8 @@ class Pretraining:
     points : at which the network learns its rates.
     span : where these are.
     source : the file it comes from, for people.
+    beyond : how many times the fastest speed recorded the vehicle teaches beside the recordings; 1 as published:
+        not at all, and what it taught of such speeds may be forgotten.
     """
 
     model: MotionModel
@@ -59,6 +62,7 @@ class Pretraining:
     points: int = 20_000
     span: Span = "data"
     source: str = ""
+    beyond: float = 1.0
 
     def __post_init__(self) -> None:
         if self.span not in get_args(Span):
@@ -66,6 +70,8 @@ class Pretraining:
             raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{told}")
         if isinstance(self.points, bool) or not isinstance(self.points, int) or not 100 <= self.points <= 1_000_000:
             raise BadInput(f"‹pretrain_points›: a whole number from 100 to 1000000 is needed, not {self.points!r:.40}.")
+        if isinstance(self.beyond, bool) or not 1.0 <= self.beyond <= 3.0:
+            raise BadInput(f"‹pretrain_beyond›: a number from 1 to 3 is needed, not {self.beyond!r:.40}.")
 
 
 def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
@@ -135,6 +141,55 @@ def pretrained(
     return problem.parameters(found.x)
 
 
+def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int) -> tuple[Recording, ...]:
+    """The recordings as the known vehicle would have driven them faster than any was.
+
+    Every run at so many times its speed that it is at its fastest between the fastest speed recorded and `beyond` times
+    that, with so much less steering that lateral accelerations stay about as they were; from where the lateral
+    acceleration is well above all recorded ones nothing is taught. Every run has a draw of its own.
+
+    Raises
+    ------
+    BadInput : the recordings lack what the known vehicle reads.
+    """
+    if known.beyond <= 1.0:
+        return ()
+    states = [own.name for own in model.states]
+    vehicle = known.model
+    if not {"v_x", "steer"} <= set(vehicle.inputs):
+        raise BadInput(
+            f"‹pretrain_beyond›: {known.source or vehicle.name} is not driven by v_x and steer. Pretrain from a fit of "
+            "lateral, or omit it."
+        )
+    _must_predict(vehicle, states, vehicle.outputs, model)
+    for recording in recordings:
+        recording.require((*vehicle.inputs, "yaw_rate"), "what a known vehicle teaches of higher speeds")
+    random = np.random.default_rng((seed, 7103))
+    top = max(float(np.nanmax(own["v_x"])) for own in recordings)
+    most = WIDER * max(float(np.nanmax(np.abs(own["v_x"] * own["yaw_rate"]))) for own in recordings)
+    simulator, found = Simulator(vehicle), []
+    for recording in recordings:
+        factor = np.ones(len(recording))
+        for start, stop in recording.runs:
+            own = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
+            factor[start:stop] = top * random.uniform(1.0, known.beyond) / own
+        driven = recording.with_signals(v_x=factor * recording["v_x"], steer=recording["steer"] / factor**2)
+        told = {name: np.full(len(recording), np.nan) for name in states}
+        draws = known.draws[random.integers(len(known.draws), size=min(AT_A_POINT, len(known.draws)))]
+        for k, p in enumerate(draws):
+            run = Predictor(simulator, driven, p).free_run()
+            own_rows = run.run % len(draws) == k
+            for name in states:
+                told[name][run.rows[own_rows]] = run.predicted[own_rows, vehicle.outputs.index(name)]
+        for start, stop in recording.runs:
+            with np.errstate(invalid="ignore"):
+                out = ~(np.abs(driven["v_x"][start:stop] * told["yaw_rate"][start:stop]) <= most)
+            for name in states:
+                told[name][start:stop][np.logical_or.accumulate(out)] = np.nan
+        found.append(driven.with_signals(**told))
+    return tuple(found)
+
+
 def taught(
     model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int
 ) -> tuple[Array, Array, Array, Array]:
@@ -161,8 +216,7 @@ def taught(
     random = np.random.default_rng((seed, 4801))
     points = _chosen(data, names, known, random)
     measured = tuple(own.name for own in vehicle.states if own.name in names and own.name in vehicle.outputs)
-    if not set(states) <= set(measured):
-        raise BadInput(f"{vehicle.name} does not predict {' and '.join(states)}, which {model.name} is to learn.")
+    _must_predict(vehicle, states, measured, model)
     h = DERIVATIVE if model.integrator != "euler" else model.sample_time
     simulator = Simulator(vehicle)
     simulator.kernel.prepare()
@@ -182,6 +236,11 @@ def taught(
     scale = np.sqrt(np.where(unit > 0, unit, 1.0) ** 2 + spread**2)
     index = [names.index(name) for name in states], [names.index(name) for name in model.inputs]
     return points[index[0]][:, good], points[index[1]][:, good], mean, scale
+
+
+def _must_predict(vehicle: MotionModel, states: Sequence[str], told: Sequence[str], model: HybridModel) -> None:
+    if not set(states) <= set(told):
+        raise BadInput(f"{vehicle.name} does not predict {' and '.join(states)}, which {model.name} is to learn.")
 
 
 def _recorded(name: str, recordings: Sequence[Recording]) -> bool:

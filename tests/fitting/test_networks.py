@@ -9,11 +9,15 @@ from calling import greybox, refused
 from driven import driven, written
 
 from greybox_id.engine.hybrid.cell import Cell
+from greybox_id.errors import BadInput
 from greybox_id.fit import load
-from greybox_id.fitting.how import How
-from greybox_id.fitting.pretraining import Pretraining, known_physics, taught
+from greybox_id.fitting.how import How, quiet
+from greybox_id.fitting.networks import fit_network
+from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
+from greybox_id.fitting.training import window_error
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
+from greybox_id.scores.prediction import simulate
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 QUICK = ("--set", "hidden=[6]", "--set", "window=11", "--set", "integrator=euler")
@@ -63,6 +67,45 @@ def test_the_box_is_wider_than_the_recording(laps, vehicle):
     assert np.all(np.max(np.abs(wide), axis=1) > 1.1 * np.max(np.abs(inside), axis=1))
 
 
+def test_it_is_driven_faster_than_recorded_and_not_harder(laps, vehicle):
+    """As the vehicle itself says, run freely from the same start along the same inputs."""
+    model = prepared("mlp_lateral", laps, {"hidden": [4]})
+    (driven_on,) = faster(model, [laps], replace(vehicle, draws=vehicle.model.values[None], beyond=1.5), seed=0)
+    for start, stop in laps.runs:
+        at_most = np.max(driven_on["v_x"][start:stop]) / np.max(laps["v_x"])
+        assert 1.0 <= at_most <= 1.5
+    hardest = np.max(np.abs(laps["v_x"] * laps["yaw_rate"]))
+    taught_rows = np.isfinite(driven_on["yaw_rate"])
+    assert np.mean(taught_rows) > 0.9
+    assert np.max(np.abs((driven_on["v_x"] * driven_on["yaw_rate"])[taught_rows])) <= 1.3 * hardest
+    inputs = driven_on.with_signals(v_y=laps["v_y"], yaw_rate=laps["yaw_rate"])
+    known = simulate(vehicle.model, inputs)
+    index = vehicle.model.outputs.index("yaw_rate")
+    own = driven_on["yaw_rate"][known.rows]
+    assert own[np.isfinite(own)] == pytest.approx(known.predicted[np.isfinite(own), index], abs=1e-9)
+
+
+def test_what_it_teaches_of_higher_speeds_is_not_forgotten(laps, vehicle):
+    """Held to the vehicle that drove, at speeds that no recording has."""
+    known = replace(vehicle, draws=vehicle.model.values[None], span="box")
+    model = prepared("mlp_lateral", laps, {"hidden": [8], "integrator": "euler", "window": 21})
+    (fast,) = faster(model, [laps], replace(known, beyond=1.5), seed=9)
+    noise, errors = np.array([0.02, 0.005]), []
+    for beyond in (1.0, 1.5):
+        found = fit_network(model, [laps], How(seed=1), quiet, replace(known, beyond=beyond)).model
+        errors.append(window_error(found, fast, noise))
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_speeds_beyond_are_of_a_vehicle_that_is_driven_by_its_speed(laps, vehicle):
+    model = prepared("mlp_lateral", laps, {"hidden": [4]})
+    with pytest.raises(BadInput, match="not driven by v_x and steer"):
+        faster(model, [laps], replace(vehicle, model=build("single_track"), beyond=1.5), seed=0)
+    for beyond in (0.9, 4.0, float("nan")):
+        with pytest.raises(BadInput, match="pretrain_beyond: a number from 1 to 3"):
+            replace(vehicle, beyond=beyond)
+
+
 def test_bands_of_several_seeds_open_where_nothing_was_trained(laps):
     """At speeds and yaw rates that were driven trainings agree; at twice as far from their middle they part."""
     model = prepared("mlp_lateral", laps, {"hidden": [6], "integrator": "euler", "window": 11})
@@ -99,6 +142,11 @@ def test_commands_pretrain_save_predict_and_export(laps, tmp_path, monkeypatch):
         called = greybox("fit", "--model", "mlp_lateral", lap, *QUICK, "--pretrain", source, *few, "--out", "net")
         assert called.code in (0, 3), called.err
         assert load("net/fit.json", build).how["pretrained_from"] == source
+    faster_too = ("--pretrain", "plain/fit.json", *few, "--pretrain-beyond")
+    called = greybox("fit", "--model", "bicycle_mlp", lap, *QUICK, *faster_too, "1.3", "--out", "fast")
+    assert called.code in (0, 3), called.err
+    said = refused("fit", "--model", "bicycle_mlp", lap, *QUICK, *faster_too, "5", "--out", "other")
+    assert "--pretrain-beyond" in said
     called = greybox("predict", "net/fit.json", lap, "--out", "predicted.csv", "--json")
     assert called.code == 0, called.err
     assert "integrator=rk4" in refused("export", "net/fit.json", "--target", "c", "--out", "car")

@@ -2,7 +2,7 @@
 
 What is carried from step to step, top to bottom: states, their derivatives a step before, one where there was a step
 before, what the network's layers said. Each column is a window of its own. Matrices of weights times matrices of
-windows are what CasADi evaluates fastest: 14 us a row for the paper's network, prediction and gradient.
+windows are what CasADi evaluates fastest. Training takes the network out of the sample (`sweep`).
 
 States follow by the second-order Adams-Bashforth formula,
 
@@ -19,7 +19,8 @@ inputs that are held or run straight to the next row, so that what was trained i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import SimpleNamespace
 
 import casadi as cs
@@ -30,6 +31,9 @@ from ...model import Symbol
 from ...recording import Recording
 from ...shorthands import Array
 from .stretches import stretches
+
+Network = Callable[[Symbol, Symbol], tuple[Symbol, Symbol]]
+"""(features, what layers said a step before) -> (what is said, what layers say now), (numbers, columns) each."""
 
 
 class Cell:
@@ -55,21 +59,29 @@ class Cell:
         columns : windows side by side.
         reported : names of states and quantities.
         """
-        model = self.model
         carried = cs.MX.sym("carried", self.carried, columns)
-        u = cs.MX.sym("u", 2 * len(model.inputs), columns)
+        u = cs.MX.sym("u", 2 * len(self.model.inputs), columns)
+        p = cs.MX.sym("p", self.model.size)
+        by_name = parameters(self.model, p)
+        moved = self.traced(carried, u, by_name, partial(_answer, self.model.network, by_name), reported)
+        return cs.Function("sample", [carried, u, p], moved)
+
+    def traced(
+        self, carried: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network, reported: Sequence[str]
+    ) -> tuple[Symbol, Symbol]:
+        """What is carried a sample later, and what is reported now; parameters are by name."""
+        model = self.model
         known, acting = cs.vertsplit(u, len(model.inputs))
-        p = cs.MX.sym("p", model.size)
         now, told = carried, None
         for k in range(model.substeps):
             begin, end = known, acting
             if model.integrator != "ab2":  # acting are the inputs at the end of the sample
                 begin, end = (known + share / model.substeps * (acting - known) for share in (k, k + 1))
-            now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps)
+            now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps, network)
             told = told if told is not None else cs.vertcat(*[quantities[name] for name in reported])
             if model.integrator == "ab2":
                 acting = known
-        return cs.Function("sample", [carried, u, p], [now, told])
+        return now, told
 
     def start(self, states: Array) -> Array:
         """What is carried at the start of windows: (states, columns) -> (carried, columns).
@@ -81,83 +93,85 @@ class Cell:
         return found
 
     def _step(
-        self, carried: Symbol, u: Symbol, acting: Symbol, p: Symbol, h: float
+        self, carried: Symbol, u: Symbol, acting: Symbol, p: Mapping[str, Symbol], h: float, network: Network
     ) -> tuple[Symbol, Mapping[str, Symbol]]:
         model, n = self.model, len(self.model.states)
         if model.integrator != "ab2":
-            return self._one_step(carried, u, acting, p, h)
+            return self._one_step(carried, u, acting, p, h, network)
         names = [state.name for state in model.states]
         x = SimpleNamespace(**{name: carried[k, :] for k, name in enumerate(names)})
         inputs, held = (
             SimpleNamespace(**{name: each[k, :] for k, name in enumerate(model.inputs)}) for each in (u, acting)
         )
-        by_name = parameters(model, p)
-        physical = SimpleNamespace(**{name: value for name, value in by_name.items() if name not in self._weights})
-        z, remembered = self._network(
-            cs.vertcat(*model.features(x, inputs, physical)), carried[2 * n + 1 :, :], by_name, u.shape[1]
-        )
+        physical = self._physical(p)
+        z, remembered = network(cs.vertcat(*model.features(x, inputs, physical)), carried[2 * n + 1 :, :])
         _, quantities = model.physics(x, inputs, physical, cs.vertsplit(z))
         rates, _ = model.physics(x, held, physical, cs.vertsplit(z))
         rate = cs.vertcat(*[rates[name] for name in names])
         begun = cs.repmat(carried[2 * n, :], n, 1)
         following = carried[:n, :] + h * (rate + 0.5 * begun * (rate - carried[n : 2 * n, :]))
-        return cs.vertcat(following, rate, cs.DM.ones(1, u.shape[1]), *remembered), {**vars(x), **quantities}
+        return cs.vertcat(following, rate, cs.DM.ones(1, u.shape[1]), remembered), {**vars(x), **quantities}
 
     def _one_step(
-        self, carried: Symbol, u: Symbol, following: Symbol, p: Symbol, h: float
+        self, carried: Symbol, u: Symbol, following: Symbol, p: Mapping[str, Symbol], h: float, network: Network
     ) -> tuple[Symbol, Mapping[str, Symbol]]:
         """Euler's or Runge and Kutta's; `following` are the inputs at the end of the step."""
         n = len(self.model.states)
-        by_name, start = parameters(self.model, p), carried[:n, :]
-        first, quantities = self._rates(start, u, by_name)
+        start = carried[:n, :]
+        first, quantities = self._rates(start, u, p, network)
         if self.model.integrator == "euler":
             after = start + h * first
         else:
             middle = 0.5 * (u + following)
-            second, _ = self._rates(start + 0.5 * h * first, middle, by_name)
-            third, _ = self._rates(start + 0.5 * h * second, middle, by_name)
-            fourth, _ = self._rates(start + h * third, following, by_name)
+            second, _ = self._rates(start + 0.5 * h * first, middle, p, network)
+            third, _ = self._rates(start + 0.5 * h * second, middle, p, network)
+            fourth, _ = self._rates(start + h * third, following, p, network)
             after = start + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
         return cs.vertcat(after, first, cs.DM.ones(1, u.shape[1])), quantities
 
     def rates(self, state: Symbol, u: Symbol, p: Symbol) -> Symbol:
         """Rates of the states (states, columns), of a network without a memory."""
-        return self._rates(state, u, parameters(self.model, p))[0]
+        by_name = parameters(self.model, p)
+        return self.traced_rates(state, u, by_name, partial(_answer, self.model.network, by_name))
 
-    def _rates(self, state: Symbol, u: Symbol, p: Mapping[str, Symbol]) -> tuple[Symbol, Mapping[str, Symbol]]:
+    def traced_rates(self, state: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network) -> Symbol:
+        """The same; parameters are by name."""
+        return self._rates(state, u, p, network)[0]
+
+    def _rates(
+        self, state: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network
+    ) -> tuple[Symbol, Mapping[str, Symbol]]:
         model = self.model
         x = SimpleNamespace(**{own.name: state[k, :] for k, own in enumerate(model.states)})
         inputs = SimpleNamespace(**{name: u[k, :] for k, name in enumerate(model.inputs)})
-        physical = SimpleNamespace(**{name: value for name, value in p.items() if name not in self._weights})
-        z = said(model.network, cs.vertcat(*model.features(x, inputs, physical)), p)
+        physical = self._physical(p)
+        z, _ = network(cs.vertcat(*model.features(x, inputs, physical)), cs.MX(0, state.shape[1]))
         rates, quantities = model.physics(x, inputs, physical, cs.vertsplit(z))
         return cs.vertcat(*[rates[own.name] for own in model.states]), {**vars(x), **quantities}
 
-    @property
-    def _weights(self) -> frozenset[str]:
-        return frozenset(self.model.network.shapes)
-
-    def _network(
-        self, features: Symbol, before: Symbol, p: Mapping[str, Symbol], columns: int
-    ) -> tuple[Symbol, list[Symbol]]:
-        network = self.model.network
-        if isinstance(network, FeedForwardNetwork):
-            return said(network, features, p), []
-        layers: list[Symbol] = []
-        start, layer = 0, features
-        for number, units in enumerate(network.hidden, 1):
-            own = before[start : start + units, :]
-            bias = cs.repmat(p[f"b_{number}"], 1, columns)
-            layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ own + bias, 0)
-            layers.append(layer)
-            start += units
-        z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
-        return (z + p["W_skip"] @ features if network.skip else z), layers
+    def _physical(self, p: Mapping[str, Symbol]) -> SimpleNamespace:
+        return SimpleNamespace(**{name: value for name, value in p.items() if name not in self.model.network.shapes})
 
 
-def said(network: RecurrentNetwork | FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
+def _answer(
+    network: RecurrentNetwork | FeedForwardNetwork, p: Mapping[str, Symbol], features: Symbol, before: Symbol
+) -> tuple[Symbol, Symbol]:
+    if isinstance(network, FeedForwardNetwork):
+        return said(network, features, p), before
+    layers: list[Symbol] = []
+    start, layer, columns = 0, features, features.shape[1]
+    for number, units in enumerate(network.hidden, 1):
+        own = before[start : start + units, :]
+        bias = cs.repmat(p[f"b_{number}"], 1, columns)
+        layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ own + bias, 0)
+        layers.append(layer)
+        start += units
+    z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
+    return (z + p["W_skip"] @ features if network.skip else z), cs.vertcat(*layers)
+
+
+def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
     """What a network without a memory says of features (features, columns)."""
-    assert isinstance(network, FeedForwardNetwork)
 
     def through(layer: Symbol) -> Symbol:
         columns = layer.shape[1]

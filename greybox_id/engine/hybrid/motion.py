@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import casadi as cs
 
 from ...errors import BadInput
-from ...hybrid_model import HybridModel
+from ...hybrid_model import FeedForwardNetwork, HybridModel
 from ...model import Namespace, Symbol
 from ...motion_model import MotionModel, Quantities, State
 from ..of_motion import equations_of_motion
@@ -23,7 +23,8 @@ def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
     ------
     BadInput : the network has a memory, or was trained by steps that are no derivative's.
     """
-    if model.recurrent:
+    network = model.network
+    if not isinstance(network, FeedForwardNetwork):
         raise BadInput(
             f"{model.name} has a recurrent network, whose memory equations of motion have no place for. Give a single "
             "track the stiffnesses it estimates, or fit mlp_lateral or bicycle_mlp."
@@ -33,15 +34,15 @@ def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
             f"This {model.name} was trained by steps of {model.integrator}: what its network says is right over its "
             f"own sample time of {model.sample_time:g} s alone. Train it with integrator=rk4."
         )
-    weights = {name: cs.DM(model[name].array) for name in model.network.shapes}
+    weights = {name: cs.DM(model[name].array) for name in network.shapes}
     physical = tuple(own for own in model.parameters if own.name not in weights)
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         inputs = SimpleNamespace(**{name: getattr(u, name) for name in model.inputs})
         for name, least in model.least.items():  # slower, the equations only stay finite
             setattr(inputs, name, cs.fmax(getattr(inputs, name), least))
-        z = said(model.network, cs.vertcat(*model.features(x, inputs, p)), weights)
-        rates, quantities = model.physics(x, inputs, p, [z[k] for k in range(model.network.outputs)])
+        z = said(network, cs.vertcat(*model.features(x, inputs, p)), weights)
+        rates, quantities = model.physics(x, inputs, p, [z[k] for k in range(network.outputs)])
         for name in others:
             setattr(q, name, quantities[name])
         return rates

@@ -2,24 +2,25 @@
 
 The loss is half the mean squared error over all compared rows, in units of each output's noise (the square of the
 paper's Eq. 13, which has the same minima), plus the priors of physical parameters and a weak pull of weights to zero.
-CasADi differentiates it backwards through time, network and physics in one.
+It is differentiated backwards through time, network and physics (`sweep`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 
-import casadi as cs
 import numpy as np
 
 from ...hybrid_model import HybridModel
+from ...model import Symbol
 from ...shorthands import Array
-from .cell import Cell
-from .stretches import Stretch, Windows, windows
+from .cell import Cell, Network
+from .stretches import Stretch, windows
+from .sweep import Sweep, Traced
 
-_ABREAST = 64
-"""Windows that one call takes: more of them do not stay in the processor's caches."""
-_POINTS_ABREAST = 2048
+_ABREAST, _FEWEST = 8192, 128
+"""Rows that are simulated at a time, and the fewest windows: more do not stay in the processor's caches."""
 _SHARE = 0.1
 """Unit of a physical parameter without a prior, over its nominal value."""
 _HUGE = 1e8
@@ -28,33 +29,71 @@ PULL = 1e-5
 """Of weights to zero: weak, for what ends training is the held-out error."""
 
 
-class WindowErrors:
-    """Mean squared error over windows, in units of noise, as a function of the parameter vector."""
+class SquaredErrors:
+    """Mean squared error of what is told, as a function of the parameter vector.
 
-    def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
-        laid = windows(model, found)
-        cell = Cell(model)
-        self.readings = int(np.sum(np.isfinite(laid.outputs)))
-        self._functions = [
-            _squares(model, cell, laid, slice(k, k + _ABREAST), noise) for k in range(0, laid.count, _ABREAST)
-        ]
+    Parameters
+    ----------
+    model : whose parameters these are.
+    traced : a sample of it.
+    starts : (columns, numbers) what is carried at the start.
+    inputs, wanted, weight : (rows, columns, numbers) inputs, what is to be told, and one over the errors that count as
+        one, zero where nothing is compared.
+    abreast : columns that are simulated at a time.
+    """
+
+    def __init__(
+        self, model: HybridModel, traced: Traced, starts: Array, inputs: Array, wanted: Array, weight: Array,
+        abreast: int,
+    ) -> None:  # fmt: skip
+        self.readings = int(np.count_nonzero(weight))
+        count = len(starts)
+        blocks = -(-count // abreast)
+        columns = -(-count // blocks)
+        self._sweep = Sweep(model, traced, (starts.shape[1], inputs.shape[2]), columns)
+        self._blocks = []
+        for k in range(blocks):
+            own = np.arange(k * columns, (k + 1) * columns)
+            at = np.minimum(own, count - 1)  # what fills the last block up does not count
+            counts = weight[:, at] * (own < count)[:, None]
+            self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), wanted[:, at], counts))
 
     def __call__(self, p: Array) -> float:
         """Mean square at a parameter vector; infinite where the vehicle is simulated out of all bounds."""
-        total = sum(float(plain(p)) for plain, _ in self._functions) / self.readings
-        return total if np.isfinite(total) else np.inf
+        with np.errstate(all="ignore"):
+            total = sum(
+                float(np.sum(((self._sweep.forward(starts, inputs, p)[0] - wanted) * weight) ** 2))
+                for starts, inputs, wanted, weight in self._blocks
+            )
+        return total / self.readings if np.isfinite(total) else np.inf
 
     def with_gradient(self, p: Array) -> tuple[float, Array]:
         """Mean square and its gradient."""
         total, slope = 0.0, np.zeros(len(p))
-        for _, both in self._functions:
-            value, own = both(p)
-            total, slope = total + float(value), slope + np.array(own).ravel()
+        with np.errstate(all="ignore"):
+            for starts, inputs, wanted, weight in self._blocks:
+                told, tape = self._sweep.forward(starts, inputs, p)
+                off = (told - wanted) * weight
+                total += float(np.sum(off**2))
+                slope += self._sweep.backward(2.0 * off * weight, tape)
         return total / self.readings, slope / self.readings
 
 
-class RateErrors:
-    """Mean squared error of the rates of states, as a function of the parameter vector.
+class WindowErrors(SquaredErrors):
+    """Mean squared error over windows, in units of noise."""
+
+    def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
+        laid, cell = windows(model, found), Cell(model)
+        outputs = laid.outputs.transpose(0, 2, 1)
+        weight = np.where(np.isfinite(outputs), np.nan_to_num(1.0 / noise), 0.0)
+        super().__init__(
+            model, partial(cell.traced, reported=model.outputs), cell.start(laid.starts).T,
+            laid.inputs.transpose(0, 2, 1), np.nan_to_num(outputs), weight, max(_ABREAST // len(outputs), _FEWEST),
+        )  # fmt: skip
+
+
+class RateErrors(SquaredErrors):
+    """Mean squared error of the rates of states.
 
     Parameters
     ----------
@@ -66,35 +105,12 @@ class RateErrors:
     """
 
     def __init__(self, model: HybridModel, states: Array, inputs: Array, rates: Array, scale: Array) -> None:
-        self.readings = rates.size
         cell = Cell(model)
-        columns = _POINTS_ABREAST
-        x, u, p, y, w = (
-            cs.MX.sym("x", len(states), columns), cs.MX.sym("u", len(inputs), columns), cs.MX.sym("p", model.size),
-            cs.MX.sym("y", len(rates), columns), cs.MX.sym("w", len(rates), columns),
-        )  # fmt: skip
-        value = cs.sumsqr((cell.rates(x, u, p) - y) * w)
-        self._plain = cs.Function("value", [x, u, y, w, p], [value])
-        self._both = cs.Function("both", [x, u, y, w, p], [value, cs.gradient(value, p)])
-        self._blocks = []
-        for k in range(0, rates.shape[1], columns):
-            own = [table[:, k : k + columns] for table in (states, inputs, rates, 1.0 / scale)]
-            more = columns - own[0].shape[1]
-            own = [np.pad(table, ((0, 0), (0, more)), mode="edge") for table in own]
-            own[3][:, columns - more :] = 0.0  # what fills the last block up does not count
-            self._blocks.append([cs.DM(table) for table in own])
 
-    def __call__(self, p: Array) -> float:
-        """Mean square at a parameter vector."""
-        return sum(float(self._plain(*block, p)) for block in self._blocks) / self.readings
+        def traced(x: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network) -> tuple[Symbol, Symbol]:
+            return x, cell.traced_rates(x, u, p, network)
 
-    def with_gradient(self, p: Array) -> tuple[float, Array]:
-        """Mean square and its gradient."""
-        total, slope = 0.0, np.zeros(len(p))
-        for block in self._blocks:
-            value, own = self._both(*block, p)
-            total, slope = total + float(value), slope + np.array(own).ravel()
-        return total / self.readings, slope / self.readings
+        super().__init__(model, traced, states.T, inputs.T[None], rates.T[None], 1.0 / scale.T[None], _ABREAST)
 
 
 class HybridProblem:
@@ -104,6 +120,7 @@ class HybridProblem:
     ----------
     model : at its nominal values.
     errors : over windows of the stretches, unless others are handed over.
+    lesson : further errors, whose mean square counts as much.
     anchor : pull of weights to where the model has them, in place of the weak one to zero; None for the latter.
     free : (parameters,) which of the numbers are unknowns.
     bounds : (unknowns, 2) in their own units.
@@ -114,11 +131,12 @@ class HybridProblem:
         model: HybridModel,
         found: Sequence[Stretch],
         noise: Array,
-        errors: RateErrors | None = None,
+        errors: SquaredErrors | None = None,
         anchor: float | None = None,
+        lesson: SquaredErrors | None = None,
     ) -> None:
-        self.model = model
-        self.errors: WindowErrors | RateErrors = WindowErrors(model, found, noise) if errors is None else errors
+        self.model, self.lesson = model, lesson
+        self.errors = WindowErrors(model, found, noise) if errors is None else errors
         pull: list[float] = []
         unit: list[float] = []
         prior: list[float] = []
@@ -154,6 +172,9 @@ class HybridProblem:
         """Loss and gradient; where the simulation leaves all bounds the loss is huge and flat."""
         p = self.parameters(q)
         mean, slope = self.errors.with_gradient(p)
+        if self.lesson is not None:
+            more, further = self.lesson.with_gradient(p)
+            mean, slope = mean + more, slope + further
         if not (mean < _HUGE and np.all(np.isfinite(slope))):
             return _HUGE, np.zeros(len(q))
         off = self._prior * (p[self.free] - self._means) / self._unit
@@ -189,18 +210,3 @@ def drawn(model: HybridModel, seed: int) -> Array:
             drawn_ones = spread / np.sqrt(shape[-1]) * rng.standard_normal(shape)
         values.append(np.ravel(drawn_ones))
     return np.concatenate(values)
-
-
-def _squares(
-    model: HybridModel, cell: Cell, laid: Windows, which: slice, noise: Array
-) -> tuple[cs.Function, cs.Function]:
-    """Sum of squares over some of the windows: p -> value, and p -> (value, gradient)."""
-    inputs, outputs = laid.inputs[:, :, which], laid.outputs[:, :, which]
-    rows, _, columns = inputs.shape
-    p = cs.MX.sym("p", model.size)
-    steps = cell.sample(columns, model.outputs).mapaccum("windows", rows)
-    _, told = steps(cell.start(laid.starts[:, which]), np.concatenate(list(inputs), axis=1), cs.repmat(p, 1, rows))
-    read = np.concatenate(list(outputs), axis=1)
-    weight = np.where(np.isfinite(read), 1.0 / noise[:, None], 0.0)
-    value = cs.sumsqr((told - np.nan_to_num(read)) * np.nan_to_num(weight))
-    return cs.Function("value", [p], [value]), cs.Function("both", [p], [value, cs.gradient(value, p)])
