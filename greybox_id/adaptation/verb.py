@@ -89,13 +89,10 @@ def adapt(
     """
     clock = time.process_time()
     model = fit.model
-    if isinstance(model, HybridModel):
+    if isinstance(model, HybridModel) and not model.carried_on:
         raise BadInput(
             f"A fit of {model.name} cannot be adapted: its networks keep no uncertainty that would hold what the new "
-            "seconds do not show. Carry its training on with the new recording: fit it with ‹pretrain› naming this fit."
-            if model.recurrent
-            else f"A fit of {model.name} cannot be adapted: its networks keep no uncertainty that would hold what the "
-            "new seconds do not show. Fit it to the new recording together with the old ones."
+            "seconds do not show. Fit it to the new recording together with the old ones."
         )
     if not (isinstance(seconds, int | float) and 0 < seconds < np.inf):
         raise BadInput(f"‹seconds›: a number above zero is needed, not {seconds!r:.40}.")

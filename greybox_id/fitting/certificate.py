@@ -64,8 +64,8 @@ def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tu
 
 
 CLOSE, GRADIENTS = float(np.sqrt(2.0 * NOTHING)), 60
-"""How far about an optimum gradients are averaged, in standard deviations by its curvature: there, the objective changes
-by `NOTHING`; gradients that are looked at."""
+"""How far about an optimum gradients are averaged, in standard deviations by its curvature: so far, the objective
+changes by `NOTHING`; gradients that are looked at."""
 IN_A_CORNER = "; the optimum lies in a corner of local models, gradients about it balance"
 
 

@@ -12,6 +12,7 @@ from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
+from ..parameter import Parameter
 from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording
@@ -127,7 +128,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     held_out = pieces[PIECES // 2 :: PIECES]
     sd = read_noise(model, [one for _, one in named], how)
     train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
-    moving = model.with_parameters(*(replace(p, fixed=p.name not in model.carried_on) for p in model.parameters))
+    moving = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
     problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
     best, stage = trained_best(
         model, how, say, clock,
@@ -138,6 +139,13 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
     told = f"every fifth of {len(pieces)} pieces of {length} rows"
     return Trained(model.with_values(p), stage, (told,), errors)
+
+
+def _carried_on(own: Parameter, moving: Sequence[str]) -> Parameter:
+    """Free with its prior about where it is, or held."""
+    if own.name not in moving:
+        return replace(own, fixed=True)
+    return replace(own, fixed=False, prior=own.prior and replace(own.prior, mean=None))
 
 
 def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:

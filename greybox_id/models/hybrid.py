@@ -35,6 +35,7 @@ from ..shorthands import Array
 from .settings import within
 from .single_track import BODY, DRIVE, G
 from .smooth import remaining
+from .tyres import TYRES, TyreSettings, axle
 
 SLOPE = 12.0
 """Cornering stiffness over load, 1/rad, at which the network starts; radial tyres lie between 8 and 20."""
@@ -74,7 +75,8 @@ class HybridSettings:
         deviation of the training recording.
     symmetric : the vehicle is the same in a mirror: stiffnesses depend on the sizes of what turns it, not on the side;
         forces are trained on every manoeuvre mirrored too, at twice the work.
-    longitudinal : the network's axle forces grow with loads that a_x shifts, and brakes and drive take their share of the
+    tyre : curve that the network starts at, "pacejka" for example, with a vehicle's numbers; None for a straight line.
+    longitudinal : axles' forces grow with the loads that a_x shifts, and brakes and drive take their share of the
         friction; a_x is an input then.
     least_speed : below which a slip angle means nothing, m/s.
     sample_time : s; None takes the training recording's.
@@ -86,6 +88,7 @@ class HybridSettings:
     speed: float | None = None
     speed_spread: float | None = None
     symmetric: bool = False
+    tyre: str | None = None
     longitudinal: bool = False
     least_speed: float = 3.0
     sample_time: float | None = None
@@ -93,6 +96,8 @@ class HybridSettings:
     def __post_init__(self) -> None:
         within(self, window=(2, 5000), warm_up=(0, 4999), least_speed=(0.1, 100.0))
         sized(self.window, self.warm_up, self.hidden)
+        if self.tyre is not None:
+            TyreSettings(self.tyre)
 
 
 def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
@@ -125,14 +130,14 @@ def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSet
 def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' cornering stiffnesses (Eq. 6-8)."""
 
-    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
-        return [SLOPE * load * _positive(each) * slip for each, slip, load in zip(z, slips, loads, strict=True)]
+    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
+        return _positive(z) * nominal
 
     return _hybrid(
         "hybrid_stiffness",
         "linear single track whose cornering stiffnesses are predicted by a recurrent network",
         ("a_y", "yaw_rate", "sideslip"),
-        forces,
+        force,
         settings or HybridSettings(),
         skip=False,
     )
@@ -141,18 +146,18 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
 def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' lateral forces (Eq. 9-12).
 
-    What it says adds to a linear tyre, without which the vehicle would not turn, nor training begin; features also go
+    What it says adds to a plain tyre, without which the vehicle would not turn, nor training begin; features also go
     straight to its output, so that this tyre's slope need not be right.
     """
 
-    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
-        return [load * (SLOPE * slip + each) for each, slip, load in zip(z, slips, loads, strict=True)]
+    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
+        return nominal + load * z
 
     return _hybrid(
         "hybrid_force",
         "rigid single track whose lateral tyre forces are predicted by a recurrent network",
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
-        forces,
+        force,
         settings or HybridSettings(),
         skip=True,
     )
@@ -162,7 +167,7 @@ def _hybrid(
     name: str,
     about: str,
     outputs: tuple[str, ...],
-    forces: Callable[[Sequence[Symbol], Sequence[Symbol], Sequence[Symbol]], list[Symbol]],
+    force: Callable[[Symbol, Symbol, Symbol], Symbol],
     s: HybridSettings,
     skip: bool,
 ) -> HybridModel:
@@ -170,7 +175,10 @@ def _hybrid(
     speed, spread = s.speed or 15.0, s.speed_spread or 5.0
     sample_time = s.sample_time or 0.01
 
-    sizes = s.symmetric and not skip
+    sizes, tyre = s.symmetric and not skip, TYRES.get(s.tyre or "")
+
+    def nominal(axle_of: str, slip: Symbol, load: Symbol, p: Namespace) -> Symbol:
+        return SLOPE * load * slip if tyre is None else tyre.force(slip, load, axle(p, axle_of), 1.0, 1.0)
 
     def slips(x: Namespace, u: Namespace, p: Namespace) -> tuple[Symbol, Symbol]:
         front = u.steer + p.steering_offset - cs.atan((x.v_y + p.l_f * x.yaw_rate) / u.v_x)
@@ -194,7 +202,12 @@ def _hybrid(
         front, rear, F_xf = weight * p.l_r, weight * p.l_f, 0.0
         if s.longitudinal:
             front, rear, F_xf = _loaded(u.a_x, p)
-        F_yf, F_yr = forces(z, similar(x, u, p), (p.grip_scale_f * front, p.grip_scale_r * rear))
+        F_yf, F_yr = (
+            force(each, nominal(suffix, slip, load, p), load)
+            for each, suffix, slip, load in zip(
+                z, "fr", similar(x, u, p), (p.grip_scale_f * front, p.grip_scale_r * rear), strict=True
+            )
+        )
         across = F_yf * cs.cos(steer) + F_xf * cs.sin(steer)
         a_y = (across + F_yr) / p.m
         yaw_acceleration = (p.l_f * across - p.l_r * F_yr) / p.I_z
@@ -204,6 +217,8 @@ def _hybrid(
             "a_y": a_y + p.accel_bias_y, "yaw_acceleration": yaw_acceleration, "sideslip": cs.atan(x.v_y / u.v_x),
         }  # fmt: skip
 
+    curves = () if tyre is None else (replace(p, fixed=True) for suffix in "fr" for p in tyre.parameters(suffix))
+    known = {own.name: own for own in (*(ALONG if s.longitudinal else ()), *curves)}
     return HybridModel(
         name=name,
         about=about,
@@ -211,7 +226,7 @@ def _hybrid(
         commands=("steer",),
         symmetric=s.symmetric and not sizes,
         outputs=outputs,
-        parameters=(*BODY[:4], *OFFSETS, *SIMILAR, *(ALONG if s.longitudinal else ()), *weights(network)),
+        parameters=(*BODY[:4], *OFFSETS, *SIMILAR, *known.values(), *weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
         network=network,
         features=features,

@@ -182,11 +182,11 @@ def settle(
 ) -> tuple[Array, float, float]:
     """Come to an optimum that may lie in a kink, and say how well the gradients about it balance.
 
-    Where a prediction that is fed back crosses the corner of a piecewise linear function, the gradient jumps, and at an
-    optimum in that corner it is nowhere zero: gradients within a small distance have an average that is. From the point,
-    walk against the shortest average of those seen within the distance; begin anew where that descends, else see what the
-    gradient is there. Source: Goldstein, Optimization of Lipschitz continuous functions, Mathematical Programming 13
-    (1977) 14-22, in the metric of the curvature.
+    Where a prediction that is fed back crosses the corner of a piecewise linear function, the gradient jumps, and at
+    an optimum in that corner it is nowhere zero: gradients within a small distance have an average that is. From the
+    point, walk against the shortest average of those seen within the distance; begin anew where that descends, else
+    see what the gradient is there. Source: Goldstein, Optimization of Lipschitz continuous functions, Mathematical
+    Programming 13 (1977) 14-22, in the metric of the curvature.
 
     Parameters
     ----------

@@ -168,7 +168,7 @@ def test_a_fit_of_another_kind_and_a_recording_that_lacks_a_signal_are_refused(f
     with pytest.raises(BadInput, match="says of no parameter"):
         adapt(other, recording)
     with pytest.raises(BadInput, match="its networks keep no uncertainty"):
-        adapt(replace(fitted, model=build("hybrid_force")), recording)
+        adapt(replace(fitted, model=build("mlp_lateral")), recording)
 
 
 def test_the_command_writes_an_adapted_fit_and_refuses_in_sentences(fitted, tmp_path, monkeypatch):
