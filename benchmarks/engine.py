@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
+from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_ROWS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
 from greybox_id.motion_model import MotionModel
 from greybox_id.recording import Recording
@@ -173,7 +173,9 @@ def condensed(model: MotionModel, recording: Recording) -> Solved:
     stated = time.process_time() - clock
     for rows in SHORT_HORIZONS:
         clock = time.process_time()
-        short = MotionProblem(simulator(model), [recording], noise=NOISE, horizon=rows * DT, starts="measured")
+        short = MotionProblem(
+            simulator(model), [recording], noise=NOISE, horizon=rows * DT, most_rows=SHORT_ROWS, starts="measured"
+        )
         stated += time.process_time() - clock
         clock = time.process_time()
         solution = gauss_newton(

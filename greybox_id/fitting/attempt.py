@@ -22,6 +22,8 @@ from .how import How, Say, quiet
 
 SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""
+SHORT_ROWS = 4800
+"""Rows that these go over: they only lead to where the search of the wanted horizon begins, which goes over all."""
 GUESSED_NOISE = 0.1
 """Noise assumed first, as a share of a signal's spread."""
 TOLERANCE, ROUGH = 1e-12, 1e-4
@@ -150,7 +152,9 @@ def _on_the_way(
     for rows in short if how.solver != "ipopt" else ():
         if how.horizon is not None and rows * usual >= how.horizon:
             break
-        ahead = MotionProblem(simulator, recordings, noise=noise, horizon=rows * usual, starts="measured", about=p)
+        ahead = MotionProblem(
+            simulator, recordings, noise=noise, horizon=rows * usual, most_rows=SHORT_ROWS, starts="measured", about=p
+        )
         solution = gauss_newton(
             ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
         )

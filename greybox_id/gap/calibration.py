@@ -19,6 +19,7 @@ RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ram
 PAIRS = "benchmarks/changed.py, development set: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
+NULLS = "calibrate costs: fiala and exponential seed 1778 (48 nulls)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
 DEFINED = "by definition: says what the words of an answer mean"
 """What provenances rest on."""
@@ -66,6 +67,18 @@ class Calibration:
 
     # ---- what an effect must gain, and when there is something unnamed
     cost: float = _known(12.0, "log-odds against an effect: one of 20 nulls gained 9.8, another 9.0, none more", DRAWN)
+    costs: tuple[tuple[str, float], ...] = _known(
+        (
+            ("accel_bias_x", 6.0), ("accel_bias_y", 6.0), ("cog_shift", 6.0), ("mass_change", 6.0),
+            ("imu_mount_yaw", 6.0), ("load_sensitivity", 6.0), ("imu_mount_pitch", 6.0), ("imu_mount_roll", 6.0),
+            ("road_slope", 6.0), ("rolling_resistance", 6.0), ("sensor_latency_vx", 6.0), ("sensor_latency_yaw", 6.0),
+            ("motor_lag", 6.0), ("motor_gain", 6.0), ("wheel_speed_scale", 6.0), ("velocity_lever_arm", 6.0),
+            ("yaw_rate_scale", 6.0), ("wind_gust", 6.0), ("sensor_latency_imu", 6.2), ("steering_rate_limit", 6.2),
+            ("aero_drag", 6.7), ("steering_delay", 6.9), ("yaw_rate_bias", 7.1), ("longitudinal_load_transfer", 7.7),
+            ("steering_offset", 8.0), ("imu_lever_arm", 8.4), ("road_bank", 9.1), ("yaw_inertia", 11.5),
+        ),
+        "the same of effects that equations' form hardly mimics: what one of 50 nulls gains by any", NULLS,
+    )  # fmt: skip
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")

@@ -139,6 +139,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         budget=shared,
         unnamed=found.unnamed,
         moved=moved(found, best, closed),
+        tried={own.candidate.effect: own.gain for own in selection.promised},
     )
 
 
@@ -318,7 +319,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         reason = OF_READINGS if present > CAL.present else ""
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain, reason))
     of_set = _of_sets(found, ranked, known)
-    return sorted(ranked, key=lambda own: (-round(of_set[own.effect] / known, 6), -own.gain))[: CAL.ranked]
+    return sorted(ranked, key=lambda own: (-float(f"{of_set[own.effect] / known:.6g}"), -own.gain))[: CAL.ranked]
 
 
 def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:

@@ -8,7 +8,7 @@ that tempers weights. An effect's probability is the weight of the hypotheses th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,15 @@ from .selection import Selection
 
 NEVER = 1e6
 """What an effect costs that does nothing but move readings past rows."""
+Costs = Callable[[str], float]
+"""Log-odds against an effect before anything was read, by its name."""
+
+
+def costs(forces: bool) -> Costs:
+    """Those of models that know unknown forces, or of others."""
+    known = dict(CAL.costs) if forces else {}
+    other = CAL.cost if forces else CAL.cost_without_forces
+    return lambda effect: known.get(effect, other)
 
 
 @dataclass(frozen=True)
@@ -38,15 +47,15 @@ class Evidence:
     scores: tuple[float, ...]
 
 
-def evidence(selection: Selection, rough: bool, left: float = 0.0, cost: float = CAL.cost_without_forces) -> Evidence:
+def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
     ----------
     selection : hypotheses refitted on the same noise.
     rough : whether tolerances are stated.
+    cost : of effects.
     left : mean square over that of noise, less one, of what the best of them leaves.
-    cost : log-odds against an effect before anything was read.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
@@ -69,11 +78,11 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def price(hypothesis: Hypothesis, cost: float = CAL.cost_without_forces) -> float:
+def price(hypothesis: Hypothesis, cost: Costs) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
     total, at = 0.0, 0
     for own in hypothesis.candidates:
-        total += cost + CAL.second_parameter * (len(own.axes) - 1)
+        total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < CAL.next_to_nothing * axis.scale:
             total += NEVER

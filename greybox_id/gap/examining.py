@@ -19,7 +19,7 @@ from .bench import Bench
 from .calibration import CAL
 from .closing import closed_by, misfit, plain
 from .colour import Whitener, colour, sound, white_noise
-from .evidence import Evidence, evidence, heaviest, tempering
+from .evidence import Evidence, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .hypothesis import Hypothesis
 from .kinds import AnyBench, Diagnosed
@@ -121,14 +121,14 @@ def examine(
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
-    cost = CAL.cost if forces else CAL.cost_without_forces
+    cost = costs(forces)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
-    weighed = evidence(selection, tempered, left, cost)
+    weighed = evidence(selection, tempered, cost, left)
     best = heaviest(selection, weighed)
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves

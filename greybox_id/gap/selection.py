@@ -62,7 +62,7 @@ def select(
     search: Search,
     candidates: Sequence[Candidate],
     whitener: Callable[[Search, Hypothesis | None], Whitener],
-    worth: float,
+    cost: Callable[[str], float],
     firmly: Firmly | None = None,
 ) -> Selection:
     """Refit what may explain the recording.
@@ -72,9 +72,10 @@ def select(
     search : with white noise of the stated size.
     candidates : what may be the cause.
     whitener : how residuals are whitened about a hypothesis; None: before any is known.
-    worth : log-likelihood that a further effect must gain.
+    cost : log-likelihood that a further effect must gain, by its name.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
+    worth = max(cost(own.effect) for own in candidates)
     if firmly is not None:
         search.nominal[firmly.index] = firmly.rate
     search.recoloured(whitener(search, None))
@@ -97,7 +98,7 @@ def select(
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = known
     if tried:
-        _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), worth)
+        _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), cost)
     found = sorted(tried.values(), key=by_cost)
     base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
     if _far(search, base):
@@ -113,7 +114,8 @@ def select(
     elif replacing:
         names = {frozenset(own.names) for own in replacing}
         found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
-    found = _from_believed_lags(search, _gaps(search, found))
+    base, found = _from_each_other(search, base, _gaps(search, found), worth)
+    found = _from_believed_lags(search, found)
     return Selection(search, base, tuple(found), tuple(promised))
 
 
@@ -158,6 +160,34 @@ def _polished(
                 break
     base = better.pop(nothing)
     return base, sorted(better.values(), key=by_cost)
+
+
+def _from_each_other(
+    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+) -> tuple[Hypothesis, list[Hypothesis]]:
+    """The base and the best hypothesis, each refitted from where the other one has nuisances, until neither gains.
+
+    Curves of tyres have several optima: what an effect seems to gain may be the way from one to another.
+    """
+    if not (search.moving or search.shifts):
+        return base, found
+    for _ in range(CAL.polished):
+        if not found or base.cost - found[0].cost <= CAL.worthy * worth:
+            break
+        best = found[0]
+        with search.elsewhere():
+            search.about(best)
+            starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
+            bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
+            search.about(base)
+            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes))
+            again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
+        gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
+        base = min([base, *bases], key=by_cost)
+        found = sorted((min([best, *again], key=by_cost), *found[1:]), key=by_cost)
+        if gained < CAL.enough:
+            break
+    return base, found
 
 
 def _near(
@@ -262,19 +292,21 @@ def _combine(
     tried: dict[frozenset[str], Hypothesis],
     best: Hypothesis,
     likely: Sequence[Candidate],
-    worth: float,
+    cost: Callable[[str], float],
 ) -> None:
     """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
     least = min(own.cost for own in tried.values())
     first = [own for own in singles if own.names[0] in best.names]
     hopeful = [own for own in singles[: CAL.pairs] if base.cost - own.cost > CAL.hope * (base.cost - least)]
     for parent in [*first, *(own for own in hopeful if own not in first)]:
-        needed = max(worth, CAL.nearly * (parent.cost - least) - worth)
+        behind = CAL.nearly * (parent.cost - least)
         promised = promises(search, parent, likely)[: CAL.partners]
-        enough = [own for own in promised if own.gain > needed]
+        needed = {own.candidate.effect: cost(own.candidate.effect) for own in promised}
+        needed = {name: max(own, behind - own) for name, own in needed.items()}
+        enough = [own for own in promised if own.gain > needed[own.candidate.effect]]
         explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
         if parent is singles[0]:  # what comes next is named, however little speaks for it
-            enough = [own for own in promised if own.gain > min(needed, CAL.partner_least)]
+            enough = [own for own in promised if own.gain > min(needed[own.candidate.effect], CAL.partner_least)]
         new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
         tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
         if explained:
@@ -288,8 +320,9 @@ def _combine(
         if name not in tried or own.cost < tried[name].cost:
             tried[name] = own
     alone = min(own.cost for own in tried.values() if len(own.candidates) == 1)
-    if alone - pairs[0].cost > worth:
-        enough = [own for own in promises(search, pairs[0], likely)[: CAL.triples] if own.gain > worth]
+    if alone - pairs[0].cost > min(cost(name) for name in pairs[0].names):
+        promised = promises(search, pairs[0], likely)[: CAL.triples]
+        enough = [own for own in promised if own.gain > cost(own.candidate.effect)]
         tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
 
 

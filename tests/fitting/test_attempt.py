@@ -5,7 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from motion import SHAPE, car, recorded
 
+from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.fitting import attempt
 from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
 from greybox_id.fitting.how import How
 from greybox_id.models.effects import EFFECTS
@@ -48,3 +51,14 @@ def test_an_objective_that_jumps_is_bounded_there_and_nowhere_else(away, side):
     expected[side][0] = away
     assert np.array(problem.bounds).tolist() == expected
     assert not _walled(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
+
+
+def test_short_horizons_over_some_rows_lead_to_the_same_optimum(monkeypatch):
+    simulator = Simulator(car(held=SHAPE, wrong={"I_z": 1.3, "B_f": 0.8}), compiled=False)
+    recordings = [recorded(seconds=8.0, rate=100.0)]
+    found = []
+    for rows in (attempt.SHORT_ROWS, 200):
+        monkeypatch.setattr(attempt, "SHORT_ROWS", rows)
+        found.append(attempt.refitted(simulator, recordings, simulator.trace.model.values, How()))
+    assert np.any(found[0] != found[1])
+    assert found[1] == pytest.approx(found[0], rel=1e-5)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from greybox_id.gap.axes import Candidate
 from greybox_id.gap.calibration import CAL
 from greybox_id.gap.evidence import (
+    costs,
     evidence,
     heaviest,
     p_value,
@@ -36,13 +37,13 @@ def selected(base, tried, readings=5000, trust=1.0):
 
 
 def weighed(base, tried, readings=5000, rough=False, trust=1.0):
-    return evidence(selected(base, tried, readings, trust), rough)
+    return evidence(selected(base, tried, readings, trust), rough, costs(forces=False))
 
 
-costs = st.floats(0.0, 1e7, allow_nan=False)
+amounts = st.floats(0.0, 1e7, allow_nan=False)
 
 
-@given(base=costs, tried=st.lists(costs, max_size=6), rough=st.booleans())
+@given(base=amounts, tried=st.lists(amounts, max_size=6), rough=st.booleans())
 def test_weights_add_to_one_and_the_least_cost_weighs_most(base, tried, rough):
     own = [hypothesis(cost, f"effect_{k}") for k, cost in enumerate(sorted(tried))]
     found = weighed(base, own, rough=rough)
@@ -90,10 +91,13 @@ def test_aliases_outweigh_nothing_together(gain, there):
 
 
 def test_every_further_effect_and_second_parameter_costs():
-    assert price(hypothesis(0.0)) == 0.0
-    assert price(hypothesis(0.0, "a")) == CAL.cost_without_forces
-    assert price(hypothesis(0.0, "a", "b")) == 2 * CAL.cost_without_forces
-    assert price(hypothesis(0.0, "wind", axes=2)) == CAL.cost_without_forces + CAL.second_parameter
+    usual = costs(forces=False)
+    assert price(hypothesis(0.0), usual) == 0.0
+    assert price(hypothesis(0.0, "a"), usual) == CAL.cost_without_forces
+    assert price(hypothesis(0.0, "a", "b"), usual) == 2 * CAL.cost_without_forces
+    assert price(hypothesis(0.0, "wind", axes=2), usual) == CAL.cost_without_forces + CAL.second_parameter
+    own_costs = {"a": 6.0, "b": 12.0}
+    assert price(hypothesis(0.0, "a", "b"), own_costs.__getitem__) == 18.0
     own = [hypothesis(900.0, "a"), hypothesis(900.0 - 0.9 * CAL.cost_without_forces, "a", "b")]
     found = weighed(1000.0, own)
     assert found.weights[0] > found.weights[1]
@@ -129,3 +133,11 @@ def test_gains_of_readings_that_counted_for_less_are_not_tempered_twice():
     trust = tempering(5000, True)
     less = weighed(100.0 * trust, [hypothesis(0.0, "one")], rough=True, trust=trust)
     assert less.scores == pytest.approx(full.scores)
+
+
+def test_an_effect_costs_what_it_is_known_to_and_else_what_any_does():
+    own = costs(forces=True)
+    assert own("an effect of one's own") == CAL.cost
+    for name, cost in CAL.costs:
+        assert own(name) == cost <= CAL.cost
+        assert costs(forces=False)(name) == CAL.cost_without_forces

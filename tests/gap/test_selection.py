@@ -21,7 +21,7 @@ def selected(bench, count, nuisances=()):
     def whitener(search, own):
         return white_noise(SD, bench.counted, bench.rows) if own is None else colour(own.e, bench.counted, bench.rows)
 
-    return select(search, [candidate(k) for k in range(count)], whitener, WORTH)
+    return select(search, [candidate(k) for k in range(count)], whitener, lambda _: WORTH)
 
 
 def settled_cost(search, own):

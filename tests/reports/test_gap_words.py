@@ -7,7 +7,7 @@ import pytest
 from made_gaps import CASES, DELAY, aliased, clear, none, unknown
 from report_parts import below, flat, tables
 
-from greybox_id.gap import Closure, Ranked
+from greybox_id.gap import Closure, Moved, Ranked
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Drawing
 from greybox_id.reports.gap.report import evidence, gap_report
@@ -111,14 +111,20 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
 
 
 def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
-    gap = clear()
-    assert as_it_stands(gap.held_out) == ""
+    gap = replace(clear(), moved=())
+    assert as_it_stands(gap, gap.held_out) == ""
     free = next(own for own in gap.held_out.errors if own.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "than the model did before: mean square 4.00 → 9.00 times that of the noise; fit it" in as_it_stands(worse)
-    assert as_it_stands(replace(worse, closed=-0.2)) == ""  # how far it closes has said it
+    assert "than the model did before: mean square 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
+    assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it
+    better = replace(worse, errors=(replace(free, before=9 * free.floor, after=2 * free.floor),))
+    assert as_it_stands(gap, better) == ""
+    moved = replace(gap, moved=(Moved("steering_lag", "s", 0.0, 0.03, 0.06),))
+    told = as_it_stands(moved, better)
+    assert told.startswith("as it stands, parameters moved and steering_delay")
+    assert "81.0 → 4.00 times that of the noise in free run" in told
     said = dict(verdict(replace(gap, held_out=worse)))
-    assert as_it_stands(worse) in said["How far"]
+    assert as_it_stands(gap, worse) in said["How far"]
 
 
 def test_nothing_applied_closes_nothing():

@@ -69,6 +69,7 @@ class MotionProblem:
     recordings : what to fit it to.
     noise : (outputs,) standard deviation that one residual counts as, in each output's unit.
     horizon : s predicted from one start; None for whole runs.
+    most_rows : of a horizon, about so many rows of all runs, in intervals spread evenly; None takes every one.
     starts : "free" lets the start of every interval deviate from its readings; "measured" takes them as they are.
     strengths : how much stronger than stated each group of priors is taken.
     robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
@@ -91,6 +92,7 @@ class MotionProblem:
         *,
         noise: Array,
         horizon: float | None = None,
+        most_rows: int | None = None,
         starts: Starts = "free",
         strengths: Mapping[str, float] | None = None,
         robust: float | None = None,
@@ -101,7 +103,8 @@ class MotionProblem:
         self.runs: list[MotionRun] = [run for recording in recordings for run in motion_runs(self.model, recording)]
         self.noise = np.asarray(noise, dtype=float)
         self.horizon = horizon
-        self.intervals = [found for k, run in enumerate(self.runs) for found in self._intervals(k, run)]
+        every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
+        self.intervals = [found for k, run in enumerate(self.runs) for found in self._intervals(k, run)[::every]]
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")

@@ -206,7 +206,10 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ("Where", where(gap)),
         ("Which", which(gap)),
         ("Budget", budget(gap)),
-        ("How far", "; ".join(filter(None, [how_far(gap, closure, held_out), levels(closure), as_it_stands(closure)]))),
+        (
+            "How far",
+            "; ".join(filter(None, [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure)])),
+        ),
         ("Left", left(gap)),
     ]
     return [(lead, sentence) for lead, sentence in said if sentence]
@@ -273,22 +276,27 @@ def levels(closure: Closure) -> str:
     )
 
 
-def as_it_stands(closure: Closure) -> str:
-    """A warning where the excess closes only once tolerances are refitted there; "" elsewhere.
+def as_it_stands(gap: Gap, closure: Closure) -> str:
+    """What the closed model errs in free run with its parameters where it has them; "" where shares say it all.
 
-    A closure refits them before and after; whoever simulates the closed model has them where it was found.
+    A closure refits tolerances before and after; whoever simulates the closed model has them where they were found.
+    Where these went far, most of what the model as stated errs may be theirs; where it errs more, that is a warning.
     """
     free = [own for own in closure.errors if own.horizon is None and own.floor > 0]
-    if not free or not closure.closed > 0:
+    if not free:
         return ""
     before, after = (
         fsum((getattr(own, of) / own.floor) ** 2 for own in free) / len(free) for of in ("before", "after")
     )
+    square = f"mean square {number(before)} → {number(after)} times that of the noise"
     if after <= before:
+        what = "parameters moved" + (f" and {listed([*gap.applied])} added" if gap.applied else "")
+        return f"as it stands, {what}: {square} in free run" if gap.moved else ""
+    if not closure.closed > 0:
         return ""
     return (
-        "as it stands, however, the closed model errs more in free run than the model did before: mean square "
-        f"{number(before)} → {number(after)} times that of the noise; fit it before it is used"
+        f"as it stands, however, the closed model errs more in free run than the model did before: {square}; "
+        "fit it before it is used"
     )
 
 

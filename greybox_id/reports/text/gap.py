@@ -58,9 +58,9 @@ def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
 
 def _which(gap: Gap, width: int) -> Group | None:
     """The ranked effects with magnitude, probability, and what they cannot be told from."""
-    likely = [
-        (k, own) for k, own in enumerate(gap.ranking, 1) if own.probability >= LEAST or own.effect in gap.applied
-    ][:MOST]
+    shares = {own.effect for own in gap.budget.shares} if gap.budget is not None else set()  # each has its reason here
+    told = {*gap.applied, *shares}
+    likely = [(k, own) for k, own in enumerate(gap.ranking, 1) if own.probability >= LEAST or own.effect in told][:MOST]
     if not likely or not (gap.gap_detected or gap.applied):
         return None
     wide = width >= NARROW
@@ -127,7 +127,7 @@ def _and_more(named: Sequence[str], count: int) -> str:
 def _how_far(gap: Gap, width: int) -> Group:
     closure, held_out = judged(gap)
     said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
-    if warning := as_it_stands(closure):
+    if warning := as_it_stands(gap, closure):
         said.append(warning)
     if not held_out and gap.applied:
         said.append("what it is worth on other recordings is not known: hold some out")

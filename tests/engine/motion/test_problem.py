@@ -121,6 +121,13 @@ def test_lanes_matched_side_by_side_are_the_simulation_one_after_the_other():
     np.testing.assert_allclose(beside.y, afresh.y, atol=1e-6)
 
 
+def test_of_a_horizon_that_only_leads_the_way_some_intervals_of_every_run_are_enough():
+    recordings = [driven(duration=4.0, noise=1.0, seed=seed) for seed in (0, 1)]
+    whole, thinned = (problem(car(), recordings, horizon=0.5, starts="measured", most_rows=own) for own in (None, 200))
+    assert thinned.intervals == whole.intervals[::4]
+    assert {own.run for own in thinned.intervals} == {0, 1}
+
+
 def test_a_reading_that_would_have_been_taken_before_the_run_is_not_counted():
     stated = problem(car("single_track", ("sensor_latency_imu", 0.025)), [driven(duration=1.0)])
     taken = stated.simulated_nodes(stated.start).taken
