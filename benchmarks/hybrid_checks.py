@@ -50,7 +50,7 @@ from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import steered
 from greybox_id.fit import Fit
 from greybox_id.fitting import How, fit
-from greybox_id.fitting.hybrid import update_hybrid, window_error
+from greybox_id.fitting.training import update_hybrid, window_error
 from greybox_id.hybrid_model import HybridModel
 from greybox_id.models.registry import prepared
 from greybox_id.recording import join

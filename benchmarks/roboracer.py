@@ -29,7 +29,8 @@ from greybox_id.model import Model
 from greybox_id.models.registry import build, candidates
 from greybox_id.recording import Recording
 from greybox_id.reports.text.fit import as_dict as summary
-from greybox_id.scores.metrics import predictions, score
+from greybox_id.scores.memory import predictions
+from greybox_id.scores.metrics import score
 
 PUBLISHED = {
     ("yaw_rate", 100): (0.109, 0.031),

@@ -39,7 +39,8 @@ from greybox_id.errors import GreyboxError
 from greybox_id.fitting import How, fit
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
-from greybox_id.scores.metrics import ahead, score_motion
+from greybox_id.scores.metrics import ahead
+from greybox_id.scores.motion import score_motion
 from greybox_id.vehicle import Stated, Vehicle
 
 HORIZONS = (0.5, 1.0, 2.0)

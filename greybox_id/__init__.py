@@ -14,8 +14,7 @@ from importlib import import_module
 from types import ModuleType
 
 from .registration import register as _register
-
-__version__ = "0.1.0"
+from .version import __version__ as __version__
 
 _PLACES = {
     "read": "api.reading:read",

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from .declared import understood
 from .errors import BadModel
+from .kinds import by_kind
 from .memory_model import MemoryModel
 from .model import Model
 from .motion_model import MotionModel
@@ -85,9 +86,7 @@ class Effect:
             )
         if self.name in model.effects:
             raise BadModel(f"Model {model.name} already has the effect {self.name}.")
-        if isinstance(model, MemoryModel):
-            model = replace(model, parts=tuple(self._on(part) for part in model.parts))
-        return self._on(model)
+        return self._on(replace(model, parts=tuple(self._on(part) for part in model.parts)))
 
     def at(self, value: float) -> Effect:
         """The same effect at another magnitude, held there when fitting."""
@@ -121,12 +120,7 @@ class Effect:
 
     def concerns(self, model: Model) -> bool:
         """Whether the model has anything for the effect to act on."""
-        if isinstance(model, MotionModel):
-            there = not model.names.isdisjoint(self.touches) and model.names.issuperset(self.needs)
-            return self.apply is not None and there
-        if not isinstance(model, MemoryModel):
-            return False
-        return self.apply_to_memory is not None and not {*model.inputs, *model.outputs}.isdisjoint(self.touches)
+        return acting(model, self) is not None
 
     def _needing(self) -> str:
         return f" and needs {' and '.join(self.needs)}" if self.needs else ""
@@ -136,19 +130,35 @@ class Effect:
         return replace(self, parameter=change(self.parameter), memory_parameter=in_memory)
 
     def _on(self, model: AnyModel) -> AnyModel:
-        if not self.concerns(model):
+        acts = acting(model, self)
+        if acts is None:
             return model
+        magnitude, apply = acts
         own = tuple(parameter for parameter in self.others if parameter.name not in model)
-        in_memory = self.memory_parameter if isinstance(model, MemoryModel) else None
-        with_parameters = model.with_parameters(in_memory or self.parameter, *own)
-        changed: Model
-        if isinstance(with_parameters, MotionModel):
-            assert self.apply is not None
-            changed = self.apply(with_parameters)
-        else:
-            assert self.apply_to_memory is not None
-            assert isinstance(with_parameters, MemoryModel)
-            changed = self.apply_to_memory(with_parameters)
+        changed = apply(model.with_parameters(magnitude, *own))
         origin = origin_of(self.apply, self.apply_to_memory)
         origins = {**model.origins, self.name: origin} if origin is not None else model.origins
         return cast(AnyModel, replace(changed, effects=(*model.effects, self.name), origins=origins))
+
+
+Acting = tuple[Parameter, Callable[[Any], Model]]
+"""An effect's magnitude, and what it does to a model that has it."""
+
+
+@by_kind
+def acting(model: Model, effect: Effect) -> Acting | None:
+    """How an effect acts on a kind of model; None where there is nothing for it to act on."""
+    return None
+
+
+@acting.register(MotionModel)
+def _on_motion(model: MotionModel, effect: Effect) -> Acting | None:
+    there = not model.names.isdisjoint(effect.touches) and model.names.issuperset(effect.needs)
+    return None if effect.apply is None or not there else (effect.parameter, effect.apply)
+
+
+@acting.register(MemoryModel)
+def _on_memory(model: MemoryModel, effect: Effect) -> Acting | None:
+    if effect.apply_to_memory is None or {*model.inputs, *model.outputs}.isdisjoint(effect.touches):
+        return None
+    return effect.memory_parameter or effect.parameter, effect.apply_to_memory

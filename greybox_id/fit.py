@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import __version__
 from .combined import Combined, combined, reach
 from .condition import span
 from .declared import must_be, understood
@@ -30,6 +29,7 @@ from .saved import Kind
 from .shorthands import Array
 from .verdict import Verdict
 from .verdict import from_dict as verdict_from_dict
+from .version import __version__
 
 KIND = Kind("greybox-fit", 2, "a fit", "greybox fit", "fit again")
 MOST_COVARIANCES = 200

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import ClassVar, Literal
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
@@ -130,6 +130,9 @@ class HybridModel(Model):
     window, warm_up : rows that are predicted from one start in training, and how many of them are not compared: until
         the network has something to remember and the start is forgotten.
     """
+
+    kind: ClassVar[str] = "hybrid"
+    called: ClassVar[str] = "a hybrid model"
 
     states: tuple[Carried, ...]
     commands: tuple[str, ...] = ()

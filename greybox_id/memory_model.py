@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
@@ -66,10 +66,12 @@ class MemoryModel(Model):
     equations : (u, p, past) -> output name -> expression for the output one sample after the newest input.
     feedback : (y, u) -> input name -> expression, for the inputs that come from the outputs in closed loop.
     sample_time : s; the recording must have it.
-    parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
     step_2_holds : parameters that the closed loop does not move once their part is fitted alone.
     actuators, sensors : put there by effects.
     """
+
+    kind: ClassVar[str] = "memory"
+    called: ClassVar[str] = "a model with memory"
 
     equations: Callable[[Namespace, Namespace, Past], Mapping[str, Symbol]]
     sample_time: float

@@ -1,8 +1,9 @@
 """A model: equations over named symbols. It holds no data and no solver.
 
-There are two kinds. A `MotionModel` (motion_model.py) is a page of equations of motion, states and their
-derivatives. A `MemoryModel` (memory_model.py) is a discrete map: the next outputs follow from windows of
-past inputs. What every model is known by stands here.
+There are three kinds: a page of equations of motion, states and their derivatives (motion_model.py); a discrete map,
+whose next outputs follow from windows of past inputs (memory_model.py); and physics with a network inside
+(hybrid_model.py). What every model is known by stands here; what is done with each kind in a way of its own, in modules
+of its name (kinds.py).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from .declared import understood
 from .errors import BadModel, near
@@ -64,6 +65,10 @@ class Model:
     together : sentences on parameters that the equations let appear only in combinations.
     combinations : quantities to report beside the parameters.
     origins : name of an effect that greybox-id does not ship -> where its equations come from.
+    aliases : input -> signals any one of which is that input, the first one recorded counts.
+    parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
+    kind : of a class, what the modules are called that deal with its models (see kinds.py).
+    called : of a class, what its models are, for people.
 
     Examples
     --------
@@ -91,6 +96,10 @@ class Model:
     together: tuple[str, ...] = ()
     combinations: tuple[Combination, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=lambda: MappingProxyType({}))
+    aliases: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
+    parts: tuple[Model, ...] = ()
+    kind: ClassVar[str] = ""
+    called: ClassVar[str] = "a model of its own kind"
 
     def __repr__(self) -> str:
         names = {
@@ -133,7 +142,7 @@ class Model:
     @property
     def origin(self) -> Origin | None:
         """Where the equations come from; None for models that greybox-id ships."""
-        return origin_of(*(getattr(self, own, None) for own in ("dynamics", "equations", "physics")))
+        return origin_of(*vars(self).values())
 
     @property
     def size(self) -> int:

@@ -23,9 +23,8 @@ and commute with everything that does not change with time, so their place costs
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 from .errors import BadModel
 from .model import Model, Namespace, Symbol
@@ -133,7 +132,6 @@ class MotionModel(Model):
     quantities : names that `dynamics` assigns, for effects, reports and estimators to use.
     commands : inputs that a controller or driver commands; they are held between rows unless the recording says
         otherwise. Other inputs are measured and run straight between rows.
-    aliases : input -> signals any one of which is that input, the first one recorded counts.
     extra_rates : (q) -> derivatives of the states that effects add.
     delays : input -> by how much its command is late. Several on one input add up.
     actuators : between commands and vehicle.
@@ -162,11 +160,13 @@ class MotionModel(Model):
     True
     """
 
+    kind: ClassVar[str] = "motion"
+    called: ClassVar[str] = "a model of motion"
+
     states: tuple[State, ...]
     dynamics: Callable[[Namespace, Namespace, Namespace, Quantities], Mapping[str, Symbol]]
     quantities: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
-    aliases: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     extra_rates: tuple[Callable[[Quantities], Mapping[str, Symbol]], ...] = ()
     delays: tuple[tuple[str, Shift], ...] = ()
     actuators: tuple[Actuator, ...] = ()

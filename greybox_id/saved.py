@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from . import __version__
 from .errors import BadInput
 from .guard import protect
 from .json_data import checksum, plain, read_json, without_nan
+from .version import __version__
 
 FORMAT, VERSION, CHECKSUM = "format", "format_version", "checksum"
 

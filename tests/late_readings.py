@@ -4,7 +4,7 @@ import numpy as np
 from toys import DT, drive
 
 from greybox_id.models.registry import build
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 NOISE = 0.05
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from greybox_id.exchange import import_network
 from greybox_id.recording import Recording
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 FOLDER = Path(__file__).parent / "exchange" / "nnodely"
 NAMES = ("lat", "lat_small", "lat_without_a_x", "renamed", "long", "long_by_axle", "full", "full_closed")

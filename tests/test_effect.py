@@ -12,7 +12,7 @@ from greybox_id.errors import BadInput, BadModel
 from greybox_id.memory_model import SampledActuator
 from greybox_id.motion_model import MotionModel, State
 from greybox_id.parameter import Parameter
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 
 def offset(name="steer_offset"):

@@ -18,7 +18,7 @@ from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..memory_model import MemoryModel
 from ..recording import Recording
-from ..scores.metrics import predictions
+from ..scores.memory import predictions
 from ..scores.timing import moving
 from ..shorthands import Array, Index
 from .subsets import members

@@ -18,20 +18,22 @@ import numpy as np
 from ..choices.wanted import must_be_recorded
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Prediction
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..fitting.how import How, Say, quiet
-from ..fitting.hybrid import update_hybrid
+from ..fitting.how import How, quiet
+from ..fitting.training import update_hybrid
 from ..fitting.verb import fit as fit_model
 from ..hybrid_model import HybridModel
-from ..model import Model
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..recording import Recording
-from ..scores.metrics import Error, Prediction, hybrid_predictions, prediction_errors
+from ..scores.metrics import Error, prediction_errors
+from ..scores.prediction import simulate
 from ..shorthands import Array
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
 from .outcome import Adaptation, Outcome, moved_from, parted
+from .verb import AdaptTask, adapted
 
 Equations = MotionModel | HybridModel
 """What is adapted."""
@@ -43,20 +45,10 @@ ESTIMATED = "estimated parameters"
 """What moves unless parameters are named."""
 
 
-def adapt_motion(
-    fit: Fit, recording: Recording, seconds: float, free: str, validate: Recording | None, say: Say = quiet
-) -> Adaptation:
-    """Adapt a fit of equations of motion, or of a hybrid with a recurrent network.
+def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
+    """Adapt a fit of equations of motion, or of a hybrid whose `carried_on` move.
 
-    Parameters
-    ----------
-    fit : of equations of motion with standard deviations of its parameters.
-    recording : of the vehicle that may have changed.
-    seconds : of motion to adapt to.
-    free : "auto" or "all", the parameters that the fit estimated, of a hybrid what tyres differ by; or names of some,
-        with commas.
-    validate : what is scored in place of the rest.
-    say : told what is being done.
+    `free`: "auto" or "all", the parameters that the fit estimated, or names of some, with commas.
 
     Raises
     ------
@@ -64,8 +56,9 @@ def adapt_motion(
         uncertainty.
     """
     clock = time.process_time()
-    model = fit.model
-    assert isinstance(model, Equations)
+    fit, recording, seconds, free, validate, say = (
+        task.fit, task.recording, task.seconds, task.free, task.validate, task.say
+    )  # fmt: skip
     names = _free(fit, free)
     new, rest = parted(recording, seconds)
     rest = rest if validate is None else validate
@@ -90,7 +83,7 @@ def adapt_motion(
     several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
     squares = [zero]
     for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
-        held, fitted = _about(fit, names, strength), []
+        held, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
             say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
             fitted.append(_fitted(held, train, how))
@@ -100,7 +93,7 @@ def adapt_motion(
     best = chosen(several)
     other = chosen(several[1:])
     say(f"fitted to {seconds:g} s, and scored")
-    made = {id(own): _adapted(fit, names, own, new, how) for own in (several[0], best, other)}
+    made = {id(own): _adapted(model, fit, names, own, new, how) for own in (several[0], best, other)}
     role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
     length = 0.0 if rest is None else rest.duration
     outcomes = {}
@@ -108,10 +101,10 @@ def adapt_motion(
         expected = {
             name: foretold(squares[several.index(own)][name] / scale[name] ** 2, length, scale[name]) for name in scale
         }
-        scored = {} if rest is None else _ahead(made[id(own)].model, rest)
+        scored = {} if rest is None else _ahead(model.with_values(made[id(own)].model.values), rest)
         outcomes[role] = Outcome(own.words, scored, expected)
     result = made[id(best)]
-    here = _ahead(result.model, new)
+    here = _ahead(model.with_values(result.model.values), new)
     return Adaptation(
         fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
         choices=dict.fromkeys(scale, best.words),
@@ -124,6 +117,9 @@ def adapt_motion(
         in_sample={name: {"rmse": own.rmse, "fvu_pooled": own.fvu} for name, own in here.items()},
         cpu_seconds=time.process_time() - clock,
     )  # fmt: skip
+
+
+adapted.register(MotionModel)(adapted_motion)
 
 
 def _free(fit: Fit, free: str) -> tuple[str, ...]:
@@ -162,12 +158,11 @@ def _how(fit: Fit) -> How:
     )  # fmt: skip
 
 
-def _about(fit: Fit, names: Sequence[str], strength: float) -> Equations:
+def _about(model: Equations, fit: Fit, names: Sequence[str], strength: float) -> Equations:
     """The model with what the old recordings told as priors of the parameters that move; the others are held."""
-    if isinstance(fit.model, HybridModel):
-        return replace(fit.model, carried_on=tuple(names))
-    assert isinstance(fit.model, MotionModel)
-    return fit.model.with_parameters(*(_prior(own, fit, names, strength) for own in fit.model.parameters))
+    if isinstance(model, HybridModel):
+        return replace(model, carried_on=tuple(names))
+    return model.with_parameters(*(_prior(own, fit, names, strength) for own in model.parameters))
 
 
 def _prior(own: Parameter, fit: Fit, names: Sequence[str], strength: float) -> Parameter:
@@ -207,21 +202,18 @@ def _unbroken(recording: Recording) -> list[Recording]:
 def _fitted(held: Equations, train: Sequence[Recording], how: How) -> Equations:
     if isinstance(held, HybridModel):
         return update_hybrid(held, train, how, quiet).model
-    found = fit_model(held, train, how=how).model
-    assert isinstance(found, MotionModel)
-    return found
+    return held.with_values(fit_model(held, train, how=how).model.values)
 
 
 def _seen(model: Equations, recording: Recording) -> Any:
     """Predictions of a model's outputs some time ahead, of a hybrid in free run."""
     if isinstance(model, HybridModel):
-        return hybrid_predictions(model, recording)
+        return simulate(model, recording)
     predictor = Predictor(Simulator(model), recording, model.values)
     return predictor.ahead(AHEAD)
 
 
-def _ahead(model: Model, recording: Recording) -> dict[str, Error]:
-    assert isinstance(model, Equations)
+def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
     seen, horizon = _seen(model, recording), AHEAD if isinstance(model, MotionModel) else None
     return prediction_errors(model.outputs, seen, recording.sample_time, horizon) if len(seen.rows) else {}
 
@@ -248,19 +240,19 @@ def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
     return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
 
 
-def _adapted(fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
+def _adapted(model: Equations, fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
     if not own.free:
         return replace(fit, how={**fit.how, "adapted": own.words})
-    held = _about(fit, names, own.strength)
+    held = _about(model, fit, names, own.strength)
     if isinstance(held, HybridModel):
         told = update_hybrid(held, [new], how, quiet)
-        whole = fit.model.with_values(told.model.values)
+        whole = model.with_values(told.model.values)
         return replace(fit, model=whole, stages=(*fit.stages, told.stage), how={**fit.how, "adapted": own.words})
     found = fit_model(held, [new], how=how)
     estimated = {p.name: p.fixed for p in fit.model.parameters}
-    model = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
+    freed = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
     sd = {p.name: found.sd[p.name] if p.name in names else fit.sd.get(p.name, found.sd[p.name])
-          for p in model.parameters}  # fmt: skip
+          for p in freed.parameters}  # fmt: skip
     return replace(
-        found, model=model, sd=sd, stages=(*fit.stages, *found.stages), how={**found.how, "adapted": own.words}
+        found, model=freed, sd=sd, stages=(*fit.stages, *found.stages), how={**found.how, "adapted": own.words}
     )

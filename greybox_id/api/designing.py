@@ -15,7 +15,7 @@ from ..design.arena import arena as arena_of
 from ..design.discriminate import detecting, discriminating
 from ..design.limits import must_agree, read_limits, stated, usual_limits
 from ..design.plan import KIND, Design
-from ..design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, precise
+from ..design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
 from ..errors import BadInput
 from ..files import at_once, replacing, write_atomically
 from ..fit import KIND as FIT_KIND
@@ -194,12 +194,10 @@ def design(
         )
     where = arena_of(str(arena))
     if isinstance(source, Fit):
-        model = source.model
+        model = must_move(source.model)
     else:
         assert made is not None
         model = nominal_of(source, made)
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"A manoeuvre is designed with equations of motion; {model.name} has none. Fit single_track.")
     own = usual_limits(model, (where.length, where.breadth))
     file = "" if limits is None or isinstance(limits, Mapping) else f" {limits}"
     read = {} if limits is None else dict(limits) if isinstance(limits, Mapping) else read_limits(limits)
@@ -240,11 +238,7 @@ def nominal_of(gap: Gap, made: Made) -> MotionModel:
     }
     vehicle = Vehicle(made.vehicle, {k: v for k, v in values.items() if k not in EFFECTS}, effects=tolerances)
     model = build(gap.model, dict(made.settings), dict(made.effects), vehicle=vehicle)
-    if not isinstance(model, MotionModel):
-        raise BadInput(
-            f"A manoeuvre is designed with equations of motion; {model.name} has none. Diagnose single_track."
-        )
-    return with_tolerances(model, vehicle, EFFECTS)
+    return with_tolerances(must_move(model, "Diagnose"), vehicle, EFFECTS)
 
 
 def _source(of: Fit | Gap | str | Path) -> tuple[Fit | Gap, Made | None]:

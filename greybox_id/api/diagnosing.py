@@ -7,17 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
+from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..fit import Fit
 from ..gap.changed import diagnose_change
 from ..gap.closed_vehicle import fitted_vehicle
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.gap import Gap
-from ..gap.kinds import Diagnosed
 from ..gap.memory_bench import must_suit
 from ..memory_model import MemoryModel
 from ..model import Model
@@ -28,6 +27,7 @@ from ..provenance import data_record
 from ..recording import Recording
 from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
+from ..version import __version__
 from . import given
 from .fitting import Progress
 from .gap_result import ChangeResult, GapResult

@@ -8,11 +8,10 @@ from typing import Any
 
 from ..declared import understood
 from ..errors import BadInput
-from ..motion_model import MotionModel
 from ..racing.draws import Randomisation
 from ..racing.learner import Learned, learn, load_learned
 from ..racing.world import World
-from ..racing.worlds import world
+from ..racing.worlds import drivable, world
 from . import given
 from .given import Effects, ModelLike, VehicleLike
 
@@ -80,9 +79,7 @@ def learn_policy(
         raise BadInput(f"start: what gb.learn_policy returned, or its file, is needed, not {start!r:.60}.")
     begun = load_learned(start) if isinstance(start, str | Path) else start
     own = given.vehicle(vehicle)
-    driven = given.model(model, own, effects)
-    if not isinstance(driven, MotionModel):
-        raise BadInput(f"{driven.name} is no model of motion: it cannot be driven. Name single_track.")
+    driven = drivable(given.model(model, own, effects))
     units = None
     if like is not None:
         units = world(1, given.vehicle(like) or "roboracer", track=track, half_width=half_width)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..choices.parameters import with_choices
 from ..choices.wanted import Wanted, doubts, must_be_recorded
 from ..declared import understood
@@ -17,24 +15,20 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
-from ..fitting.hybrid import TrainedBefore
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
-from ..hybrid_model import HybridModel
+from ..kinds import by_kind
 from ..model import Model
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
-from ..motion_model import MotionModel
-from ..posterior.posterior import Posterior, load_posterior
+from ..posterior.posterior import Posterior
 from ..recording import Recording, join
 from ..scores.prediction import must_suit
-from ..shorthands import Array
 from . import given
 from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
 
-DRAWS = 200
-"""Draws of a known vehicle's parameters."""
 Progress = Callable[..., None]
 """Called with a line of progress at a time."""
 
@@ -193,6 +187,7 @@ def planned(
     return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
 
 
+@by_kind
 def pretraining(
     model: Model, source: Fit | Posterior | str | Path, points: int, span: Span
 ) -> Pretraining | TrainedBefore:
@@ -202,39 +197,7 @@ def pretraining(
     ------
     BadInput : the model has no network, or the source is none of equations of motion, or no fit of the same model.
     """
-    if not isinstance(model, HybridModel):
-        raise BadInput(f"‹pretrain› is for models with a network; {model.name} learns from recordings alone. Omit it.")
-    name = str(source) if isinstance(source, str | Path) else ""
-    if model.recurrent:
-        before = load_fit(source, build) if isinstance(source, str | Path) else source
-        if not isinstance(before, Fit) or not isinstance(before.model, HybridModel) or before.model.name != model.name:
-            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed, whose training is carried on.")
-        return TrainedBefore(before.model, name)
-    if isinstance(source, str | Path):
-        source = load_posterior(source) if Path(source).suffix == ".parquet" else load_fit(source, build)
-    if isinstance(source, Posterior):
-        fit = source.its_fit(build)
-        draws = source.vectors(fit, source.chosen(DRAWS))
-    elif isinstance(source, Fit):
-        fit, draws = source, _about(source)
-    else:
-        raise BadInput(f"pretrain: a fit, a posterior or the file of one is needed, not {source!r:.60}.")
-    if not isinstance(fit.model, MotionModel):
-        raise BadInput(f"{name or 'pretrain'}: a fit of equations of motion is needed, not one of {fit.model.name}.")
-    return Pretraining(fit.model, draws, points, span, name)
-
-
-def _about(fit: Fit) -> Array:
-    """Draws of the normal distribution of a fit's covariance, cut at bounds; where it has none, its estimates."""
-    if fit.covariance is None or not np.any(fit.covariance):
-        return fit.model.values[None]
-    random = np.random.default_rng(fit.seed)
-    values, vectors = np.linalg.eigh(fit.covariance)
-    drawn = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    drawn[:, np.diag(fit.covariance) == 0] = 0.0
-    low = np.concatenate([np.full(p.size, p.bounds[0]) for p in fit.model.parameters])
-    high = np.concatenate([np.full(p.size, p.bounds[1]) for p in fit.model.parameters])
-    return np.asarray(np.clip(fit.model.values + drawn, low, high))
+    raise BadInput(f"‹pretrain› is for models with a network; {model.name} learns from recordings alone. Omit it.")
 
 
 @understood

@@ -9,10 +9,10 @@ import control
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..engine.of_motion import equations_of_motion
 from ..errors import BadInput
 from ..export.equations import Equations
 from ..model import Model
-from ..motion_model import MotionModel
 from ..shorthands import Array
 
 EXACT = 1e-15
@@ -36,9 +36,7 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
             raise BadInput(f"{name}: a finite number is needed, not {value!r:.40}.")
     if not v_x > 0:
         raise BadInput(f"v_x: a speed above zero is needed, in m/s, not {v_x!r:.40}.")
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{model.name} is none of equations of motion; only these are linearised.")
-    equations = Equations(model, moving=())
+    equations = Equations(equations_of_motion(model, "; only these are linearised"), moving=())
     for what, seconds in equations.shifts().items():
         warnings.warn(f"The {what}, {seconds:.4g} s, is no part of the linear system.", stacklevel=4)
     ode, output, none = equations.ode, equations.output, cs.DM.zeros(0)

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 
 from ..errors import BadInput, near_or_all
 from ..gap import Budget
+from ..kinds import must_be
 from ..model import Model
 from ..motion_model import MotionModel
 from ..numbers import pretty_unit
@@ -142,7 +143,7 @@ class FitPlots:
         BadInput : the model has no axles with slip angles.
         """
         model = _motion(self._fit.model)
-        if not has_tyres(self._fit):
+        if not has_tyres(model):
             raise BadInput(f"{model.name} has no tyres: no slip angles, lateral forces and loads of its axles.")
         speed = v_x if v_x is not None else self._speed()
         reach = slip if slip is not None else self._slip()
@@ -320,6 +321,4 @@ def _label(name: str) -> str:
 
 
 def _motion(model: Model) -> MotionModel:
-    if isinstance(model, MotionModel):
-        return model
-    raise BadInput(f"{model.name} is none of equations of motion, which this figure is of.")
+    return must_be(MotionModel, model, f"{model.name} is none of equations of motion, which this figure is of.")

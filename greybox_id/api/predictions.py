@@ -11,12 +11,12 @@ import pandas as pd
 
 from ..choices.wanted import must_be_recorded
 from ..declared import understood
+from ..engine.simulation import Prediction
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..memory_model import MemoryModel
 from ..model import Model
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, Prediction
+from ..scores.metrics import FREE_RUN
 from ..scores.metrics import score as score_model
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs
@@ -133,16 +133,15 @@ def predict(
 def _calibrated(
     fit: ModelLike | Fit, model: Model, recording: Recording, seconds: float, horizon: float | None, open_loop: bool
 ) -> Recording:
-    must_have_timing(model)
+    own = must_have_timing(model)
     if horizon is not None:
         raise BadInput(
             "calibrate: it is for models with memory, which predict freely or one sample ahead; omit horizon."
         )
     if not isinstance(fit, Fit):
         raise BadInput(f"calibrate: a fit is needed, whose training says what an error is, not {fit!r:.60}.")
-    assert isinstance(model, MemoryModel)
     timing = calibrated_timing(fit, recording, seconds)
-    found = calibrated_predictions(model, recording, timing, open_loop=open_loop)
+    found = calibrated_predictions(own, recording, timing, open_loop=open_loop)
     return _as_recording(model, recording, found, f"{model.name}, {calibration_words(seconds)}")
 
 

@@ -14,7 +14,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from ..declared import understood
-from ..engine.motion.shooting import MotionProblem
+from ..engine.least_squares import LeastSquares
 from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.how import Say, quiet
@@ -123,7 +123,7 @@ def profile(
 
     Parameters
     ----------
-    fit : of equations of motion.
+    fit : of equations of motion, or of a model with memory, whose physical parameters have profiles.
     parameter : a free one that is the same in all runs.
     recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
     confidence : of the interval, between 0 and 1.
@@ -173,7 +173,7 @@ def profiles(
     def work(k: int) -> ProfileBeside:
         if not away:
             say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
-        at = place(problem, names[k])
+        at = place(problem, fit.model, names[k])
         own = profile_one(problem, solution.x, solution.nodes, at, told=told, confidence=confidence)
         low, high = (float(end) for end in intervals[at])
         return ProfileBeside(own, (low, high), float(told.sd[at]))
@@ -195,12 +195,12 @@ def trained(fit: Fit) -> Fit:
     return replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
 
 
-def _moved(fit: Fit, problem: MotionProblem, solution: Solution, told: Uncertainty) -> dict[str, float]:
+def _moved(fit: Fit, problem: LeastSquares, solution: Solution, told: Uncertainty) -> dict[str, float]:
     """Parameters that an optimisation begun at the fit takes elsewhere, and how far, in standard deviations."""
     found = {}
     for own in fit.model.parameters:
         if own.shape == () and not own.fixed and own.scope == "model":
-            at = place(problem, own.name)
+            at = place(problem, fit.model, own.name)
             if np.isfinite(told.sd[at]) and told.sd[at] > 0:
                 found[own.name] = float((solution.x[at] - float(own.array)) / told.sd[at])
     return {name: away for name, away in found.items() if abs(away) > MOVED}

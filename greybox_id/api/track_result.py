@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from .. import __version__
 from ..filters.how import TrackOptions
 from ..filters.track import Track
 from ..numbers import pretty_unit, with_sd
@@ -18,6 +17,7 @@ from ..recording import Recording
 from ..reports.text.screen import as_text
 from ..reports.text.track import parts
 from ..reports.track.digest import Digest, TrackMade, digest
+from ..version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import __version__
 from ..declared import understood
 from ..effect import Effect
 from ..errors import BadInput
 from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
 from ..fit import Fit
-from ..memory_model import MemoryModel
+from ..kinds import must_be
 from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import install, model_of
@@ -24,6 +23,7 @@ from ..recording import Recording
 from ..reports.track.digest import TrackMade
 from ..shorthands import Array
 from ..vehicle import TrackingPlan, Vehicle
+from ..version import __version__
 from . import given
 from .fitting import Progress
 from .given import Columns, ModelLike, VehicleLike
@@ -144,10 +144,8 @@ class TrackSetup:
 
 def must_be_motion(model: Model) -> MotionModel:
     """The model, where it is one of motion. Raises `BadInput` for others."""
-    if isinstance(model, MotionModel):
-        return model
-    kind = "a map with memory" if isinstance(model, MemoryModel) else "a hybrid, whose network has a state of its own"
-    raise BadInput(f"{model.name} is {kind}; filters track equations of motion, such as single_track or lateral.")
+    no = f"{model.name} is {model.called}; filters track equations of motion, such as single_track or lateral."
+    return must_be(MotionModel, model, no)
 
 
 def _tracked(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> TrackSetup:

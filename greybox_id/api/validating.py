@@ -10,15 +10,15 @@ from rich.console import RenderableType
 
 from ..choices.wanted import must_be_recorded
 from ..fit import Fit
-from ..fitting.carrying import carried
-from ..motion_model import MotionModel
+from ..fitting.judging import judgement
 from ..provenance import data_record
 from ..recording import Recording
-from ..reports.text.fit import errors_table, motion_errors_table, verdict_table
+from ..reports.text.fit import errors_table, verdict_table
+from ..reports.text.motion import motion_errors_table
 from ..reports.text.screen import as_text
-from ..scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
-from ..scores.verdict import HELD_OUT, distrust, judged, used_signals
-from ..verdict import USABLE, Verdict
+from ..scores.metrics import Scores, as_dict
+from ..scores.verdict import HELD_OUT, distrust, used_signals
+from ..verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -72,15 +72,5 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     must_be_recorded(model, list(recordings.values()))
     found = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
-    scores: Mapping[str, Scores]
-    if not isinstance(model, MotionModel):
-        scores = {name: score(model, recording) for name, recording in recordings.items()}
-        return Validation(model.name, judged(fit, scores, findings=found, data=data), scores, {})
-    both = {name: score_beside_hold(model, recording) for name, recording in recordings.items()}
-    scores, held = ({name: own[k] for name, own in both.items()} for k in (0, 1))
-    before = {name: unfitted_scores(fit, recording) for name, recording in recordings.items()}
-    verdict = judged(fit, scores, held=held, unfitted=before, findings=found, data=data)
-    if verdict.usability == USABLE:
-        against = [why for name, recording in recordings.items() for why in carried(fit, recording, name)]
-        verdict = judged(fit, scores, held=held, unfitted=before, findings=found, data=data, more=against)
-    return Validation(model.name, verdict, scores, held)
+    own = judgement(fit, recordings, found, data)
+    return Validation(model.name, own.verdict, own.scores, own.held)

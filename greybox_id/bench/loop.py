@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .. import __version__
 from ..datasets.virtual_vehicle import OUTSIDE, SteppedCar, replay
 from ..errors import BadInput, GreyboxError, near_or_all
 from ..files import write_atomically
@@ -38,6 +37,7 @@ from ..racing.track import RaceTrack, Usage, track
 from ..racing.world import HALF_WIDTH, NARROWEST, World
 from ..recording import Recording
 from ..shorthands import Say
+from ..version import __version__
 from .loop_report import ARMS, BASE, ORACLE, reported
 
 CAPS = (0.6, 0.7, 0.8, 0.9)

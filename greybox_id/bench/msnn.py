@@ -24,22 +24,27 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..adaptation.memory import tuned_in_sample
 from ..adaptation.outcome import Adaptation
-from ..adaptation.verb import adapt, tuned_in_sample
+from ..adaptation.verb import adapt
 from ..datasets.read import read
 from ..engine.shooting import Problem
+from ..engine.simulation import Prediction
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
 from ..fitting.grid import Grid, fit_grid
 from ..fitting.how import How, Say, quiet
-from ..fitting.memory import MOST_STEPS, fit_briefly
+from ..fitting.steps import MOST_STEPS, fit_briefly
 from ..fitting.verb import fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
+from ..model import Model
 from ..models.registry import candidates, prepared
 from ..recording import Recording
 from ..reports.comparison import paired
-from ..scores.metrics import BATCH, Error, Prediction, errors, predictions
+from ..scores.memory import BATCH, errors, predictions
+from ..scores.metrics import Error
 from ..scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
@@ -248,10 +253,9 @@ def compared(fits: Mapping[tuple[str, str], Fit], valid: Recording) -> list[Row]
     return found
 
 
-def one_output(model: Any, recording: Recording, output: str) -> Prediction:
+def one_output(model: Model, recording: Recording, output: str) -> Prediction:
     """Predictions of one output, one sample ahead."""
-    assert isinstance(model, MemoryModel)
-    seen, k = predictions(model, recording), model.outputs.index(output)
+    seen, k = predictions(must_be(MemoryModel, model), recording), model.outputs.index(output)
     return Prediction(seen.rows, seen.predicted[:, [k]], seen.measured[:, [k]], seen.run)
 
 
@@ -274,8 +278,7 @@ def _published(entry: PaperModel, share: int, train: Recording, valid: Recording
     clock = time.process_time()
     if len(entry.tables) > 1:  # several outputs: one loss for both, stopped on valid as theirs was
         how = How(strengths="early stopping", solver="gauss-newton")
-        model = fit(prepared(entry.model, train, entry.settings), [train], validate=valid, how=how).model
-        assert isinstance(model, MemoryModel)
+        model = must_be(MemoryModel, fit(_memory(entry, train), [train], validate=valid, how=how).model)
     else:
         model = as_the_authors(_memory(entry, train), train, valid)
     spent = time.process_time() - clock
@@ -341,17 +344,14 @@ def _by_batch(problem: Problem, x: Array) -> list[Array]:
 
 
 def _memory(entry: PaperModel, train: Recording) -> MemoryModel:
-    model = prepared(entry.model, train, entry.settings)
-    assert isinstance(model, MemoryModel)
-    return model
+    return must_be(MemoryModel, prepared(entry.model, train, entry.settings))
 
 
 def _honest(entry: PaperModel, share: int, train: Recording, valid: Recording, how: How) -> tuple[list[Row], Fit]:
     clock = time.process_time()
     found = fit(_memory(entry, train), [train], how=how)
     spent = time.process_time() - clock
-    model = found.model
-    assert isinstance(model, MemoryModel)
+    model = must_be(MemoryModel, found.model)
     rows = []
     for split, recording in (("train", train), ("valid", valid)):
         told = errors(model, predictions(model, recording), "honest")
@@ -372,8 +372,7 @@ def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say)
         several = [prepared(kind, train, settings)] if quick else candidates(kind, train, settings)
         found = fit(several, [train], how=how)
         spent = time.process_time() - clock
-        model = found.model
-        assert isinstance(model, MemoryModel)
+        model = must_be(MemoryModel, found.model)
         told: dict[str, Mapping[str, Error]] = {
             protocol: errors(model, predictions(model, valid, protocol), protocol)
             for protocol in ("published", "honest", "closed_loop")
@@ -403,8 +402,7 @@ def _adapted(
     for (name, kind), found in whole.items():
         if name.startswith("Ablation"):
             continue
-        model = found.model
-        assert isinstance(model, MemoryModel)
+        model = must_be(MemoryModel, found.model)
         before = errors(model, predictions(model, recording, "published"), "published")
         pooled = errors(model, predictions(model, recording), "honest")
         clock = time.process_time()

@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from ..engine.simulation import Prediction
 from ..fit import Fit
 from ..fitting.grid import Grid
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..numbers import number, pretty_unit
 from ..recording import Recording
@@ -34,7 +36,6 @@ from ..reports.figures.style import (
     signal_label,
 )
 from ..reports.noise import Noise
-from ..scores.metrics import Prediction
 from ..shorthands import Array
 from ..statistics import correlation_time
 
@@ -88,7 +89,6 @@ def speed_ranges(train: Recording, fit: Fit) -> Sheet:
         words = f"{low:.1f} to {high:.1f} m/s: slope {slope:.2f} 1/(m rad)"
         left.plot(angles, slope * angles + offset, **line | {"label": words, "linewidth": 1.6})
     left.set(xlabel=label("steer", "rad"), ylabel="curvature = yaw rate / v_x [1/m]", xlim=across, ylim=along)
-    assert isinstance(fit.model, MemoryModel)
     centres = np.array(fit.model.settings["steer"])
     reach = 0.25 * float(np.ptp(centres)) / max(1, len(centres) - 1)
     at = np.linspace(centres[0] - reach, centres[-1] + reach, 401)
@@ -207,8 +207,8 @@ def responses(fit: Fit) -> Sheet:
     F, sd = fit.model["F"], np.asarray(fit.sd["F"])
     weights = F.array.reshape(-1, F.shape[-1])
     spread = sd.reshape(weights.shape)
-    assert isinstance(fit.model, MemoryModel)
-    age = fit.model.sample_time * np.arange(float(F.shape[-1]), 0.0, -1.0)
+    step = must_be(MemoryModel, fit.model).sample_time
+    age = step * np.arange(float(F.shape[-1]), 0.0, -1.0)
     centres = [own for _, own in F.axes]
     sheet = Sheet((95.0,) * F.shape[0], max(1, len(weights) // F.shape[0]))
     for n, (ax, own, each) in enumerate(zip(sheet.grid.flat, weights, spread, strict=True)):
@@ -219,7 +219,7 @@ def responses(fit: Fit) -> Sheet:
         names = [
             f"{name} = {number(values[k], 2)}" for (name, _), values, k in zip(F.axes, centres, place, strict=True)
         ]
-        ax.set(xlabel="age [s]", ylabel="weight [1]", xlim=(age[0] + fit.model.sample_time, 0.0),
+        ax.set(xlabel="age [s]", ylabel="weight [1]", xlim=(age[0] + step, 0.0),
                title=", ".join(names))  # fmt: skip
     reach = (float(np.min(weights - spread)), float(np.max(weights + spread)))
     for ax in sheet.grid.flat:

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from .. import __version__
 from ..adaptation.outcome import parted
+from ..engine.simulation import Prediction
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..numbers import number, pretty_unit
 from ..recording import Recording
 from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.noise import noise
 from ..reports.text.screen import plain_table
-from ..scores.metrics import Prediction
 from ..scores.timing import timed
+from ..version import __version__
 from .msnn import OURS, PHYSICAL, MsnnBench, Row, one_output
 from .msnn_figures import adapted, criterion, densities, handling, predicted, responses, speed_ranges
 
@@ -228,8 +229,7 @@ def _predictions(found: MsnnBench, recording: Recording, output: str) -> dict[st
 def _after(found: MsnnBench, car: str, kind: str, rest: Recording, output: str) -> Prediction:
     """Predictions of the adapted network; of the run that goes on, with the delay that the new seconds told."""
     own = found.adapted[car, kind]
-    model = own.fit.model
-    assert isinstance(model, MemoryModel)
+    model = must_be(MemoryModel, own.fit.model)
     delays = {0: list(own.delays.values())[-1][output]} if own.delays else {}
     return timed(model, rest, delays)
 

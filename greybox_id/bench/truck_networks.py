@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..engine.hybrid.cell import free_run
 from ..engine.hybrid.problem import WindowErrors
 from ..engine.hybrid.stretches import stretches
@@ -24,10 +23,12 @@ from ..fitting.how import How, Say
 from ..fitting.networks import counted, trained_from
 from ..fitting.pretraining import Pretraining, known_physics
 from ..hybrid_model import HybridModel
+from ..kinds import must_be
 from ..models.registry import prepared
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
+from ..version import __version__
 from .truck_grey_boxes import fitted
 from .truck_models import LEVER_ARM, truck
 
@@ -187,8 +188,7 @@ def scored(
 def _model(cell: NetworkCell, train: Recording, bicycle: MotionModel) -> HybridModel:
     window = min(round(cell.horizon / train.sample_time) + 1, ROWS)
     settings = {"hidden": [cell.units] * 4, "window": window, "integrator": "euler", "symmetric": False}
-    model = prepared(NAMES[cell.method], train, settings)
-    assert isinstance(model, HybridModel)
+    model = must_be(HybridModel, prepared(NAMES[cell.method], train, settings))
     return known_physics(model, lesson(BICYCLE, bicycle)) if cell.method == "discrepancy" else model
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..numbers import number
 from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.figures.sheet import Sheet, band
 from ..reports.figures.style import BLUE, CHAIN, DASHED, DOTTED, MEASURED, ORANGE, PURPLE, RUST, Look, label, look
 from ..reports.text.screen import plain_table
+from ..version import __version__
 from .truck_networks import WORDS
 
 UNITS = {"v_y": "m/s", "yaw_rate": "rad/s"}

@@ -305,6 +305,4 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
 def _replaced(model: AnyModel, changed: Mapping[str, Parameter]) -> AnyModel:
     """The model, and those of its parts that have them, with parameters replaced."""
     own = model.with_parameters(*(p for name, p in changed.items() if name in model))
-    if isinstance(own, MemoryModel) and own.parts:
-        return replace(own, parts=tuple(_replaced(part, changed) for part in own.parts))
-    return own
+    return replace(own, parts=tuple(_replaced(part, changed) for part in own.parts))

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from .. import __version__
 from ..errors import GreyboxError
+from ..version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
 from .terminal import NotTaken, clean, drop_output, interrupts, streams, tell

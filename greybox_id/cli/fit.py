@@ -126,7 +126,6 @@ def fit(
     from ..files import ensure_writable
     from ..fitting import How
     from ..guard import claim
-    from ..motion_model import MotionModel
     from ..reports.text.fit import as_dict, parts
 
     if early_stopping and strength is not None:
@@ -164,6 +163,5 @@ def fit(
     else:
         show(parts(result, plan.vehicle))
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
-        if isinstance(result.model, MotionModel):
-            console().print(f"         on other recordings: greybox validate {path}")
+        console().print(f"         on other recordings: greybox validate {path}")
     end_by(result.verdict)

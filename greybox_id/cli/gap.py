@@ -25,6 +25,7 @@ from ..api.diagnosing import (
 from ..choices.parameters import wanted_vehicle
 from ..choices.wanted import must_be_recorded
 from ..datasets.vehicle_file import write_vehicle
+from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
@@ -32,7 +33,6 @@ from ..gap import Gap
 from ..gap.changed import Changed, diagnose_change
 from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
-from ..gap.kinds import Diagnosed
 from ..guard import claim, option_of
 from ..json_data import finite, plain
 from ..models.effects import EFFECTS

@@ -15,7 +15,6 @@ from ..errors import BadInput, near_or_all
 from ..model import Model
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build
-from ..motion_model import MotionModel
 from ..numbers import pretty_unit
 from ..parameter import Parameter
 from ..reports.text.screen import plain, plain_table
@@ -93,8 +92,8 @@ def _show_model(model: Model) -> None:
     out.print(f"{model.name}: {model.about}\n")
     rows = [("inputs", ", ".join(_input(model, name) for name in model.inputs))]
     rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(unit_of(name))}]" for name in model.outputs)))
-    if isinstance(model, MotionModel):
-        rows.append(("states", ", ".join(f"{s.name} [{pretty_unit(s.unit)}]" for s in model.states)))
+    if states := getattr(model, "states", ()):
+        rows.append(("states", ", ".join(f"{s.name} [{pretty_unit(s.unit)}]" for s in states)))
     if model.settings:
         rows.append(("settings", ", ".join(f"{key}={value}" for key, value in model.settings.items())))
     rows.append(("effects", ", ".join(name for name, effect in EFFECTS.items() if effect.concerns(model)) or "none"))
@@ -138,7 +137,7 @@ def _in_short(model: Model) -> dict[str, Any]:
 
 
 def _described(model: Model) -> dict[str, Any]:
-    states = [{"name": s.name, "unit": s.unit} for s in model.states] if isinstance(model, MotionModel) else []
+    states = [{"name": s.name, "unit": s.unit} for s in getattr(model, "states", ())]
     return {
         "name": model.name,
         **_in_short(model),
@@ -179,7 +178,7 @@ def _applies_to(effect: Effect) -> list[str]:
 
 
 def _aliases(model: Model, name: str) -> tuple[str, ...]:
-    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+    return model.aliases.get(name, (name,))
 
 
 def _input(model: Model, name: str) -> str:

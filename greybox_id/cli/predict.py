@@ -12,19 +12,17 @@ import numpy as np
 from ..choices.parameters import Choices, state_values, with_choices
 from ..choices.wanted import doubts_of_drive, must_be_recorded
 from ..datasets.result_table import target_of, write_table
+from ..engine.simulation import Prediction
 from ..guard import claim
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
 from ..model import Model
-from ..motion_model import MotionModel
 from ..numbers import counted, pretty_unit, with_sd
 from ..recording import Recording
-from ..reports.text.fit import timing_lines
-from ..scores.metrics import Prediction, as_dict, prediction_errors
-from ..scores.prediction import as_table, assumed
+from ..reports.text.memory import timing_lines
+from ..scores.metrics import as_dict, prediction_errors
+from ..scores.prediction import as_table, assumed, predicted_how
 from ..scores.prediction import predict as predict_rows
 from ..scores.prediction import simulate as simulate_runs
-from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing
+from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing, must_have_timing
 from ..signals import unit_of
 from .options import (
     calibrate_option,
@@ -96,8 +94,7 @@ def predict(
         must_be_recorded(model, [recording])
         if seconds is not None:
             timing = calibrated_timing(fit, recording, seconds)
-            assert isinstance(model, MemoryModel)
-            found = calibrated_predictions(model, recording, timing, open_loop=open_loop)
+            found = calibrated_predictions(must_have_timing(model), recording, timing, open_loop=open_loop)
             table, more = as_table(model, recording, found, "predicted"), {"timing": timing.as_dict()}
         elif posterior is None:
             found = predict_rows(model, recording, horizon, open_loop=open_loop)
@@ -111,15 +108,7 @@ def predict(
             covered = dict(zip(model.outputs, band.coverage().tolist(), strict=True))
             more = {"posterior": {"file": posterior, "draws": band.draws, "level": band.level, "coverage": covered}}
         write_table(table, target, PREDICTIONS)
-    if isinstance(model, MotionModel):
-        how = "free run" if horizon is None else f"{horizon:g} s ahead"
-        told: dict[str, Any] = {"horizon": horizon}
-    elif isinstance(model, HybridModel):
-        how, told = "free run", {}
-    else:
-        assert isinstance(model, MemoryModel)
-        told = {"loop": "open" if open_loop or model.feedback is None else "closed"}
-        how = f"{told['loop']} loop"
+    how, told = predicted_how(model, horizon, open_loop)
     _tell(model, recording, found, target, how, told | more, as_json)
 
 

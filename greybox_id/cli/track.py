@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import click
 
-from .. import __version__
 from ..api.track_result import TrackResult
 from ..api.tracking import TrackSetup
 from ..choices.parameters import named, number
@@ -26,6 +25,7 @@ from ..guard import claim
 from ..models.effects import EFFECTS
 from ..reports.text.track import as_dict, parts
 from ..reports.track.digest import TrackMade, as_text
+from ..version import __version__
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
 from .output import console, print_json, progress, show

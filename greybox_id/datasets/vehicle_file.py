@@ -33,13 +33,13 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from .. import __version__
 from ..errors import BadInput, near
 from ..files import write_atomically
 from ..guard import VEHICLE_MARK
 from ..signals import SIGNALS
 from ..toml_file import must_know, parse_toml, table_of, text_of
 from ..vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
+from ..version import __version__
 from .shipped import named_text, shipped_files
 from .tyre_file import read_tyre_file
 

@@ -11,6 +11,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
+from ..kinds import must_be
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index, Mask
@@ -114,8 +115,7 @@ class Information:
     """
 
     def __init__(self, fit: Fit, known: Known, wanted: Sequence[str] = ()) -> None:
-        assert isinstance(fit.model, MotionModel)
-        self.model, self.known, self.how = fit.model, known, fit.how
+        self.model, self.known, self.how = must_be(MotionModel, fit.model), known, fit.how
         noise = fit.stages[-1].noise if fit.stages else {}
         counted = fit.how.get("counted", noise)
         self.read = tuple(name for name in self.model.outputs if name in noise)

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..kinds import must_be
+from ..model import Model
 from ..motion_model import MotionModel
 from ..shorthands import Array, Say
 from .arena import Arena, Placement
@@ -56,6 +58,12 @@ class DesignTask:
     effort: float = 1.0
 
 
+def must_move(model: Model, do: str = "Fit") -> MotionModel:
+    """The model, where manoeuvres are designed with it. Raises `BadInput` where it is none of motion."""
+    none = f"A manoeuvre is designed with equations of motion; {model.name} has none. {do} single_track."
+    return must_be(MotionModel, model, none)
+
+
 def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: Say) -> Design:
     """The manoeuvre that makes parameters of a fit precise.
 
@@ -71,9 +79,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     BadInput : the model cannot say what a manoeuvre leads to, a name is none of its free parameters, or no manoeuvre
         fits into the arena and the limits.
     """
-    model = fit.model
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"A manoeuvre is designed with equations of motion; {model.name} has none. Fit single_track.")
+    model = must_move(fit.model)
     vehicle, known = vehicle_of(model), known_by(fit)
     wanted = wanted_names(fit, known, names)
     samples = draws(fit, known, DRAWS, asked.seed)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .. import __version__
 from ..datasets.virtual_vehicle import EFFECTS, OUTSIDE
 from ..errors import BadInput
 from ..files import ensure_writable, replacing, write_atomically
@@ -21,6 +20,7 @@ from ..json_data import read_json
 from ..processes import side_by_side
 from ..recording import Recording
 from ..signals import SIGNALS
+from ..version import __version__
 from .answers import Answer, Tier, read_answer, write_answer
 from .folder import CASES, COLUMNS, SEALED, UNFINISHED, seal
 from .plan import Counts, Planned, plan

@@ -14,8 +14,9 @@ from ..datasets.read import read
 from ..datasets.vehicle_file import vehicle
 from ..errors import GreyboxError
 from ..gap.closing import closure
+from ..kinds import must_be
 from ..models.effects import EFFECTS
-from ..models.registry import build, model_of
+from ..models.registry import build, motion_model_of
 from ..motion_model import MotionModel
 from .folder import CLOSED, COLUMNS
 
@@ -35,8 +36,7 @@ def plain_model(model: MotionModel) -> dict[str, Any]:
 
 def model_from(plain: Mapping[str, Any]) -> MotionModel:
     """The model that `plain_model` wrote down."""
-    model = build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"]))
-    assert isinstance(model, MotionModel)
+    model = must_be(MotionModel, build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"])))
     values = plain["values"]
     return model.with_parameters(*(replace(own, value=np.asarray(values[own.name])) for own in model.parameters))
 
@@ -51,12 +51,10 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
     diagnosis : its "closed_model" is what `plain_model` makes of the closed model; without it closed.toml counts.
     """
     stated = vehicle(case / "vehicle.toml")
-    before = model_of(stated)
     plain = diagnosis.get("closed_model")
     try:
-        after = model_from(plain) if plain else model_of(vehicle(case / CLOSED))
-        assert isinstance(before, MotionModel)  # exam cases are vehicles in motion
-        assert isinstance(after, MotionModel)
+        before = motion_model_of(stated)
+        after = model_from(plain) if plain else motion_model_of(vehicle(case / CLOSED))
         mapping = case / COLUMNS
         recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
         found = closure(before, after, [recording], stated, EFFECTS, horizons=False)

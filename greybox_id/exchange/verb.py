@@ -14,11 +14,12 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..models.registry import build
 from ..parameter import Parameter
 from ..recording import Recording
-from ..scores.metrics import predictions
+from ..scores.memory import predictions
 from ..shorthands import Array
 from .evaluation import evaluate
 from .family import NetworkFamily, recognise
@@ -108,10 +109,10 @@ def _model(network: Network, family: NetworkFamily) -> tuple[MemoryModel, tuple[
     """The model at the file's numbers, all held, and what is odd about them."""
     settings = {part.model: asdict(replace(part.settings, sample_time=network.sample_time)) for part in family.parts}
     if len(settings) == 1:
-        model = build(family.parts[0].model, settings[family.parts[0].model])
+        made = build(family.parts[0].model, settings[family.parts[0].model])
     else:
-        model = build("msnn_full", {"lat": settings["msnn_lat"], "long": settings["msnn_long"]})
-    assert isinstance(model, MemoryModel)
+        made = build("msnn_full", {"lat": settings["msnn_lat"], "long": settings["msnn_long"]})
+    model = must_be(MemoryModel, made)
     values = {name: value for part in family.parts for name, value in part.values.items()}
     beyond = [p for p in model.parameters if not _within(p, values[p.name])]
     odd = (

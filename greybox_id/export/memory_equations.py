@@ -13,11 +13,9 @@ from functools import cached_property
 import casadi as cs
 
 from ..engine.trace import Trace, namespace
-from ..errors import BadInput
-from ..hybrid_model import HybridModel
+from ..kinds import by_kind
 from ..memory_model import MemoryModel
-from ..model import Symbol
-from ..motion_model import MotionModel
+from ..model import Model, Symbol
 from ..parameter import pack
 from ..signals import SIGNALS, unit_of
 from .equations import Equations, Named, entries, joined
@@ -159,29 +157,33 @@ class MemoryEquations:
 
 
 def equations_of(subject: Subject) -> Equations | MemoryEquations:
-    """The functions of a model of motion or of a map with memory.
+    """The functions of a model, whichever kind it is of.
 
     Raises
     ------
-    BadInput : the model is a hybrid with a memory, or one whose network says increments.
+    BadInput : it has none, as hybrids do not whose network has a memory, or says increments.
     """
-    if isinstance(subject.model, MemoryModel):
-        return MemoryEquations(subject.model, subject.moving)
-    if isinstance(subject.model, HybridModel) and subject.model.recurrent:
-        raise BadInput(
-            f"{subject.model.name} is a hybrid with a recurrent network, and such are not exported. Give a single "
-            "track the stiffnesses it estimates, and export that."
-        )
+    return exported(subject.model, subject)
+
+
+@by_kind
+def exported(model: Model, subject: Subject) -> Equations | MemoryEquations:
+    """The functions of a subject's model: those of the equations of motion that it amounts to."""
     return subject.equations
+
+
+@exported.register(MemoryModel)
+def _exported(model: MemoryModel, subject: Subject) -> MemoryEquations:
+    return MemoryEquations(model, subject.moving)
 
 
 def shifts_left_out(subject: Subject) -> list[str]:
     """Sentences on delays and latencies, which are no part of a model of motion's functions."""
-    if not isinstance(subject.model, MotionModel):
+    equations = equations_of(subject)
+    if isinstance(equations, MemoryEquations):  # they are in its windows
         return []
-    shifts = subject.equations.shifts()
-    found = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in shifts.items())
-    return [f"No part of the functions: {found}. Hand in the command that acts then."] if shifts else []
+    found = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
+    return [f"No part of the functions: {found}. Hand in the command that acts then."] if found else []
 
 
 def _about(name: str) -> str:

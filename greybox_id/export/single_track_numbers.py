@@ -11,7 +11,8 @@ import numpy as np
 
 from ..engine.motion.trace import MotionTrace
 from ..errors import BadInput
-from ..model import Namespace, Symbol
+from ..kinds import must_be
+from ..model import Model, Namespace, Symbol
 from ..motion_model import MotionModel, Quantities
 from .subject import Subject
 
@@ -95,9 +96,10 @@ class SingleTrack:
 
 def single_track_of(subject: Subject) -> SingleTrack:
     """The numbers of a model with two axles and tyres. Raises `BadInput` for another model."""
-    model = subject.model
-    if not isinstance(model, MotionModel) or "peak_f" not in model.quantities:
-        raise BadInput(f"{model.name} has no tyres; this target takes single_track and lateral only.")
+    no_tyres = f"{subject.model.name} has no tyres; this target takes single_track and lateral only."
+    model = must_be(MotionModel, subject.model, no_tyres)
+    if "peak_f" not in model.quantities:
+        raise BadInput(no_tyres)
     (peak_f, peak_r, stiffer_f, stiffer_r, m, I_z, l_f, l_r), (C_f, C_r) = _at_rest(model)
     load, height = m * G / (l_f + l_r), value_of(model, "h_cg")
     if height is not None and "longitudinal_load_transfer" in model.effects:
@@ -112,7 +114,7 @@ def _axle(model: MotionModel, suffix: str, load: float, C_alpha: float, peak: fl
     return Axle(load, C_alpha, peak, None if B is None else B * stiffer, C, E)
 
 
-def value_of(model: MotionModel, name: str) -> float | None:
+def value_of(model: Model, name: str) -> float | None:
     """A parameter's value; None where the model has none of that name."""
     return float(model[name].array) if name in model else None
 

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
-from ..engine.hybrid.motion import as_motion
+from ..engine.of_motion import equations_of_motion
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..hybrid_model import HybridModel
 from ..model import Model
 from ..motion_model import MotionModel
 from ..vehicle import Vehicle
+from ..version import __version__
 from .equations import Equations
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
@@ -61,12 +60,9 @@ class Subject:
     @cached_property
     def equations(self) -> Equations:
         """The functions of a model of motion. Raises `BadInput` for other models."""
-        if isinstance(self.model, HybridModel):
-            moving = None if self.moving is None else [n for n in self.moving if n not in self.model.network.shapes]
-            return Equations(as_motion(self.model), moving)
-        if not isinstance(self.model, MotionModel):
-            raise BadInput(f"{self.model.name} is no model of motion; this target takes {_MOTION} only.")
-        return Equations(self._as_recorded(self.model), self.moving)
+        model = equations_of_motion(self.model, f"; this target takes {_MOTION} only")
+        moving = None if self.moving is None else [name for name in self.moving if name in model]
+        return Equations(self._as_recorded(model), moving)
 
     def _as_recorded(self, model: MotionModel) -> MotionModel:
         """The model whose inputs are the signals that the fit has seen, where any of several might be one."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..memory_model import MemoryModel
 from . import target_casadi
+from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions
 from .subject import Subject
 
@@ -18,7 +18,7 @@ __all__ = ["cautions", "files"]
 
 def files(subject: Subject) -> Mapping[str, bytes]:
     """Name of file -> content. Raises `BadInput` for a hybrid."""
-    text = _SAMPLED if isinstance(subject.model, MemoryModel) else _MOVING
+    text = _SAMPLED if isinstance(equations_of(subject), MemoryEquations) else _MOVING
     module = _MODULE.replace("DYNAMICS\n", text).replace("NAME", subject.name)
     return {**target_casadi.files(subject), f"{subject.name}_acados.py": module.encode()}
 

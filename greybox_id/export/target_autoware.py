@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..motion_model import MotionModel
 from .origin import KeyOrigin
 from .ros_parameters import parameter_file, texts
 from .single_track_numbers import HELD, SingleTrack, single_track_of, value_of
@@ -112,7 +111,6 @@ def _entries(subject: Subject) -> dict[str, list[AutowareEntry]]:
 
 
 def _effect(subject: Subject, name: str) -> float | None:
-    assert isinstance(subject.model, MotionModel)
     return value_of(subject.model, name) if name in subject.model.effects else None
 
 
@@ -159,7 +157,6 @@ def _scaled_after(subject: Subject) -> float:
 
 def _vehicle(subject: Subject, numbers: SingleTrack) -> list[AutowareEntry]:
     def stated(name: str) -> float | None:
-        assert isinstance(subject.model, MotionModel)
         if subject.vehicle is not None and name in subject.vehicle.values:
             return subject.vehicle.values[name].value
         return None

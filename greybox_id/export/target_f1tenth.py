@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from ..motion_model import MotionModel
 from .quoting import one_line, yaml_text
 from .single_track_numbers import HELD, Axle, SingleTrack, single_track_of, value_of, without_form_error
 from .subject import Subject
@@ -181,7 +180,6 @@ def _electric(subject: Subject) -> list[Line]:
 def _limits(subject: Subject) -> dict[str, float | None]:
     """Limits that the vehicle's file states or the model's effects have."""
     model = subject.model
-    assert isinstance(model, MotionModel)
     found = {
         "s_max": None if subject.vehicle is None else subject.vehicle.steer_max,
         "sv_max": value_of(model, "steering_rate_limit"),

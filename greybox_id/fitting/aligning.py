@@ -15,7 +15,7 @@ from ..recording import Recording
 from ..scores.timing import RunDelay, Timing, aligned, aligned_together, run_delays
 from ..solvers.gauss_newton import Status, gauss_newton
 from .how import Say
-from .memory import MOST_STEPS, fit_briefly
+from .steps import MOST_STEPS, fit_briefly
 
 ROUNDS = 2
 """Times that runs are aligned. On the RoboRacer's training runs, left out in turn, once lowers the error of the fourth

@@ -11,7 +11,7 @@ from ..errors import BadInput
 from ..fit import Fit
 from ..motion_model import MotionModel
 from ..recording import Recording
-from ..scores.metrics import score_motion
+from ..scores.motion import score_motion
 from ..scores.verdict import times_as_large
 from ..verdict import WITH_CARE, Reason
 from .attempt import refitted
@@ -28,24 +28,17 @@ model has ten parameters, a recording hundreds of independent readings. Less tha
 usable fit must not exceed, since the best known need not be found."""
 
 
-def carried(fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
-    """A reason against a fit whose parameters do not carry over to a recording; empty where they do.
-
-    Parameters
-    ----------
-    fit : of a motion model; of other models nothing is said.
-    recording : that it has not seen.
-    name : what to call it.
-    """
-    if not isinstance(fit.model, MotionModel) or not any(not p.fixed for p in fit.model.parameters):
+def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
+    """See `judging.carried`."""
+    if all(p.fixed for p in model.parameters):
         return []
     part = recording if len(recording) <= MOST_ROWS else recording.rows(0, MOST_ROWS)
-    simulator, best = Simulator(fit.model), float("nan")
-    before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in fit.model}
-    unfitted = fit.model.with_parameters(*(fit.model[n].with_value(v) for n, v in before.items()))
-    own = score_motion(simulator, part, fit.model.values, HORIZONS)
+    simulator, best = Simulator(model), float("nan")
+    before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
+    unfitted = model.with_parameters(*(model[n].with_value(v) for n, v in before.items()))
+    own = score_motion(simulator, part, model.values, HORIZONS)
     how = How(solver="gauss-newton", horizon=AHEAD, start_from="measured")
-    for start in (fit.model.values, unfitted.values):
+    for start in (model.values, unfitted.values):
         try:
             p = refitted(simulator, [part], start, how)
         except BadInput:  # no row to begin from: nothing can be said

@@ -24,18 +24,20 @@ from threadpoolctl import threadpool_limits
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..models.registry import prepared
 from ..processes import side_by_side
 from ..recording import Recording
-from ..scores.metrics import Error, aic, errors, predictions
+from ..scores.memory import aic, errors, predictions
+from ..scores.metrics import Error
 from ..scores.verdict import doubted
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
 from .how import Say, above_zero, quiet
-from .memory import MOST_STEPS, TOLERANCE, fit_briefly
+from .steps import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000
 """Fits in a grid: a slip of the pen is no day's work."""
@@ -231,9 +233,10 @@ def _table(rows: Mapping[str, Mapping[str, Any]], several: Sequence[Mapping[str,
 
 
 def _model(name: str, train: Recording, settings: Mapping[str, Any]) -> MemoryModel:
-    model = prepared(name, train, settings)
-    if not isinstance(model, MemoryModel) or model.parts:
-        raise BadInput(f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none.")
+    none = f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none."
+    model = must_be(MemoryModel, prepared(name, train, settings), none)
+    if model.parts:
+        raise BadInput(none)
     return model
 
 

@@ -8,10 +8,8 @@ from typing import Literal, Protocol, get_args
 
 from ..engine.motion.shooting import Starts
 from ..errors import BadInput, near_or_all
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
+from ..kinds import by_kind
 from ..model import Model
-from ..motion_model import MotionModel
 from ..scores.timing import calibrated_seconds, must_have_timing
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]
@@ -27,6 +25,18 @@ class Say(Protocol):
 def quiet(line: str, passing: bool = False) -> None:
     """Say nothing."""
     del line, passing
+
+
+FOR_MOTION: Mapping[str, object] = {"‹horizon›": None, "‹start_from›": "free", "‹robust›": None, "‹noise›": {}}
+"""Options of fitting equations of motion, and what they are unless they are chosen."""
+FOR_MEMORY = ("‹early_stopping|strengths›", "‹strength|strengths›")
+"""Options of fitting models with memory."""
+
+
+@by_kind
+def refused(model: Model, option: str) -> str:
+    """Why an option does not go with a kind of model; empty where it does."""
+    return f"{option} does not go with {model.name}, which is {model.called}. Omit it."
 
 
 @dataclass(frozen=True)
@@ -102,28 +112,13 @@ class FitOptions:
         """Raise `BadInput` for what makes no sense for this kind of model."""
         if self.calibrate is not None:
             must_have_timing(model)
-        for_motion = {
-            "‹horizon›": self.horizon is not None, "‹start_from›": self.start_from != "free",
-            "‹robust›": self.robust is not None, "‹noise›": bool(self.noise),
+        chosen = {
+            **{name: getattr(self, name.strip("‹›")) != own for name, own in FOR_MOTION.items()},
+            FOR_MEMORY[0]: self.strengths == "early stopping", FOR_MEMORY[1]: not isinstance(self.strengths, str),
         }  # fmt: skip
-        for_memory = {
-            "‹early_stopping|strengths›": self.strengths == "early stopping",
-            "‹strength|strengths›": not isinstance(self.strengths, str),
-        }
-        chosen = [name for name, said in (for_motion | for_memory).items() if said]
-        for name in chosen:
-            if isinstance(model, HybridModel) and name != "‹noise›":
-                raise BadInput(
-                    f"{name} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that "
-                    "are held out. Omit it."
-                )
-            if isinstance(model, MemoryModel) and name in for_motion:
-                raise BadInput(f"{name} is for equations of motion; {model.name} is a model with memory. Omit it.")
-            if isinstance(model, MotionModel) and name in for_memory:
-                raise BadInput(
-                    f"{name} is for models with memory, whose weights have priors to be strengthened; {model.name} is "
-                    "made of equations of motion. Omit it."
-                )
+        for name in (name for name, said in chosen.items() if said):
+            if why := refused(model, name):
+                raise BadInput(why)
 
     @property
     def mode(self) -> str:

@@ -1,272 +1,55 @@
-"""Training hybrid models: some manoeuvres are trained on, others say when to stop."""
+"""Fitting hybrid models: their networks are trained, those with a memory over windows, others over growing horizons."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
-from ..engine.hybrid.stretches import Stretch, noise, stretches
+from ..engine.hybrid.stretches import stretches
 from ..errors import BadInput
+from ..fit import Fit
 from ..hybrid_model import HybridModel
-from ..parameter import Parameter
-from ..processes import apart, side_by_side
-from ..provenance import Stage
-from ..recording import Recording
-from ..shorthands import Array
-from ..signals import SIGNALS
-from ..solvers.quasi_newton import Descent, descend
-from .how import How, Say, quiet
-
-HELD_OUT = 0.2
-"""Share of the manoeuvres that say when to stop."""
-PIECES = 5
-"""Of so many pieces one says when to stop where training is carried on: a fifth, as of manoeuvres, all along a run."""
-WARM_UP, STEPS, PATIENCE = 60, 300, 60
-_SAID = 10
-"""Steps between lines of progress."""
+from .how import refused
+from .networks import fit_network
+from .training import TrainedBefore, fit_hybrid, update_hybrid
+from .verb import FitTask, estimated
 
 
-@dataclass(frozen=True)
-class Trained:
-    """A trained hybrid model.
-
-    Attributes
-    ----------
-    model : at its estimates.
-    stage : how it got there; noise is that of the readings, by which errors are weighed.
-    held_out : names of the unbroken runs that said when to stop.
-    errors : root mean square errors over windows, in units of noise (the paper's RMSSE), trained on and held out.
-    """
-
-    model: HybridModel
-    stage: Stage
-    held_out: tuple[str, ...]
-    errors: tuple[float, float]
-
-
-def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
-    """Train a hybrid model.
-
-    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
-    end.
-
-    Parameters
-    ----------
-    model : nominal values of physical parameters; weights are drawn.
-    recordings : training data.
-    how : seed, number of starts and known noise.
-
-    Raises
-    ------
-    BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
-    """
-    clock = time.process_time()
-    named = manoeuvres(model, recordings)
-    train, held_out, names = split(named, model, how.seed)
-    if model.symmetric:
-        train = [*train, *(mirrored(model, one) for one in train)]
-    sd = read_noise(model, [one for _, one in named], how)
-    problem, outside = HybridProblem(model, train, sd), WindowErrors(model, held_out, sd)
-    best, stage = trained_best(
-        model, how, say, clock, lambda seed, own: _descent(problem, outside, model, seed, own),
-        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
-    )  # fmt: skip
-    p = problem.parameters(best.x)
-    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    return Trained(model.with_values(p), stage, names, errors)
-
-
-@dataclass(frozen=True)
-class TrainedBefore:
-    """A hybrid model whose training is carried on.
-
-    Attributes
-    ----------
-    model : trained.
-    source : the file it comes from, for people.
-    """
-
-    model: HybridModel
-    source: str = ""
-
-
-def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
-    """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
-
-    What moves is what the model says vehicles differ by (`HybridModel.carried_on`), about where it is; weights stay as
-    they are. Moved along, they learned one manoeuvre by heart and spun in others. Every fifth piece of two windows is
-    not trained on and says when to stop; a model that fits these best as it is stays as it is. The recordings that it
-    was trained on before are not needed.
-
-    Parameters
-    ----------
-    model : trained.
-    recordings : of the changed vehicle.
-    how : known noise; one start.
-
-    Raises
-    ------
-    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
-    """
-    if how.starts > 1:
-        raise BadInput(f"Carried on, the training of {model.name} starts at the numbers it has; omit ‹starts›.")
-    if not model.carried_on:
-        raise BadInput(f"{model.name} says of no parameter that vehicles differ by it; train it anew.")
-    clock = time.process_time()
-    named = manoeuvres(model, recordings)
-    length = 2 * model.window - model.warm_up
-    pieces = [_rows(one, k, k + length) for _, one in named for k in range(0, len(one) - length + 1, length)]
-    if len(pieces) < PIECES:
-        raise BadInput(
-            f"Carrying the training of {model.name} on takes {PIECES} pieces of {length} unbroken rows; there are "
-            f"{len(pieces)}. Record more."
-        )
-    held_out = pieces[PIECES // 2 :: PIECES]
-    sd = read_noise(model, [one for _, one in named], how)
-    train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
-    moving = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
-    problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
-    best, stage = trained_best(
-        model, how, say, clock,
-        lambda seed, own: _descent(problem, outside, model, seed, own, model.values),
-        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
-    )  # fmt: skip
-    p = problem.parameters(best.x)
-    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    told = f"every fifth of {len(pieces)} pieces of {length} rows"
-    return Trained(model.with_values(p), stage, (told,), errors)
-
-
-def _carried_on(own: Parameter, moving: Sequence[str]) -> Parameter:
-    """Free with its prior about where it is, or held."""
-    if own.name not in moving:
-        return replace(own, fixed=True)
-    return replace(own, fixed=False, prior=own.prior and replace(own.prior, mean=None))
-
-
-def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:
-    """Root mean square error over windows in units of noise, the paper's RMSSE."""
-    found = [one for _, one in manoeuvres(model, [recording])]
-    return float(np.sqrt(WindowErrors(model, found, noise)(model.values)))
-
-
-def trained_best(
-    model: HybridModel, how: How, say: Say, clock: float, train: Callable[[int, Say], Descent],
-    words: Callable[[float], str], noise_of: Callable[[Descent], Array],
-) -> tuple[Descent, Stage]:  # fmt: skip
-    """The best of several trainings by what is held out, and the record of all.
-
-    Parameters
-    ----------
-    clock : processor time at which all began.
-    train : seed, progress -> a training.
-    words : held-out error -> for people.
-    noise_of : the best training -> noise of the readings.
-    """
-    away = apart(how.starts, how.jobs)
-
-    def told(k: int, one: Descent) -> bool:
-        if away:
-            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {words(one.held_out[one.best])}")
-        return one.status != "interrupted"
-
-    done = side_by_side(lambda k: train(how.seed + k, quiet if away else say), how.starts, how.jobs, told)
-    best = min(done.results, key=lambda each: each.held_out[each.best])
-    stage = Stage(
-        model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
-        history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in done.results)), strengths={},
-        strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, noise_of(best).tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
-    )  # fmt: skip
-    return best, stage
-
-
-def _descent(
-    problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say, begin: Array | None = None
-) -> Descent:
-    """A training from weights that are drawn, or from those of a trained model, which needs no first steps."""
-
-    def told(step: int, loss: float, held_out: float) -> None:
-        line = f"{model.name}, seed {seed}: step {step}, error {np.sqrt(2.0 * loss):.3f} of noise, held out "
-        say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
-
-    start = problem.unknowns(drawn(model, seed) if begin is None else begin)
-    return descend(
-        problem, lambda q: outside(problem.parameters(q)), start, problem.bounds,
-        warm_up=WARM_UP if begin is None else 0, steps=STEPS, patience=PATIENCE, say=told,
-    )  # fmt: skip
-
-
-def manoeuvres(model: HybridModel, recordings: Sequence[Recording]) -> list[tuple[str, Stretch]]:
-    """Unbroken runs as long as a window, each with its name."""
-    return [
-        (f"{recording.name}, rows {one.rows.start} to {one.rows.stop - 1}", one)
-        for recording in recordings
-        for one in stretches(model, recording)
-        if len(one) >= model.window
-    ]
-
-
-def split(
-    named: Sequence[tuple[str, Stretch]], model: HybridModel, seed: int
-) -> tuple[list[Stretch], list[Stretch], tuple[str, ...]]:
-    """What is trained on, what says when to stop, and the names of the latter."""
-    if not named:
-        raise BadInput(
-            f"No unbroken stretch of the recordings is as long as a window of {model.name}, {model.window} rows, with "
-            f"all of {', '.join(model.inputs)} there; set window and warm_up to smaller ones."
-        )
-    if len(named) == 1:
-        name, whole = named[0]
-        cut = int((1.0 - HELD_OUT) * len(whole))
-        if len(whole) - cut < model.window:
-            raise BadInput(
-                f"The only unbroken stretch has {len(whole)} rows; its last fifth, which says when to stop, is "
-                f"shorter than a window of {model.name}, {model.window} rows. Name more recordings."
-            )
-        return [_rows(whole, 0, cut)], [_rows(whole, cut, len(whole))], (f"{name}, the last fifth",)
-    count = max(int(round(HELD_OUT * len(named))), 1)
-    chosen = set(np.random.default_rng((seed, 613)).permutation(len(named))[:count].tolist())
-    train = [one for k, (_, one) in enumerate(named) if k not in chosen]
-    return train, [named[k][1] for k in sorted(chosen)], tuple(named[k][0] for k in sorted(chosen))
-
-
-def _rows(whole: Stretch, start: int, stop: int) -> Stretch:
-    first = whole.rows.start
-    return Stretch(
-        slice(first + start, first + stop), whole.sample_time,
-        whole.inputs[:, start:stop], whole.outputs[:, start:stop], whole.states[:, start:stop],
-    )  # fmt: skip
-
-
-def mirrored(model: HybridModel, one: Stretch) -> Stretch:
-    """The same drive with left and right swapped."""
-
-    def flips(names: Sequence[str]) -> Array:
-        return np.array([[-1.0 if name in SIGNALS and SIGNALS[name].mirrors else 1.0] for name in names])
-
-    inputs, states = flips(model.inputs), flips([state.name for state in model.states])
-    return replace(
-        one,
-        inputs=np.concatenate((inputs, inputs)) * one.inputs,
-        outputs=flips(model.outputs) * one.outputs,
-        states=states * one.states,
+@estimated.register(HybridModel)
+def _estimated(model: HybridModel, task: FitTask) -> Fit:
+    recordings, how, say, pretraining = task.recordings, task.how, task.say, task.pretraining
+    if how.solver == "ipopt":
+        raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; omit ‹solver›.")
+    if task.validate is not None:
+        stretches(model, task.validate)  # what is wrong with it is better said before the work than after
+    if isinstance(pretraining, TrainedBefore):
+        trained = update_hybrid(pretraining.model, recordings, how, say)
+    elif model.recurrent:
+        trained = fit_hybrid(model, recordings, how, say)
+    else:
+        trained = fit_network(model, recordings, how, say, pretraining)
+    return Fit(
+        model=trained.model,
+        sd={  # trainings from several seeds tell a spread
+            p.name: np.full(p.shape, np.nan) for p in trained.model.parameters
+        },
+        stages=(trained.stage,),
+        metrics={},
+        seed=task.how.seed,
+        data=(),
+        mode="early stopping",
+        how={
+            "stopped_by": list(trained.held_out),
+            "errors_over_windows": list(trained.errors),
+            **({} if pretraining is None else {"pretrained_from": pretraining.source or pretraining.model.name}),
+        },
     )
 
 
-def read_noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
-    """Standard deviation of each output's readings: as stated, else as they tell."""
-    found_noise = noise(found)
-    for k, name in enumerate(model.outputs):
-        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in found])
-        if name in how.noise:
-            found_noise[k] = how.noise[name]
-        elif len(read):  # of a signal without noise a thousandth, lest it outweigh all others
-            found_noise[k] = np.fmax(found_noise[k], 1e-3 * max(float(np.std(read)), 1e-12))
-    if not np.any(np.isfinite(found_noise)):
-        raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
-    return found_noise
+@refused.register(HybridModel)
+def _refused(model: HybridModel, option: str) -> str:
+    if option == "‹noise›":
+        return ""
+    return (
+        f"{option} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that are held "
+        "out. Omit it."
+    )

@@ -1,194 +1,165 @@
-"""The steps of fitting: a part alone on measured inputs, then everything in closed loop; each found and certified."""
+"""Fitting models with memory: the structure that cross-validation prefers, its parts one by one, then all together."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ..engine.series import runs
 from ..engine.shooting import Problem
 from ..engine.trace import Trace
 from ..errors import BadInput
+from ..fit import Fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
-from ..processes import apart, side_by_side
+from ..parameter import unpack
 from ..provenance import Stage
-from ..recording import Recording, join
+from ..recording import Recording
+from ..scores.timing import calibrated_seconds
 from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..solvers.ipopt import ipopt
-from .certificate import certified
-from .crossvalidation import choose_strengths
-from .how import How, Say, quiet
+from ..solvers.gauss_newton import Solution, Status
+from ..uncertainty import uncertainty
+from .aligning import alignment
+from .crossvalidation import choose_structure
+from .how import FOR_MOTION, refused
+from .restated import stated_again
+from .steps import fit_alone, fit_together
+from .verb import FitTask, estimated
 
-MOST_STEPS = 150
-TOLERANCE = 1e-5
-"""Of some thousand residuals this is a hundredth of a unit of the objective, of which half a unit is one standard
-deviation of a parameter: what a further step would change cannot be seen."""
-PATIENCE = 5
-"""Early stopping ends when this many steps in a row have not improved on the validation recording."""
-GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
-"""Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
-The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
-optima (MS-NN-long, share 0.15 against 0.35)."""
-WEAK = 0.3
-"""Strength of priors under early stopping: the stopping itself regularises."""
+NO_OPTIMUM = {
+    own.value for own in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)
+}
+"""How a training of weights may end that leaves no optimum to be uncertain about. One that crept or stopped early is as
+near as its error allows."""
 
 
-def fit_alone(
-    part: MemoryModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
-) -> tuple[Problem, Solution, Stage]:
-    """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
+@estimated.register(MemoryModel)
+def _estimated(model: MemoryModel, task: FitTask) -> Fit:
+    structures = [must_be(MemoryModel, one) for one in task.structures]
+    if task.validate is not None:
+        runs(Trace(model), task.validate)  # what is wrong with it is better said before the work than after
+    if len(structures) < 2:
+        return _in_steps(model, task)
     clock = time.process_time()
-    trace = Trace(part)
-    noise, near, laid = fit_briefly(trace, recordings)
-    checked = time.process_time()
-    tried: tuple[tuple[Mapping[str, float], float], ...] = ()
-    interrupted, elsewhere = False, 0.0
-    if how.strengths == "cross-validation":
-        choice = choose_strengths(trace, recordings, noise, part.values, say, how.jobs)
-        strengths, tried, interrupted = choice.strengths, choice.tried, choice.interrupted
-        elsewhere = choice.cpu_seconds
+    chosen, elsewhere = choose_structure(structures, task.recordings, task.say, task.how.jobs)
+    choosing = time.process_time() - clock + elsewhere
+    found = _in_steps(structures[chosen], task)
+    first, *others = found.stages
+    first = replace(first, cross_validation_seconds=first.cross_validation_seconds + choosing)
+    return replace(found, stages=(first, *others))
+
+
+def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
+    recordings, validate, how, say = task.recordings, task.validate, task.how, task.say
+    if how.strengths == "early stopping" and validate is None:
+        raise BadInput("Early stopping needs a validation recording; name one with ‹validation›.")
+    values = dict(zip((p.name for p in model.parameters), (p.array for p in model.parameters), strict=True))
+    stages: list[Stage] = []
+    sd: dict[str, Array] = {}
+    interrupted = False
+    seconds = calibrated_seconds(how.calibrate)
+    timing = None if seconds is None else alignment(model, recordings, say)
+    for part in model.parts or (model,):
+        seen = recordings if timing is None else timing.of(part)
+        try:
+            problem, solution, stage = fit_alone(_with(part, values), seen, validate, how, say, alone=not model.parts)
+        except KeyboardInterrupt:
+            if not stages:
+                raise  # there is nothing yet to keep
+            interrupted = True
+            break
+        values |= _by_name(problem, solution)
+        if any(p.name in model.step_2_holds for p in part.parameters):
+            sd |= _standard_deviations(problem, solution)
+        stages.append(stage)
+        interrupted = solution.status is Status.INTERRUPTED
+        if interrupted:
+            break
+    if model.parts:
+        noise = {name: sd for stage in stages for name, sd in stage.noise.items()}
+        strengths = {name: factor for stage in stages for name, factor in stage.strengths.items()}
+        whole = _with(model, values)
+        held = (replace(whole[name], fixed=True) for name in model.step_2_holds)
+        whole = whole.with_parameters(*held)
+        spread = np.array([noise.get(name, 1.0) for name in model.outputs])
+        seen = recordings if timing is None else timing.together(whole)
+        problem = Problem(Trace(whole), seen, closed_loop=True, noise=spread, strengths=strengths)
+        solution, stage = fit_together(problem, strengths, validate, how, say, interrupted)
+        stages.append(stage)
+        values |= _by_name(problem, solution)
+    fitted = _with(model, values)
+    if stages[-1].status in NO_OPTIMUM:
+        spread_of = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
     else:
-        factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
-        strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
-    checking = time.process_time() - checked
-    problem = laid.counted(noise=noise, strengths=strengths)
-    first = problem.start if how.strengths == "early stopping" else near
-    starts, away = _starts(problem, first, how), apart(how.starts, how.jobs)
-
-    def name(k: int) -> str:
-        return part.name if how.starts == 1 else f"{part.name}, start {k + 1} of {how.starts}"
-
-    def told(k: int, found: Solution) -> bool:
-        if away:
-            say(f"{name(k)}: {found.status.value} after {found.steps} steps")
-        return found.status is not Status.INTERRUPTED
-
-    done = side_by_side(
-        lambda k: _solve(problem, starts[k], validate, how, quiet if away else say, name(k)), how.starts, how.jobs, told
+        say(f"{model.name}: uncertainty of {fitted.size} parameters")
+        spread_of = _standard_deviations(problem, solution)
+        spread_of |= {name: sd[name] for name in model.step_2_holds if name in sd}
+    return Fit(
+        model=fitted,
+        sd=spread_of,
+        per_run=_per_run(problem, solution),
+        stages=tuple(stages),
+        metrics={},
+        seed=task.how.seed,
+        data=(),
+        mode=how.mode,
+        how={} if timing is None else {"timing": {"train": timing.as_list()}},
     )
-    solutions = done.results
-    best = min(solutions, key=lambda solution: solution.objective)
-    if done.interrupted:
-        best = replace(best, status=Status.INTERRUPTED)
-    certificate = None
-    if alone and _certifiable(how, best):
-        best, certificate = certified(problem, best, say)
-    stage = Stage(
-        model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
-        steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
-        strengths=strengths, strengths_from=how.mode + (", interrupted" if interrupted else ""), tried=tried,
-        noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock - checking + done.cpu_seconds,
-        cross_validation_seconds=checking + elsewhere, certificate=certificate,
-    )  # fmt: skip
-    return problem, best, stage
 
 
-def fit_together(
-    problem: Problem,
-    strengths: Mapping[str, float],
-    validate: Recording | None,
-    how: How,
-    say: Say,
-    interrupted: bool,
-) -> tuple[Solution, Stage]:
-    """Step 2: everything, on the model's own predictions; nothing moves if step 1 was interrupted."""
-    clock = time.process_time()
-    model = problem.trace.model
-    if interrupted:
-        say(f"{model.name}: interrupted; what was fitted so far is kept")
-        nodes = problem.simulated_nodes(problem.start)
-        objective = problem.objective(problem.start, nodes)
-        solution = Solution(problem.start, nodes, Status.INTERRUPTED, 0, objective, np.nan, (objective,))
-    else:
-        solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
-    certificate = None
-    if _certifiable(how, solution):
-        solution, certificate = certified(problem, solution, say)
-    return solution, Stage(
-        model=model.name, closed_loop=True, status=solution.status.value,
-        converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
-        starts=(solution.objective,), strengths=strengths, strengths_from=how.mode, tried=(),
-        noise=dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
-        cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=certificate,
-    )  # fmt: skip
+def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:
+    variances = uncertainty(problem, solution.x, solution.nodes).sd ** 2
+    found, start = {}, 0
+    for parameter in problem.trace.model.parameters:
+        own = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)
+        found[parameter.name] = np.sqrt(np.maximum(own, 0.0)).reshape(parameter.shape)
+        start += parameter.size
+    return found
 
 
-def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say: Say, name: str) -> Solution:
-    def report(step: int, objective: float, _: Array) -> bool:
-        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
-        return True
-
-    if how.solver == "ipopt":
-        say(f"{name}: Ipopt, {problem.layout.size} parameters")
-        return ipopt(problem, x)[0]
-    if how.strengths != "early stopping" or validate is None:
-        solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=report)
-        say(f"{name}: {solution.status.value} after {solution.steps} steps")
-        return solution
-    watch = _Watch(problem, x, validate, report)
-    solution = gauss_newton(problem, x, max_steps=MOST_STEPS, tolerance=TOLERANCE, on_step=watch)
-    say(f"{name}: stopped early, best on the validation recording at step {watch.best_step} of {solution.steps}")
-    nodes = problem.simulated_nodes(watch.best)
-    status = solution.status if solution.status is Status.INTERRUPTED else Status.EARLY
-    return replace(solution, x=watch.best, nodes=nodes, objective=problem.objective(watch.best, nodes), status=status)
+def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
+    found, start = {}, 0
+    for parameter in problem.trace.model.parameters:
+        if parameter.scope == "run":
+            runs = problem.layout.index[: problem.copies]  # a mirror image shares its run's
+            rows = [solution.x[index[start : start + parameter.size]] for index in runs]
+            found[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
+        start += parameter.size
+    return found
 
 
-class _Watch:
-    """Keeps the point, the start included, that is best on a validation recording; stops when none has been lately."""
-
-    def __init__(
-        self, problem: Problem, start: Array, validate: Recording, report: Callable[[int, float, Array], bool]
-    ) -> None:
-        self._problem, self._report = problem, report
-        self._validation = Problem(
-            problem.trace, [validate], closed_loop=problem.closed_loop, noise=problem.noise, strengths={}
-        )
-        self.best, self.best_step, self._least = start, 0, self._error(start)
-
-    def __call__(self, step: int, objective: float, x: Array) -> bool:
-        error = self._error(x)
-        if error < self._least:
-            self.best, self.best_step, self._least = x, step, error
-        return self._report(step, objective, x) and step - self.best_step < PATIENCE
-
-    def _error(self, x: Array) -> float:
-        shared = self._validation.unknowns(self._problem.shared(x))
-        return self._validation.misfit(shared, self._validation.simulated_nodes(shared))
+def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:
+    parameters = unpack(problem.trace.model.parameters, problem.shared(solution.x))
+    return {parameter.name: parameter.array for parameter in parameters}
 
 
-def _certifiable(how: How, found: Solution) -> bool:
-    """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
-    return how.solver == "auto" and how.strengths != "early stopping" and found.status is not Status.INTERRUPTED
+def _with(model: MemoryModel, values: Mapping[str, Array]) -> MemoryModel:
+    return model.with_parameters(*(p.with_value(values[p.name]) for p in model.parameters))
 
 
-def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array, Problem]:
-    """A short first fit: residual standard deviation of each output, where it ended, and its problem."""
-    model = trace.model
-    measured = join(recordings, "training data")
-    guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
-    problem = Problem(trace, recordings, noise=guess)
-    solution = gauss_newton(problem, problem.start, max_steps=SHORT, tolerance=1e-3)
-    if solution.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
-    if solution.status is Status.NOT_FINITE:
-        raise BadInput(
-            f"Model {model.name} gives no finite predictions of {measured.name} at its nominal parameters. "
-            "Check the recording's units, or start from other values."
-        )
-    pairs = zip(problem.runs, problem.simulated(solution.x, solution.nodes), strict=True)
-    errors = np.concatenate([seen - run.measured[run.predicted] for run, seen in pairs])
-    return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x, problem
+@refused.register(MemoryModel)
+def _refused(model: MemoryModel, option: str) -> str:
+    if option not in FOR_MOTION:
+        return ""
+    return f"{option} is for equations of motion; {model.name} is a model with memory. Omit it."
 
 
-def _starts(problem: Problem, first: Array, how: How) -> list[Array]:
-    """The first start, and others drawn about the nominal values."""
-    random = np.random.default_rng(how.seed)
-    start = problem.start
-    size = np.where(np.isfinite(start), np.abs(start), 0.0)  # an effect's null may be infinite
-    scale = size + np.sqrt(np.mean(size**2)) * 0.1
-    others = [start + SPREAD * scale * random.standard_normal(len(start)) for _ in range(how.starts - 1)]
-    return [first, *(np.where(problem.free, np.clip(x, *problem.bounds), start) for x in others)]
+@stated_again.register(MemoryModel)
+def _stated_again(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[Problem, Array]:
+    """That of the last step; what it held is held."""
+    last = fit.stages[-1]
+    if "timing" in fit.how:
+        raise BadInput(f"The fit of {model.name} was made of runs moved by their delays, and is not stated again.")
+    if model.parts:
+        model = model.with_parameters(*(replace(model[name], fixed=True) for name in model.step_2_holds))
+    noise = np.array([last.noise.get(name, 1.0) for name in model.outputs])
+    problem = Problem(Trace(model), recordings, closed_loop=last.closed_loop, noise=noise, strengths=last.strengths)
+    x, start = problem.unknowns(model.values), 0
+    for parameter in model.parameters:
+        for index, value in zip(problem.layout.index, fit.per_run.get(parameter.name, ()), strict=False):
+            x[index[start : start + parameter.size]] = np.ravel(value)
+        start += parameter.size
+    return problem, x

@@ -11,20 +11,25 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
 from ..engine.motion.schedule import longest_segment
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput
+from ..fit import Fit
+from ..model import Model
 from ..motion_model import MotionModel
 from ..processes import apart, side_by_side
 from ..provenance import Certificate, Stage
 from ..recording import Recording
 from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..uncertainty import uncertainty
 from .attempt import (
     MOST_STEPS,
     SHORT_STEPS,
@@ -37,8 +42,12 @@ from .attempt import (
     residual_noise,
     starting_points,
 )
+from .carrying import carries_over
 from .certificate import certified
-from .how import How, Say, quiet
+from .how import FOR_MOTION, How, Say, quiet, refused
+from .judging import carried
+from .restated import stated_again
+from .verb import FitTask, estimated
 
 CARRIED_ON, LOWER = 2, 1e-6
 """How often Gauss-Newton and Ipopt hand an optimum that is not confirmed to each other; share of the objective that
@@ -50,6 +59,43 @@ MORE_STARTS, CLEARLY = 2, 0.01
 not."""
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is a corner, not an optimum of the vehicle."""
+
+
+@estimated.register(MotionModel)
+def _estimated(model: MotionModel, task: FitTask) -> Fit:
+    recordings, validate, how, say = task.recordings, task.validate, task.how, task.say
+    if validate is not None:
+        motion_runs(model, validate)  # what is wrong with it is better said before the work than after
+    drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
+    problem, solution, stage = fit_motion(model, recordings, how, say)
+    fitted = model.with_values(problem.shared(solution.x))
+    result = Fit(
+        model=fitted,
+        sd={p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters},
+        per_run={
+            name: values
+            for name, values in _named_rows(fitted, problem.per_run(solution.x)).items()
+            if fitted[name].scope == "run"
+        },
+        stages=(stage,),
+        metrics={},
+        seed=task.how.seed,
+        data=(),
+        mode="given",
+        how={
+            "solver": how.solver,
+            "horizon": how.horizon,
+            "start_from": how.start_from,
+            "robust": how.robust,
+            "inputs": drives,
+            "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
+            "unfitted": {p.name: float(p.array) for p in model.parameters if p.shape == () and not p.fixed},
+        },
+    )
+    if stage.confirmed and np.isfinite(solution.objective):  # away from an optimum, its curvature says nothing
+        say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+        result = replace(result, **_uncertain(fitted, problem, solution))
+    return result
 
 
 def fit_motion(
@@ -316,3 +362,66 @@ def _asked(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution,
 
 def _seen(problem: MotionProblem) -> Array:
     return np.asarray(np.any(problem.weight > 0, axis=0))
+
+
+def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution) -> dict[str, Any]:
+    """Standard deviations, degrees of freedom and covariance of a fit, as its fields."""
+    told = uncertainty(problem, solution.x, solution.nodes)
+    first = problem.parameters.index[0]
+    mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
+    for index in problem.parameters.index:
+        mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
+    covariance = mean @ np.where(np.isfinite(told.covariance), told.covariance, 0.0) @ mean.T
+    shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
+    sd = np.where(shared, told.sd[first], np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    return {"sd": _named(fitted, sd), "dof": _named(fitted, told.dof[first]), "covariance": covariance}
+
+
+def _named(model: Model, vector: Array) -> dict[str, Array]:
+    return {name: rows[0] for name, rows in _named_rows(model, vector[None]).items()}
+
+
+def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
+    found, start = {}, 0
+    for parameter in model.parameters:
+        found[parameter.name] = rows[:, start : start + parameter.size].reshape(len(rows), *parameter.shape)
+        start += parameter.size
+    return found
+
+
+carried.register(MotionModel)(carries_over)
+
+
+@refused.register(MotionModel)
+def _refused(model: MotionModel, option: str) -> str:
+    if option in FOR_MOTION:
+        return ""
+    return (
+        f"{option} is for models with memory, whose weights have priors to be strengthened; {model.name} is made of "
+        "equations of motion. Omit it."
+    )
+
+
+@stated_again.register(MotionModel)
+def motion_problem(model: MotionModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, Array]:
+    """See `restated.stated_again`."""
+    how = fit.how
+    noise = how.get("counted", fit.stages[-1].noise)
+    simulator = Simulator(model)
+    simulator.kernel.prepare()
+    problem = MotionProblem(
+        simulator,
+        recordings,
+        noise=np.array([noise.get(name, 1.0) for name in model.outputs]),
+        horizon=how.get("horizon"),
+        starts=how.get("start_from", "free"),
+        robust=how.get("robust"),
+    )
+    x = problem.unknowns(model.values)
+    start = 0
+    for parameter in model.parameters:
+        if parameter.name in fit.per_run:
+            for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
+                x[index[start : start + parameter.size]] = np.ravel(value)
+        start += parameter.size
+    return problem, x

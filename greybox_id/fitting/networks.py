@@ -20,8 +20,8 @@ from ..recording import Recording
 from ..shorthands import Array
 from ..solvers.quasi_newton import Descent, descend
 from .how import How, Say
-from .hybrid import Trained, manoeuvres, split, trained_best
 from .pretraining import Pretraining, known_physics, pretrained
+from .training import Trained, manoeuvres, split, trained_best
 
 HORIZONS = (2, 11, 21)
 """Rows predicted from one start before the window that is wanted: one, ten and twenty steps, as published."""

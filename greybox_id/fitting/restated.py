@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
-import numpy as np
-
-from ..engine.motion.shooting import MotionProblem
-from ..engine.motion.simulator import Simulator
+from ..engine.least_squares import LeastSquares
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..motion_model import MotionModel
+from ..kinds import by_kind
+from ..model import Model
 from ..recording import Recording
+from ..shorthands import Array
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
 
 TOLERANCE = 1e-10
 
 
-def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, Solution]:
-    """The least-squares problem of a fit of a motion model, and its optimum.
+@by_kind
+def stated_again(model: Model, fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, Array]:
+    """The least-squares problem that a fit of this kind solved, and its unknowns at the fit's estimates."""
+    raise BadInput(f"{model.name} is {model.called}, whose fits solve no least-squares problem that is stated again.")
+
+
+def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, Solution]:
+    """The least-squares problem of a fit, and its optimum.
 
     Starts of predictions are not kept in a fit; they follow again from its parameters.
 
@@ -29,33 +35,14 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, 
 
     Raises
     ------
-    BadInput : it is a fit of another kind of model, or finds no optimum on these recordings.
+    BadInput : its kind of model solves no such problem, or it finds no optimum on these recordings.
     """
-    model = _motion(fit)
-    how = fit.how
-    noise = how.get("counted", fit.stages[-1].noise)
-    simulator = Simulator(model)
-    simulator.kernel.prepare()
-    problem = MotionProblem(
-        simulator,
-        recordings,
-        noise=np.array([noise.get(name, 1.0) for name in model.outputs]),
-        horizon=how.get("horizon"),
-        starts=how.get("start_from", "free"),
-        robust=how.get("robust"),
-    )
-    x = problem.unknowns(model.values)
-    start = 0
-    for parameter in model.parameters:
-        if parameter.name in fit.per_run:
-            for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
-                x[index[start : start + parameter.size]] = np.ravel(value)
-        start += parameter.size
+    problem, x = stated_again(fit.model, fit, recordings)
     solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="levenberg_marquardt")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if solution.status is Status.NOT_FINITE:
-        raise BadInput(f"{model.name} is not finite on {recordings[0].name} at the fit's estimates. Fit again.")
+        raise BadInput(f"{fit.model.name} is not finite on {recordings[0].name} at the fit's estimates. Fit again.")
     return problem, solution
 
 
@@ -66,8 +53,18 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
     ------
     BadInput : none is named, or one that has no profile.
     """
-    model = _motion(fit)
+    model = fit.model
+    if fit.mode == "early stopping":
+        raise BadInput(
+            f"The fit of {model.name} was stopped by what was held out: it is at no optimum that a profile could be "
+            "about. Trainings from several seeds tell how far its numbers scatter."
+        )
     free = [p.name for p in model.parameters if p.shape == () and not p.fixed and p.scope == "model"]
+    if not free:
+        raise BadInput(
+            f"The fit of {model.name} has no free number that is the same in all runs: arrays of weights mean little "
+            "one by one, and have no profiles. Fit equations of motion (greybox models)."
+        )
     if everything:
         return free
     if not names:
@@ -81,20 +78,7 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
     return list(dict.fromkeys(names))
 
 
-def place(problem: MotionProblem, name: str) -> int:
+def place(problem: LeastSquares, model: Model, name: str) -> int:
     """Where a parameter that is the same in all runs stands among the unknowns."""
-    start = 0
-    for parameter in problem.model.parameters:
-        if parameter.name == name:
-            return int(problem.parameters.index[0][start])
-        start += parameter.size
-    raise KeyError(name)
-
-
-def _motion(fit: Fit) -> MotionModel:
-    if isinstance(fit.model, MotionModel):
-        return fit.model
-    raise BadInput(
-        f"The fit is one of {fit.model.name}, a model with memory: its weights mean little one by one, and have no "
-        "profiles. Fit equations of motion (greybox models)."
-    )
+    before = itertools.takewhile(lambda parameter: parameter.name != name, model.parameters)
+    return int(problem.layout.index[0][sum(parameter.size for parameter in before)])

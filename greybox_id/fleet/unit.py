@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..api import given
 from ..api.fitting import planned
 from ..checks import Finding, check, distrusted
@@ -30,6 +29,7 @@ from ..recording import Recording
 from ..shorthands import Array
 from ..uncertainty.identifiability import left_open
 from ..vehicle import Vehicle
+from ..version import __version__
 from . import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
 
 MADE_BY = __version__

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..effect import Effect
+from ..engine.simulation import Diagnosed
 from ..memory_model import MemoryModel
 from ..parameter import Parameter
 from .calibration import CAL
-from .kinds import Diagnosed
 
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""

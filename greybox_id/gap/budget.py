@@ -14,12 +14,13 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from ..statistics import resampled
+from .blocks import blocks
 from .calibration import CAL
 from .closing import Misfit
 from .gap import Budget, Share
-from .kinds import AnyBench, blocks
 
 Set = frozenset[str]
 
@@ -34,7 +35,7 @@ def budget(
     names: tuple[str, ...],
     sd: Array,
     good: NDArray[np.bool_],
-    bench: AnyBench,
+    bench: FreeRuns,
     recordings: tuple[str, ...],
     held_out: bool,
 ) -> Budget:

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from ..checks import Severity, check
 from ..effect import Effect
+from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -29,7 +30,6 @@ from .calibration import CAL
 from .change_search import Change, changes
 from .gap import Budget, Closure, Gap, Ranked, Share, Where
 from .innovations import FollowedRun, Follower
-from .kinds import Diagnosed
 from .usual import SPECIFIED, USUAL, acts, driven_alike, numbers_of, usual
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Diagnosed
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -21,7 +22,6 @@ from .examining import Examined
 from .gap import Closure, Errors, Moved
 from .horizons import between, mean_squares
 from .hypothesis import Hypothesis
-from .kinds import Diagnosed
 from .preparing import excerpt, with_beliefs
 
 WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"

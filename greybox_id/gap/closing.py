@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
+from ..engine.simulation import Diagnosed, FreeRuns
 from ..errors import BadInput
 from ..recording import Recording
 from ..shorthands import Array
@@ -20,12 +21,12 @@ from ..signals import unit_of
 from ..statistics import resampled
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
+from .blocks import blocks
 from .calibration import CAL
 from .colour import sound, white_noise
 from .gap import Closure, Errors
 from .horizons import by_horizon, diverges
 from .hypothesis import Hypothesis, by_cost
-from .kinds import AnyBench, Diagnosed, blocks
 from .preparing import excerpt, prepare_plain
 from .refit import refit, settled
 from .search import Search
@@ -80,7 +81,7 @@ def closure(
     return replace(found, errors=by_horizon(before, stands, recordings, sd)) if horizons else found
 
 
-def plain(e: Array, good: NDArray[np.bool_], bench: AnyBench) -> NDArray[np.bool_]:
+def plain(e: Array, good: NDArray[np.bool_], bench: FreeRuns) -> NDArray[np.bool_]:
     """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
     return sound(e, good, bench.rows, CAL.far_reading)
 
@@ -92,7 +93,7 @@ def refitted_tolerances(
     effects: Mapping[str, Effect],
     stands: Diagnosed | None = None,
     sd: Array | None = None,
-) -> tuple[Misfit, AnyBench]:
+) -> tuple[Misfit, FreeRuns]:
     """Errors of a model whose tolerances are refitted to recordings.
 
     Parameters
@@ -132,7 +133,7 @@ def misfit(search: Search, found: Hypothesis) -> Misfit:
 
 
 def closed_by(
-    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: AnyBench, names: tuple[str, ...]
+    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns, names: tuple[str, ...]
 ) -> Closure:
     """The closure that two misfits are.
 
@@ -171,7 +172,7 @@ def left_open(found: Closure) -> Closure:
     )
 
 
-def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: AnyBench) -> tuple[Errors, ...]:
+def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
     found = []
     for c, channel in enumerate(bench.channels):

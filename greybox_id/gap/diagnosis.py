@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from ..checks import Severity, check
 from ..checks.finding import listed
 from ..effect import Effect
+from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..recording import Recording
 from ..vehicle import Vehicle
@@ -28,7 +29,6 @@ from .examining import TINY, Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
 from .hypothesis import Hypothesis
-from .kinds import Diagnosed
 from .regimes import where
 from .selection import refitted
 from .strip import strip

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..checks.finding import listed
 from ..effect import Effect
+from ..engine.simulation import Diagnosed, FreeRuns
 from ..errors import BadInput
 from ..recording import Recording
 from ..shorthands import Array
@@ -22,7 +23,6 @@ from .colour import Whitener, colour, sound, white_noise
 from .evidence import Evidence, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .hypothesis import Hypothesis
-from .kinds import AnyBench, Diagnosed
 from .model_error import Believed, ForceSizes, ModelError, estimated, linearised, model_error
 from .model_error import believed as believed_amplitudes
 from .observer import PULLED
@@ -68,7 +68,7 @@ class Examined:
     effects: Mapping[str, Effect]
     vehicle: Vehicle | None
     prepared: Prepared
-    bench: AnyBench
+    bench: FreeRuns
     selection: Selection
     evidence: Evidence
     best: Hypothesis
@@ -167,7 +167,7 @@ def examine(
 
 
 def _whitener(
-    bench: AnyBench, good: NDArray[np.bool_], prior: Believed, sd: Array
+    bench: FreeRuns, good: NDArray[np.bool_], prior: Believed, sd: Array
 ) -> Callable[[Search, Hypothesis | None], Whitener]:
     """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
@@ -185,7 +185,7 @@ def _whitener(
 
 
 def _unnamed(
-    bench: AnyBench, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
+    bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
 ) -> Unnamed | None:
     """What model error is left beside a hypothesis."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
@@ -252,7 +252,7 @@ def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
     return again[0] if again else own
 
 
-def _firmly(bench: AnyBench, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
+def _firmly(bench: FreeRuns, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
     """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
     name = PULLED.format("yaw_rate")
     off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
@@ -280,7 +280,7 @@ def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> A
 
 
 def _jitters(
-    bench: AnyBench, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], jumps: Array | None
+    bench: FreeRuns, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], jumps: Array | None
 ) -> bool:
     """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from math import isfinite, nan, sqrt
 from typing import Any
 
+from ..engine.simulation import Diagnosed
 from ..shorthands import Array
 from .calibration import CAL
-from .kinds import Diagnosed
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""

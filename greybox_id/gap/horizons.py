@@ -6,16 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Diagnosed, Prediction
 from ..memory_model import MemoryModel
 from ..recording import Recording
-from ..scores.metrics import ASTRAY, Prediction, predictions
+from ..scores.memory import predictions
+from ..scores.metrics import ASTRAY
 from ..shorthands import Array
 from ..signals import unit_of
 from .calibration import CAL
 from .gap import Errors
-from .kinds import Diagnosed
 
 Squares = dict[float | None, Array]
 """Horizon -> (outputs,) mean squares of errors."""
@@ -49,7 +50,7 @@ def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) ->
 
 def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
     """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
-    found: dict[float | None, list[Predictions | Prediction]] = {}
+    found: dict[float | None, list[Prediction]] = {}
     if isinstance(model, MemoryModel):
         if model.feedback is not None:
             found[model.sample_time] = [predictions(model, own, "honest") for own in recordings]
@@ -65,7 +66,7 @@ def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: S
     return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
 
 
-def _mean_squares(found: Sequence[Predictions | Prediction], outputs: int) -> Array:
+def _mean_squares(found: Sequence[Prediction], outputs: int) -> Array:
     """(outputs,) mean squares over all recordings, NaN where nothing was read, infinite where a prediction diverges."""
     total, count = np.zeros(outputs), np.zeros(outputs)
     for own in found:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .calibration import CAL
 from .hypothesis import Hypothesis
-from .kinds import AnyBench
 from .search import Search
 
 
@@ -37,7 +37,7 @@ def left_gain(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> t
     return gain, expected
 
 
-def _features(bench: AnyBench, seen: Mapping[str, Array]) -> Array:
+def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
     """(N, K) products of what is driven, each of unit size, at a few lags."""
     count = len(bench.measured)
     unit = {name: values / max(float(np.std(values)), 1e-9) for name, values in seen.items()}

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..effect import AnyModel, Effect
+from ..engine.simulation import Diagnosed, FreeRuns
 from ..errors import BadInput
 from ..memory_model import MemoryModel
 from ..model import Model
@@ -21,7 +22,6 @@ from ..vehicle import Stated, Vehicle
 from .axes import ZONE
 from .bench import Bench
 from .calibration import CAL
-from .kinds import AnyBench, Diagnosed
 from .memory_bench import MemoryBench
 from .observer import SEEN, observed, with_seen
 from .unknown_forces import with_unknown_forces
@@ -48,7 +48,7 @@ class Prepared:
     everything: Diagnosed
     effects: Mapping[str, Effect]
 
-    def bench(self, recordings: Sequence[Recording]) -> AnyBench:
+    def bench(self, recordings: Sequence[Recording]) -> FreeRuns:
         """What simulates everything over recordings."""
         if isinstance(self.everything, MemoryModel):
             return MemoryBench(self.everything, recordings)
@@ -151,7 +151,7 @@ def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float
 
 def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
     """Signals that may be an input of the model."""
-    return model.aliases.get(name, (name,)) if isinstance(model, MotionModel) else (name,)
+    return model.aliases.get(name, (name,))
 
 
 def _indifferent(

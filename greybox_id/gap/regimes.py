@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .calibration import CAL
 from .clock import running
 from .gap import Where
-from .kinds import AnyBench
 from .shortlist import Promise
 
 EQUATIONS = {
@@ -22,7 +22,7 @@ EQUATIONS = {
 """Group of effects -> the part of the equations they act on."""
 
 
-def signals(bench: AnyBench, y: Array) -> dict[str, Array]:
+def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     """What regimes are told by, per row: as simulated, for readings share their noise with residuals."""
     found = {}
     for c, channel in enumerate(bench.channels):
@@ -33,7 +33,7 @@ def signals(bench: AnyBench, y: Array) -> dict[str, Array]:
     return {name: _smooth(values, bench) for name, values in found.items()}
 
 
-def regimes(bench: AnyBench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
+def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
     """Which rows each regime holds."""
     count = len(bench.measured)
     nothing = np.zeros(count)
@@ -56,7 +56,7 @@ def regimes(bench: AnyBench, seen: Mapping[str, Array]) -> dict[str, NDArray[np.
 
 
 def where(
-    bench: AnyBench,
+    bench: FreeRuns,
     excess: Array,
     ratio: Array,
     seen: Mapping[str, Array],
@@ -102,7 +102,7 @@ def where(
     )
 
 
-def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
+def _stretch(bench: FreeRuns, excess: Array) -> dict[str, float]:
     """The shortest stretch of time that holds half of the gap."""
     held = np.concatenate(([0.0], np.cumsum(np.maximum(excess, 0.0))))
     if held[-1] <= 0:
@@ -119,7 +119,7 @@ def _stretch(bench: AnyBench, excess: Array) -> dict[str, float]:
     }
 
 
-def _smooth(values: Array, bench: AnyBench) -> Array:
+def _smooth(values: Array, bench: FreeRuns) -> Array:
     """A moving mean: regimes are not told by noise."""
     length, found = max(1, round(CAL.smooth / bench.sample_time)), []
     for rows in bench.rows:

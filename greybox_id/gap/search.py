@@ -14,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .axes import Axis
+from .blocks import blocks
 from .calibration import CAL
 from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
-from .kinds import AnyBench, blocks
 
 
 class Search:
@@ -40,7 +41,7 @@ class Search:
     simulations : how many were asked for; the bench remembers some.
     """
 
-    def __init__(self, bench: AnyBench, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0) -> None:
+    def __init__(self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0) -> None:
         self.bench = bench
         self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from ..statistics import robust_sd, white_noise_sd
 from ..vehicle import Vehicle
 from .calibration import CAL
-from .kinds import AnyBench
 
 
-def stated_noise(bench: AnyBench, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
+def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
     """Standard deviation of each channel's noise, (channels,), and whether all of them were stated.
 
     Parameters

@@ -6,15 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from ..statistics import welch
+from .blocks import blocks
 from .calibration import CAL
 from .clock import running
 from .gap import Strip
-from .kinds import AnyBench, blocks
 
 
-def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
+def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
     """The picture's data.
 
     Parameters
@@ -51,7 +52,7 @@ def strip(bench: AnyBench, before: Array, after: Array, sd: Array, seen: Mapping
     )
 
 
-def _path(bench: AnyBench, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+def _path(bench: FreeRuns, seen: Mapping[str, Array]) -> tuple[Array, Array]:
     if "v_x" not in seen or "yaw_rate" not in seen:
         return np.empty(0), np.empty(0)
     x, y = np.zeros(len(bench.measured)), np.zeros(len(bench.measured))

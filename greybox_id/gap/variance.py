@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .calibration import CAL
-from .kinds import AnyBench
 
 VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
 """Least and greatest logarithm of jitter's variance that is tried."""
@@ -44,7 +44,7 @@ class Scatter:
     left: float = 1.0
 
 
-def repeats(bench: AnyBench) -> NDArray[np.bool_]:
+def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
     """(N,) rows at which all sensors repeat the row before exactly."""
     found = np.zeros(len(bench.measured), dtype=bool)
     read = np.any(np.isfinite(bench.measured), axis=0)
@@ -67,13 +67,13 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
 
 
-def fresh(bench: AnyBench) -> NDArray[np.bool_]:
+def fresh(bench: FreeRuns) -> NDArray[np.bool_]:
     """(N, channels) readings that count, but for rows held stale, where these are no accident."""
     held = repeats(bench)
     return bench.counted & ~held[:, None] if dropped(held) is not None else bench.counted
 
 
-def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def steady(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
 
     Where commands are held, accelerations jump with them at every row: a reading that comes early by however little
@@ -97,7 +97,7 @@ def steady(bench: AnyBench, y: Array, sd: Array, good: NDArray[np.bool_]) -> tup
 
 
 def jitter(
-    bench: AnyBench, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jumps: Array | None = None
+    bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jumps: Array | None = None
 ) -> Scatter | None:
     """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
 

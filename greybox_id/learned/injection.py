@@ -23,6 +23,7 @@ from ..engine.kernel import Kernel
 from ..errors import BadInput
 from ..export.equations import Equations
 from ..json_data import checksum, plain
+from ..kinds import must_be
 from ..model import Model, Symbol
 from ..motion_model import MotionModel, Quantities
 from ..parameter import Parameter
@@ -93,8 +94,8 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     >>> model.effects, model.physics.effects
     (('learned_yaw',), ())
     """
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{model.name} is no model of motion: no network acts in it. Name single_track.")
+    no = f"{model.name} is no model of motion: no network acts in it. Name single_track."
+    model = must_be(MotionModel, model, no)
     if isinstance(model, InjectedModel):
         raise BadInput(f"In {model.name} a network acts already; inject into its model of motion (.physics).")
     found: Weight = ("spread" if len(net.members) > 1 else 1.0) if weight is None else weight

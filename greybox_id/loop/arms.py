@@ -14,6 +14,7 @@ from ..api.fitting import fit
 from ..errors import BadInput, near_or_all
 from ..gap.closed_vehicle import NORMAL, closed_vehicle, fitted_vehicle
 from ..gap.gap import Gap
+from ..kinds import must_be
 from ..learned.injection import injected
 from ..learned.training import train_actuator_net
 from ..models.effects import EFFECTS
@@ -87,7 +88,7 @@ def twin(arm: str, vehicle: Vehicle, recordings: Sequence[Recording], seed: int 
             fitted = fit(stated.model.name, given, vehicle=vehicle)
             values = {**vehicle.values, **fitted_vehicle(fitted, vehicle.name).values}
             known = replace(vehicle, name=f"{vehicle.name}, fitted", values=values, path=None)
-            return Twin(known, moving(fitted.model))
+            return Twin(known, must_be(MotionModel, fitted.model))
         case "actuator_net" | "abstract":
             variant = {"actuator_net": "paper"}.get(arm, arm)
             net = train_actuator_net(given, variant=variant, sample_time=PERIOD, seed=seed)
@@ -104,7 +105,7 @@ def oracle(vehicle: Vehicle, effects: Mapping[str, float]) -> Twin | None:
     """A vehicle with effects that it truly has; None where no model has one of them."""
     if any(name not in EFFECTS for name in effects):
         return None
-    return Twin(vehicle, moving(with_effects(motion_model_of(vehicle), dict(effects))), applied=dict(effects))
+    return Twin(vehicle, with_effects(motion_model_of(vehicle), dict(effects)), applied=dict(effects))
 
 
 def corrected(found: Twin, recordings: Sequence[Recording], seed: int) -> Twin:
@@ -159,9 +160,3 @@ def randomised(found: Twin) -> Draws:
         low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
         columns[name] = np.fmax(np.fmin(found.applied[name] + off, high), low)
     return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()
-
-
-def moving(model: object) -> MotionModel:
-    """A model that is known to be one of motion."""
-    assert isinstance(model, MotionModel)
-    return model

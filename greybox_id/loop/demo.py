@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..datasets.vehicle_file import write_vehicle
 from ..errors import BadInput, near_or_all
 from ..exam.make import write_recording
@@ -35,6 +34,7 @@ from ..recording import Recording
 from ..reports.html import page
 from ..shorthands import Array, Say
 from ..vehicle import Vehicle
+from ..version import __version__
 from .adapting import (
     TWIN_LANES,
     adapted,

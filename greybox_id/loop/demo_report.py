@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import __version__
 from ..numbers import percent, quantity
 from ..reports.document import Document, Drawing, Table, Text, titled
 from ..reports.figures.sheet import Sheet
 from ..reports.figures.style import BLUE, INK, ORANGE, PALE, PURPLE, look
+from ..version import __version__
 from .scene import effect_words
 
 if TYPE_CHECKING:

@@ -20,10 +20,10 @@ from importlib import resources
 from ipaddress import ip_address
 from typing import Any, TypeAlias
 
-from .. import __version__
 from ..errors import BadInput
 from ..files import held
 from ..json_data import finite
+from ..version import __version__
 from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, Declined, digest_of, is_signed
 from .store import Busy, Full, Missing, ServerStore
 from .workers import Workers

@@ -10,8 +10,9 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from ..effect import Effect
+from ..effect import AnyModel, Effect
 from ..errors import BadInput, near
+from ..kinds import must_be
 from ..model import Model
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -203,9 +204,7 @@ def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
 def motion_model_of(vehicle: Vehicle) -> MotionModel:
     """The model of a vehicle, one of motion. Raises `BadInput` where it has one of another kind."""
     model = model_of(vehicle)
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
-    return model
+    return must_be(MotionModel, model, f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
 
 
 def vehicle_parameters() -> tuple[str, ...]:
@@ -280,7 +279,7 @@ def _entry(name: str) -> ModelEntry:
     return MODELS[name]
 
 
-def with_effects(model: Model, effects: Magnitudes) -> Model:
+def with_effects(model: AnyModel, effects: Magnitudes) -> AnyModel:
     """The model with those effects added that it has not yet.
 
     Raises `BadInput` for an effect there is not, or a magnitude that cannot be used.

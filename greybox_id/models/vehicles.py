@@ -12,7 +12,6 @@ from math import hypot
 
 from ..effect import AnyModel, Effect
 from ..errors import BadInput
-from ..memory_model import MemoryModel
 from ..parameter import Parameter, Prior
 from ..vehicle import Stated, Vehicle
 from .longitudinal import WHEELS
@@ -36,9 +35,7 @@ def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
     new = (_parameter(model[name], own, vehicle) for name, own in stated.items() if name in model)
     usual = (_scaled(model[name], own) for name, own in scaled(vehicle).items() if name in model)
     changed = model.with_parameters(*usual, *new)
-    if isinstance(changed, MemoryModel):
-        return replace(changed, parts=tuple(with_vehicle(part, vehicle) for part in changed.parts))
-    return changed
+    return replace(changed, parts=tuple(with_vehicle(part, vehicle) for part in changed.parts))
 
 
 def scaled(vehicle: Vehicle) -> dict[str, Stated]:

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtri
 
-from .. import __version__
 from ..declared import must_be
 from ..errors import BadInput
 from ..files import replacing, write_atomically
@@ -27,6 +26,7 @@ from ..fit import Build, Fit, load
 from ..guard import protect
 from ..json_data import checksum, plain
 from ..shorthands import Array
+from ..version import __version__
 from .density import DrawnNumber, entry_names
 from .laplace import trusted
 

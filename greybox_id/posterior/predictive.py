@@ -6,7 +6,7 @@ the recordings left open: the band is the mean and a normal distribution of both
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -14,12 +14,12 @@ import pandas as pd
 
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Prediction
 from ..errors import BadInput
 from ..fit import Fit
 from ..model import Model
-from ..motion_model import MotionModel
 from ..recording import Recording
-from ..scores.metrics import Prediction
+from ..scores.motion import in_order
 from ..scores.prediction import as_table, must_suit
 from ..shorthands import Array
 from .posterior import Posterior, must_name
@@ -85,35 +85,30 @@ def predictive_band(
     ------
     BadInput : the posterior is of another fit or has no draws, or the recording lacks a signal.
     """
-    must_suit_sampling(fit)
+    model = must_suit_sampling(fit)
     posterior.must_be_of(fit)
     must_name(fit, posterior)
     if len(posterior) == 0:
         raise BadInput("The posterior has no draws yet: its run was interrupted. Call greybox sample again.")
-    assert isinstance(fit.model, MotionModel)
     if horizon is not None:
         must_suit(horizon, [recording])
-    simulator = Simulator(fit.model)
+    simulator = Simulator(model)
     simulator.kernel.prepare()
     total, squares, base = np.zeros(1), np.zeros(1), None
     for p in posterior.vectors(fit, posterior.chosen(draws, seed)):
         predictor = Predictor(simulator, recording, p)
-        found = predictor.free_run() if horizon is None else predictor.ahead(horizon)
-        order = np.lexsort((found.rows, found.run))
-        own = found.predicted[order]
+        found = in_order(predictor.free_run() if horizon is None else predictor.ahead(horizon))
         if base is None:
-            if len(found.rows) == 0:
-                raise BadInput("There is no row to predict from: at no row are all measured states read at once.")
-            base = Prediction(np.asarray(found.rows[order]), own, found.measured[order], np.asarray(found.run[order]))
-            total, squares = np.zeros(own.shape), np.zeros(own.shape)
-        off = own - base.predicted  # about the first one, lest digits cancel
+            base = found
+            total, squares = np.zeros(base.predicted.shape), np.zeros(base.predicted.shape)
+        off = found.predicted - base.predicted  # about the first one, lest digits cancel
         total, squares = total + off, squares + off**2
     assert base is not None
     mean = base.predicted + total / draws
     variance = np.maximum(squares / draws - (total / draws) ** 2, 0.0)
     noise = np.array([fit.stages[-1].noise.get(name, np.nan) if fit.stages else np.nan for name in fit.model.outputs])
     reach = NormalDist().inv_cdf(0.5 + level / 2) * np.sqrt(variance + np.nan_to_num(noise) ** 2)
-    whole = Prediction(base.rows, mean, base.measured, base.run)
+    whole = replace(base, predicted=mean)
     return PredictiveBand(whole, np.sqrt(variance), mean - reach, mean + reach, level, draws)
 
 

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from ..engine.motion.shooting import MotionProblem
 from ..errors import BadInput, near_or_all
 from ..fit import KIND, Fit
 from ..fitting.how import Say, quiet
 from ..fitting.restated import restated
+from ..kinds import must_be
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
@@ -69,15 +71,16 @@ class SampleOptions:
                 raise BadInput(f"‹{name}›: a whole number from {least} to {most} is needed, not {value!r:.40}.")
 
 
-def must_suit_sampling(fit: Fit) -> None:
-    """Raise `BadInput` for fits that have no posterior to draw from."""
-    if not isinstance(fit.model, MotionModel):
-        raise BadInput(
-            f"The fit is one of {fit.model.name}, whose numbers are a network's weights: they have no posterior "
-            "that is worth drawing from. Fit equations of motion (greybox models), or train from several seeds."
-        )
-    if all(parameter.fixed for parameter in fit.model.parameters):
+def must_suit_sampling(fit: Fit) -> MotionModel:
+    """The model of a fit. Raises `BadInput` for fits that have no posterior to draw from."""
+    no = (
+        f"The fit is one of {fit.model.name}, whose numbers are a network's weights: they have no posterior "
+        "that is worth drawing from. Fit equations of motion (greybox models), or train from several seeds."
+    )
+    model = must_be(MotionModel, fit.model, no)
+    if all(parameter.fixed for parameter in model.parameters):
         raise BadInput("Every parameter of the fit is fixed: there is nothing to draw. Fit again with free ones.")
+    return model
 
 
 def sample(
@@ -144,6 +147,7 @@ class _Run:
         self.how, self.before, self.say, self._keep = how, before, say, keep
         self._clock, self._last = time.process_time(), time.monotonic()
         problem, solution = restated(fit, recordings)
+        assert isinstance(problem, MotionProblem)
         self.density = PosteriorDensity(problem, solution)
         self._problem, self._solution = problem, solution
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())

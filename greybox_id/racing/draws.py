@@ -47,7 +47,6 @@ class Draws:
     def suited(self, model: MotionModel) -> MotionModel:
         """The model with the effects that are drawn. Raises `BadInput` for a parameter it does not have."""
         found = with_effects(model, self.effects)
-        assert isinstance(found, MotionModel)
         unknown = [name for name in self.names if name not in found or found[name].shape != ()]
         if unknown:
             told = near_or_all(unknown[0], [own.name for own in found.parameters if own.shape == ()])

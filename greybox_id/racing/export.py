@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..errors import BadInput, near_or_all
 from ..export.c.build import cmake, commands
 from ..export.c.functions import INLINE
@@ -23,6 +22,7 @@ from ..export.folder import write_folder
 from ..export.quoting import c_comment
 from ..export.subject import named_in_c
 from ..shorthands import Array
+from ..version import __version__
 from .policy import Layer, Policy
 from .world import LARGEST, SEEN
 

@@ -10,6 +10,8 @@ from ..choices.parameters import magnitudes
 from ..choices.wanted import Wanted
 from ..datasets.vehicle_file import vehicle as vehicle_named
 from ..errors import BadInput, near_or_all
+from ..kinds import must_be
+from ..model import Model
 from ..motion_model import MotionModel
 from ..vehicle import Vehicle
 from .draws import Randomisation, draws
@@ -19,6 +21,12 @@ from .world import Rules, World, limits_of
 
 STEER_MAX = 0.4
 """Largest road-wheel angle, rad, of vehicles whose file states none: that of 1:10 cars; road cars have more."""
+
+
+def drivable(model: Model) -> MotionModel:
+    """The model, where it is one of motion. Raises `BadInput` for others."""
+    no = f"{model.name} is no model of motion: it cannot be driven. Name single_track."
+    return must_be(MotionModel, model, no)
 
 
 def world(
@@ -58,11 +66,10 @@ def world(
     own = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
     asked = (effects,) if isinstance(effects, str) else tuple(effects)
     found = model if not isinstance(model, str) else Wanted(model, own, effects=magnitudes(asked)).model()
-    if not isinstance(found, MotionModel):
-        raise BadInput(f"{found.name} is no model of motion: it cannot be driven. Name single_track.")
+    moving = drivable(found)
     how = Rules(**rules)
     line = None
     if track is not None:
-        line = read_track(track, limits_of(stage(found, how.period), found)[0], half_width)
+        line = read_track(track, limits_of(stage(moving, how.period), moving)[0], half_width)
     steer_max = like.steer_max if like is not None else own.steer_max or STEER_MAX
-    return World(found, lanes, how, line=line, draws=draws(randomise), sd=own.noise, steer_max=steer_max, like=like)
+    return World(moving, lanes, how, line=line, draws=draws(randomise), sd=own.noise, steer_max=steer_max, like=like)

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from ..engine.simulation import Prediction
 from ..fit import Fit
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
-from ..model import Model
-from ..motion_model import MotionModel
 from ..numbers import counted, listed, number, percent, pretty_unit, signal_words
 from ..numbers import interval as interval_of
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, Prediction
-from ..shorthands import Array
+from ..scores.metrics import FREE_RUN
+from ..shorthands import Array, Index
 from ..signals import SIGNALS, unit_of
 from ..statistics import correlation_time, resampled
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
-from .driven import driven
 from .figures.sheet import sheet_of
 from .figures.style import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look
-from .hybrid import seen as hybrid_seen
-from .memory import seen
-from .recordings import Seen
+from .sections import seen
 
 DRAWS = 2000
 """Of blocks, with replacement, for each interval."""
@@ -118,7 +112,7 @@ def _together(
     output: str,
     one: tuple[Recording, tuple[str, ...], Prediction],
     other: tuple[Recording, tuple[str, ...], Prediction],
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Index]:
     """Errors of both at the rows that both predict, and the rows' runs."""
     errors = []
     for _, outputs, found in (one, other):
@@ -133,10 +127,6 @@ def _together(
 COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
 
 OWN_PREDICTIONS = "closed_loop"
-PREDICTIONS: Mapping[type[Model], Callable[[Fit, Sequence[Recording]], Sequence[Seen]]] = {
-    MotionModel: driven, MemoryModel: seen, HybridModel: hybrid_seen,
-}  # fmt: skip
-"""Kind of model -> what predicts the recordings that a fit saw."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +181,7 @@ def common_role(fits: Sequence[NamedFit]) -> str | None:
 
 
 def _judged(own: NamedFit, role: str) -> Judged:
-    every = next(made for kind, made in PREDICTIONS.items() if isinstance(own.fit.model, kind))(own.fit, own.recordings)
+    every = seen(own.fit.model, own.fit, own.recordings)
     found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
     for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
         for protocol, prediction in one.predicted.items():

@@ -7,14 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..engine.motion.prediction import Predictions, Predictor
+from ..engine.motion.prediction import Predictor
 from ..engine.motion.runs import MotionRun, recorded_outputs
 from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Prediction
 from ..fit import Fit
 from ..motion_model import MotionModel
 from ..provenance import DataRecord
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, HORIZONS, Error, Prediction, ahead, hold, prediction_errors
+from ..scores.metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
+from ..scores.motion import hold
 from ..shorthands import Array
 from .recordings import Seen, matched, of_role
 
@@ -42,25 +44,20 @@ class Driven(Seen):
     quantities: Mapping[str, Array]
 
 
-def motion_model(fit: Fit) -> MotionModel:
-    """The model of a fit of this kind."""
-    assert isinstance(fit.model, MotionModel)
-    return fit.model
-
-
-def driven(fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS) -> tuple[Driven, ...]:
+def driven(
+    model: MotionModel, fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS
+) -> tuple[Driven, ...]:
     """The recordings of a fit, in its order, with predictions.
 
     Parameters
     ----------
-    fit, recordings : the fit and what it saw.
+    model, fit, recordings : the fit, its model and what it saw.
     horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
 
     Raises
     ------
     BadInput : one that the fit saw is missing, or is another file.
     """
-    model = motion_model(fit)
     shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
     simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
     return tuple(
@@ -96,7 +93,7 @@ def _driven(
 ) -> Driven:
     predictor = Predictor(simulator, recording, model.values)
     found = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
-    every: dict[str, tuple[Predictions, float | None]] = {n: p for n, p in found.items() if len(p[0].rows)}
+    every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in found.items() if len(p[0].rows)}
     every[FREE_RUN] = (predictor.free_run(), None)
     rows = {ahead(h): (_rows_of(*next(iter(found.values())), h, predictor.runs), h) for h in HORIZONS}
     kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
@@ -117,7 +114,7 @@ def _driven(
     )
 
 
-def _rows_of(found: Predictions, near: float, horizon: float, runs: Sequence[MotionRun]) -> Predictions:
+def _rows_of(found: Prediction, near: float, horizon: float, runs: Sequence[MotionRun]) -> Prediction:
     """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
     rows, number, measured = [], [], []
     for k, run in enumerate(runs):
@@ -128,18 +125,13 @@ def _rows_of(found: Predictions, near: float, horizon: float, runs: Sequence[Mot
         number.append(np.full(len(own), k))
         measured.append(run.measured[own])
     read = np.vstack(measured)
-    return Predictions(np.concatenate(rows), np.concatenate(number), np.full(read.shape, np.nan), read)
+    return Prediction(np.concatenate(rows), np.full(read.shape, np.nan), read, np.concatenate(number))
 
 
-def _of(found: Predictions, columns: Sequence[int]) -> Prediction:
+def _of(found: Prediction, columns: Sequence[int]) -> Prediction:
     """Some outputs of predictions, in the order of the recording's rows."""
-    order = np.argsort(found.rows, kind="stable")
-    return Prediction(
-        rows=np.asarray(found.rows[order]),
-        predicted=np.where(np.isinf(found.predicted[order]), np.nan, found.predicted[order])[:, columns],
-        measured=found.measured[order][:, columns],
-        run=np.asarray(found.run[order]),
-    )
+    own = found.taken(np.argsort(found.rows, kind="stable")).of(columns)
+    return replace(own, predicted=np.where(np.isinf(own.predicted), np.nan, own.predicted))
 
 
 def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:

@@ -1,4 +1,4 @@
-"""The report of a map with memory, part by part."""
+"""What the report of a model with memory says."""
 
 from __future__ import annotations
 
@@ -10,33 +10,29 @@ import numpy as np
 from ..fit import Fit
 from ..memory_model import MemoryModel
 from ..numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
+from ..posterior.posterior import Posterior
 from ..provenance import Stage
 from ..recording import Recording
-from ..scores.metrics import PROTOCOLS, Protocol, predictions
+from ..scores.memory import predictions, protocols
 from ..signals import unit_of
 from .content import (
     OBJECTIVE,
     ROLE_WORDS,
-    can_be_used,
     circumstances,
     ended,
     indistinguishable,
     ipopt_words,
     made_with,
-    noise_words,
-    recorded,
     scalars,
     stages,
     written_down,
 )
-from .data import data_parts, limits
-from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
-from .equations.tracing import memory_equations
+from .document import Drawing, Table, Text, titled
+from .equations.memory import memory_equations
 from .figures.characteristics import MOST_PANELS, impulse_responses, steering
 from .figures.predictions import errors
-from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
-from .noise import noise
 from .recordings import Seen, matched, of_role
+from .sections import Sections, sections, seen
 
 LEADS = ("How good", "Against what", "How chosen")
 EARLY = "early stopping"
@@ -78,51 +74,34 @@ class Yardstick:
     held_fvu: float
 
 
-def memory_report(fit: Fit, recordings: Sequence[Recording]) -> Document:
-    """The report of a fit. Raises `BadInput` where a recording that it saw is missing or is another file."""
-    model, drives = memory_model(fit), seen(fit, recordings)
-    heard = noise([one.recording for one in drives])
+@sections.register(MemoryModel)
+def _sections(
+    model: MemoryModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
+) -> Sections:
+    drives = memory_seen(model, fit, recordings)
     measures = yardsticks(fit, drives)
-    signals = tuple(dict.fromkeys((*model.inputs, *model.outputs)))
     protocols = (Text(PROTOCOL_MEANING[p], lead=f"{capital(PROTOCOL_WORDS[p])}:") for p in fit.metrics["train"])
     parameters = scalars(fit)
-    parts: tuple[Part, ...] = (
-        VerdictBox((*can_be_used(fit), *zip(LEADS, verdict(fit, drives, measures), strict=True))),
-        *titled("Provenance", recorded(fit), Pairs(_provenance(fit))),
-        *titled("Errors", _errors(fit, measures), Text(ERRORS), _boxes(fit, drives), *protocols),
-        *titled("Measured and predicted", *trace_drawings(drives)),
-        *titled(
-            "Residual analysis", *residual_drawings(drives, model.inputs), *spectrum_drawings(drives, heard),
-            Text(noise_words(model.outputs, heard)),
+    return Sections(
+        runs=drives,
+        verdict=tuple(zip(LEADS, verdict(model, fit, drives, measures), strict=True)),
+        provenance=_provenance(model, fit),
+        judged=titled("Errors", _errors(fit, measures), Text(ERRORS), _boxes(fit, drives), *protocols),
+        learned=(
+            *titled("What the model has learned", *_learned(model, fit, drives)),
+            *titled("Parameters", parameters, Text(INTERVALS if parameters.rows else ""), _arrays(fit)),
+            *indistinguishable(raised(sentence) for sentence in model.together),
+            *titled("Equations of the model", *written_down(memory_equations(model), EQUATIONS)),
         ),
-        *titled("What the model has learned", *_learned(fit, drives)),
-        *titled("Parameters", parameters, Text(INTERVALS if parameters.rows else ""), _arrays(fit)),
-        *indistinguishable(raised(sentence) for sentence in model.together),
-        *titled("Equations of the model", *written_down(memory_equations(model), EQUATIONS)),
-        *data_parts(drives, signals),
-        *limits(drives, signals),
-        *titled("How it was fitted", stages(fit, _stage_name), Text(OBJECTIVE + _strengths(fit))),
-    )  # fmt: skip
-    return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
+        fitted=titled("How it was fitted", stages(fit, _stage_name), Text(OBJECTIVE + _strengths(fit))),
+    )
 
 
-def memory_model(fit: Fit) -> MemoryModel:
-    """The model of a fit of this kind."""
-    assert isinstance(fit.model, MemoryModel)
-    return fit.model
-
-
-def seen(fit: Fit, recordings: Sequence[Recording]) -> tuple[Seen, ...]:
-    """The recordings of a fit, in its order, with predictions.
-
-    Raises
-    ------
-    BadInput : one that the fit saw is missing, or is another file.
-    """
-    model = memory_model(fit)
-    protocols = PROTOCOLS if model.feedback is not None else PROTOCOLS[:2]
+@seen.register(MemoryModel)
+def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
+    """Under every protocol that the model has."""
     return tuple(
-        Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p) for p in protocols})
+        Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p) for p in protocols(model)})
         for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
     )
 
@@ -144,23 +123,21 @@ def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yard
     return found
 
 
-def verdict(fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]) -> tuple[str, ...]:
+def verdict(
+    model: MemoryModel, fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]
+) -> tuple[str, ...]:
     """Three sentences that hold for any numbers: how good, against what, how chosen."""
     role = "validate" if "validate" in fit.metrics else "train"
-    return _how_good(fit, recordings, role), _against_what(fit, role, measures[role]), _how_chosen(fit)
+    main = "closed_loop" if model.feedback is not None else "honest"  # its own predictions where it has a loop
+    return _how_good(fit, recordings, role, main), _against_what(fit, role, measures[role], main), _how_chosen(fit)
 
 
-def _main_protocol(fit: Fit) -> Protocol:
-    """The protocol a fit is judged by: on its own predictions where the model has a loop."""
-    return "closed_loop" if memory_model(fit).feedback is not None else "honest"
-
-
-def _how_good(fit: Fit, recordings: Sequence[Seen], role: str) -> str:
+def _how_good(fit: Fit, recordings: Sequence[Seen], role: str, main: str) -> str:
     where = circumstances(fit, recordings, role, chose="when to stop" if fit.mode == EARLY else "")
-    how = "running on its own predictions" if _main_protocol(fit) == "closed_loop" else "one sample ahead"
+    how = "running on its own predictions" if main == "closed_loop" else "one sample ahead"
     each = [
         f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} ({_unexplained(e)})"
-        for name, e in fit.metrics[role][_main_protocol(fit)].items()
+        for name, e in fit.metrics[role][main].items()
     ]
     return f"{where}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
 
@@ -174,7 +151,7 @@ def _unexplained(error: Mapping[str, float]) -> str:
     return f"{percent(fvu)} of the variance unexplained"
 
 
-def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str:
+def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: str) -> str:
     held = [
         f"{_factor(fit.metrics[role]['honest'][name]['rmse'], measure.held)} in {signal_words(name)}"
         for name, measure in measures.items()
@@ -185,11 +162,10 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick]) -> str
     )
     if role == "train":
         return f"{text}; how the error grows on a recording it has not seen is not known."
-    protocol = _main_protocol(fit)
-    own = "on its own predictions" if protocol == "closed_loop" else "one sample ahead"
+    own = "on its own predictions" if main == "closed_loop" else "one sample ahead"
     grown = [
-        f"{_factor(error['rmse'], fit.metrics['train'][protocol][name]['rmse'])} in {signal_words(name)}"
-        for name, error in fit.metrics[role][protocol].items()
+        f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
+        for name, error in fit.metrics[role][main].items()
     ]
     return f"{text}; {own}, the ratio of its error to that on the training data is {listed(grown)}."
 
@@ -208,12 +184,12 @@ def _how_chosen(fit: Fit) -> str:
     return f"The strength of regularisation was {strength}; {ended(last)}, and {ipopt_words(last)}."
 
 
-def _provenance(fit: Fit) -> tuple[tuple[str, str], ...]:
+def _provenance(model: MemoryModel, fit: Fit) -> tuple[tuple[str, str], ...]:
     return made_with(
         fit,
         ("strength of regularisation", "given" if fit.mode == "given" else f"by {fit.mode}"),
-        ("sample time", f"{memory_model(fit).sample_time * 1e3:.4g} ms"),
-        ("size", counted(fit.model.size, "parameter")),
+        ("sample time", f"{model.sample_time * 1e3:.4g} ms"),
+        ("size", counted(model.size, "parameter")),
     )
 
 
@@ -245,10 +221,10 @@ def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
     )
 
 
-def _learned(fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
+def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
     """The pictures that have a meaning for this model."""
     found = []
-    if (curve := steering(fit, drives)) is not None:
+    if (curve := steering(model, drives)) is not None:
         found.append(
             Drawing(
                 "steering",
@@ -260,7 +236,7 @@ def _learned(fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
                 "Curvature over steering angle at three speeds, over the density of measurements.",
             )
         )
-    if (weights := impulse_responses(fit)) is not None:
+    if (weights := impulse_responses(model, fit)) is not None:
         found.append(
             Drawing(
                 "impulse_responses",

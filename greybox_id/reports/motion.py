@@ -1,4 +1,4 @@
-"""The report of equations of motion, part by part."""
+"""What the report of equations of motion says."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..fit import SURPRISING, Fit
+from ..motion_model import MotionModel
 from ..numbers import (
     capital,
     counted,
@@ -34,31 +35,26 @@ from ..uncertainty.identifiability import absent, left_open, told_together
 from .content import (
     OBJECTIVE,
     ROLE_WORDS,
-    can_be_used,
     circumstances,
     ended,
     indistinguishable,
     ipopt_words,
     made_with,
-    noise_words,
-    recorded,
     scalars,
     stages,
     starts_table,
     written_down,
 )
-from .data import data_parts, limits
-from .document import Document, Drawing, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
-from .driven import Driven, Errors, driven, held_errors, motion_model
-from .equations.tracing import motion_equations
+from .document import Drawing, Part, Points, Table, Text, Together, titled
+from .driven import Driven, Errors, driven, held_errors
+from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
 from .figures.predictions import horizons
 from .figures.style import NEAR
-from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
-from .noise import noise
 from .posterior import posterior_parts
-from .recordings import shown_first
+from .recordings import Seen, shown_first
+from .sections import Sections, sections, seen
 
 LEADS = ("How good", "Against what", "How sure")
 DRAWN = (HORIZONS[0], NEAR)
@@ -82,45 +78,36 @@ EQUATIONS = (
 )
 
 
-def motion_report(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
-    """The report of a fit, with draws of its posterior.
-
-    Raises
-    ------
-    BadInput : a recording that it saw is missing or is another file, or the posterior is of another fit.
-    """
+@sections.register(MotionModel)
+def _sections(
+    model: MotionModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
+) -> Sections:
     if posterior is not None:
         posterior.must_be_of(fit)
-    drives = driven(fit, recordings, DRAWN)
+    drives = driven(model, fit, recordings, DRAWN)
     held, last = held_errors(drives), fit.stages[-1]
-    heard = noise([one.recording for one in drives])
-    outputs = [name for name in fit.model.outputs if any(name in one.outputs for one in drives)]
-    signals = tuple(dict.fromkeys(name for one in drives for name in (*_recorded_inputs(fit, one), *fit.model.outputs)))
-    inputs = _recorded_inputs(fit, shown_first(drives))
-    parts = (
-        VerdictBox((*can_be_used(fit), *zip(LEADS, verdict(fit, drives, held), strict=True))),
-        *titled("Provenance", recorded(fit), Pairs(_provenance(fit))),
-        *_parameters(fit),
-        *(() if posterior is None else posterior_parts(fit, posterior, drives)),
-        *titled("Errors by horizon", _over_horizons(fit, drives, held), _errors(fit, held), Text(ERRORS)),
-        *titled(
-            "Measured and predicted",
-            *trace_drawings(drives, "; the free run began with the run, not with the stretch"),
+    return Sections(
+        runs=drives,
+        verdict=tuple(zip(LEADS, verdict(fit, drives, held), strict=True)),
+        provenance=_provenance(fit),
+        judged=(
+            *_parameters(fit),
+            *(() if posterior is None else posterior_parts(fit, posterior, drives)),
+            *titled("Errors by horizon", _over_horizons(fit, drives, held), _errors(fit, held), Text(ERRORS)),
         ),
-        *titled(
-            "Residual analysis", *residual_drawings(drives, inputs), *spectrum_drawings(drives, heard),
-            Text(noise_words(outputs, heard)),
-        ),
-        *titled("What the model has learned", *_learned(fit, drives)),
-        *_equations(fit),
-        *data_parts(drives, signals),
-        *limits(drives, signals),
-        *titled(
+        learned=(*titled("What the model has learned", *_learned(model, fit, drives)), *_equations(model)),
+        fitted=titled(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
             *_convergence(last), starts_table(fit, last), *_starts(fit, last),
         ),
+        beside="; the free run began with the run, not with the stretch",
     )  # fmt: skip
-    return Document(fit.model.name, fit.model.about, "a fit", f"greybox-id {fit.version}", parts)
+
+
+@seen.register(MotionModel)
+def _seen(model: MotionModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
+    """Over every horizon too."""
+    return driven(model, fit, recordings)
 
 
 def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) -> tuple[str, ...]:
@@ -352,16 +339,9 @@ def _rmse(error: Mapping[str, Any]) -> str:
     return short_with_sd(error["rmse"], error["rmse_sd"])
 
 
-def _recorded_inputs(fit: Fit, one: Driven) -> list[str]:
-    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
-    model = motion_model(fit)
-    names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
-    return [next((own for own in each if own in one.recording), each[0]) for each in names]
-
-
-def _learned(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
+def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
     """The pictures that have a meaning for this model."""
-    curves = tyres(fit, recordings)
+    curves = tyres(model, fit, recordings)
     if curves is not None:
         yield Drawing(
             "tyres",
@@ -371,7 +351,7 @@ def _learned(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
             "slip angles driven, as the model has them a tenth of a second after each reading, in all recordings.",
             "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
         )
-    diagram = handling(fit, recordings)
+    diagram = handling(model, recordings)
     if diagram is not None:
         yield Drawing(
             "handling",
@@ -383,11 +363,10 @@ def _learned(fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
         )
 
 
-def _equations(fit: Fit) -> tuple[Part, ...]:
-    effects = tuple(f"{name}: {fit.model[name].about}." for name in fit.model.effects)
+def _equations(model: MotionModel) -> tuple[Part, ...]:
+    effects = tuple(f"{name}: {model[name].about}." for name in model.effects)
     added = (Text("to these equations:", lead="Effects added"), Points(effects)) if effects else ()
-    found = motion_equations(motion_model(fit))
-    return titled("Equations of the model", *written_down(found, EQUATIONS, *added))
+    return titled("Equations of the model", *written_down(motion_equations(model), EQUATIONS, *added))
 
 
 def _convergence(stage: Stage) -> Iterator[Drawing]:

@@ -8,11 +8,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..engine.simulation import Prediction
 from ..errors import BadInput
 from ..fit import Fit
 from ..provenance import DataRecord
 from ..recording import Recording
-from ..scores.metrics import FREE_RUN, Prediction
+from ..scores.metrics import FREE_RUN
 from ..shorthands import Array
 
 SECONDS = 15.0

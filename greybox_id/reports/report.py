@@ -7,23 +7,22 @@ from pathlib import Path
 
 from ..errors import BadInput
 from ..fit import Fit
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
-from ..motion_model import MotionModel
+from ..model import Model
 from ..posterior.posterior import Posterior
 from ..posterior.verb import must_suit_sampling
 from ..recording import Recording
-from .document import Document
+from .content import can_be_used, noise_words, recorded
+from .data import data_parts, limits
+from .document import Document, Pairs, Text, VerdictBox, titled
+from .figures_of import residual_drawings, spectrum_drawings, trace_drawings
 from .html import write_html
-from .hybrid import hybrid_report
-from .memory import memory_report
-from .motion import motion_report
+from .noise import noise
 from .pdf import write_pdf
+from .recordings import Seen, shown_first
+from .sections import sections
 
 FORMATS = {"pdf": write_pdf, "html": write_html}
 """Kind of file -> what writes it."""
-KINDS = {MotionModel: motion_report, MemoryModel: memory_report, HybridModel: hybrid_report}
-"""Kind of model -> what makes its report."""
 
 
 def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
@@ -56,11 +55,32 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
         )
     if posterior is not None:
         must_suit_sampling(fit)
-        return motion_report(fit, recordings, posterior)
-    for kind, made in KINDS.items():
-        if isinstance(fit.model, kind):
-            return made(fit, recordings)
-    raise BadInput(f"There is no report of {fit.model.name}.")
+    model, own = fit.model, sections(fit.model, fit, recordings, posterior)
+    runs, heard = own.runs, noise([one.recording for one in own.runs])
+    signals = tuple(dict.fromkeys(name for one in runs for name in (*_recorded_inputs(model, one), *model.outputs)))
+    inputs = _recorded_inputs(model, shown_first(runs))
+    outputs = [name for name in model.outputs if any(name in one.outputs for one in runs)]
+    parts = (
+        VerdictBox((*can_be_used(fit), *own.verdict)),
+        *titled("Provenance", recorded(fit), Pairs(own.provenance)),
+        *own.judged,
+        *titled("Measured and predicted", *trace_drawings(runs, own.beside)),
+        *titled(
+            "Residual analysis", *residual_drawings(runs, inputs), *spectrum_drawings(runs, heard),
+            Text(noise_words(outputs, heard)),
+        ),
+        *own.learned,
+        *data_parts(runs, signals),
+        *limits(runs, signals),
+        *own.fitted,
+    )  # fmt: skip
+    return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
+
+
+def _recorded_inputs(model: Model, one: Seen) -> list[str]:
+    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
+    names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
+    return [next((own for own in each if own in one.recording), each[0]) for each in names]
 
 
 def kind_of(out: str | Path, kind: str | None = None) -> str:

@@ -12,6 +12,7 @@ from ..engine.hybrid.cell import free_run
 from ..errors import BadInput
 from ..fit import Fit
 from ..hybrid_model import HybridModel
+from ..kinds import must_be
 from ..recording import Recording
 from ..shorthands import Array
 
@@ -64,14 +65,10 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
     BadInput : a fit is of another kind of model, or the recording lacks an input.
     """
     members = [fits] if isinstance(fits, Fit) else list(fits)
-    models = [fit.model for fit in members if isinstance(fit.model, HybridModel)]
-    if not members or len(models) < len(members):
-        others = ", ".join(fit.model.name for fit in members if not isinstance(fit.model, HybridModel))
-        raise BadInput(
-            f"{others} is no hybrid model; fit hybrid_stiffness or hybrid_force."
-            if others
-            else "There is no fit to apply."
-        )
+    none = "{} is no hybrid model; fit hybrid_stiffness or hybrid_force."
+    models = [must_be(HybridModel, fit.model, none.format(fit.model.name)) for fit in members]
+    if not models:
+        raise BadInput("There is no fit to apply.")
     if len({model.name for model in models}) > 1:
         raise BadInput("An ensemble is of one hybrid model; stiffness and force are applied one after the other.")
     runs = [free_run(model, recording) for model in models]

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from ..engine.motion.prediction import Predictions, Predictor
-from ..engine.motion.simulator import Simulator
+from ..engine.simulation import Prediction
 from ..errors import BadInput
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
+from ..kinds import by_kind
 from ..model import Model
-from ..motion_model import MotionModel
 from ..recording import Recording
-from ..signals import SIGNALS
-from .metrics import Prediction, hybrid_predictions, predictions
 
 
+@by_kind
 def simulate(model: Model, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:
     """Free run of every unbroken run, to its end, on the recorded inputs alone.
 
@@ -33,22 +29,10 @@ def simulate(model: Model, recording: Recording, start: Mapping[str, float] | No
     ------
     BadInput : an input is missing, or the model has no loop to run in.
     """
-    if isinstance(model, MotionModel):
-        return _as_prediction(Predictor(Simulator(model), recording, model.values, start or {}).free_run())
-    if isinstance(model, HybridModel):
-        if start:
-            raise BadInput(f"{model.name} starts from the readings of each run's first rows. Give it no start.")
-        return hybrid_predictions(model, recording)
-    assert isinstance(model, MemoryModel)
-    if start:
-        raise BadInput(f"{model.name} has no states: it starts from a window of the recording. Give it no start.")
-    if model.feedback is None:
-        raise BadInput(
-            f"{model.name} predicts one sample ahead from measured inputs, with no loop to run in; use greybox predict."
-        )
-    return predictions(model, recording, "closed_loop")
+    raise BadInput(f"{model.name} is not simulated.")
 
 
+@by_kind
 def predict(model: Model, recording: Recording, horizon: float | None = None, *, open_loop: bool = False) -> Prediction:
     """Predictions of a recording's rows.
 
@@ -64,25 +48,15 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
     ------
     BadInput : a signal is missing, the horizon does not suit the recording, or the model knows no such thing.
     """
-    if isinstance(model, MotionModel):
-        if open_loop:
-            raise BadInput(f"{model.name} has states and no open loop; say how far to look ahead with ‹horizon›.")
-        predictor = Predictor(Simulator(model), recording, model.values)
-        if horizon is None:
-            return _as_prediction(predictor.free_run())
-        must_suit(horizon, [recording])
-        return _as_prediction(predictor.ahead(horizon))
-    if isinstance(model, HybridModel):
-        if horizon is not None or open_loop:
-            raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
-        return hybrid_predictions(model, recording)
-    assert isinstance(model, MemoryModel)
-    if horizon is not None:
-        raise BadInput(
-            f"{model.name} is a model with memory: it predicts freely or, with ‹open_loop›, one sample ahead; omit "
-            "‹horizon›."
-        )
-    return predictions(model, recording, "closed_loop" if model.feedback is not None and not open_loop else "honest")
+    if horizon is not None or open_loop:
+        raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
+    return simulate(model, recording)
+
+
+@by_kind
+def predicted_how(model: Model, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
+    """How `predict` predicts, in words and as data."""
+    return "free run", {}
 
 
 def must_suit(horizon: float, recordings: Sequence[Recording]) -> None:
@@ -99,23 +73,10 @@ def must_suit(horizon: float, recordings: Sequence[Recording]) -> None:
             )
 
 
+@by_kind
 def assumed(model: Model, recording: Recording, start: Mapping[str, float]) -> list[str]:
     """Sentences on states that are neither recorded nor given, where the model starts them from a mere number."""
-    if not isinstance(model, MotionModel):
-        return []
-    found = []
-    for state in model.states:
-        if (
-            state.name in SIGNALS
-            and not recording.has(state.name)
-            and state.name not in start
-            and not callable(state.start)
-        ):
-            found.append(
-                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
-                "hand over where it starts."
-            )
-    return found
+    return []
 
 
 def as_table(model: Model, recording: Recording, found: Prediction, suffix: str) -> pd.DataFrame:
@@ -126,15 +87,3 @@ def as_table(model: Model, recording: Recording, found: Prediction, suffix: str)
             table[name] = found.measured[:, k]
         table[f"{name}_{suffix}"] = found.predicted[:, k]
     return table
-
-
-def _as_prediction(found: Predictions) -> Prediction:
-    if len(found.rows) == 0:
-        raise BadInput("There is no row to predict from: at no row are all measured states read at once.")
-    order = np.lexsort((found.rows, found.run))
-    return Prediction(
-        rows=np.asarray(found.rows[order]),
-        predicted=found.predicted[order],
-        measured=found.measured[order],
-        run=np.asarray(found.run[order]),
-    )

@@ -19,16 +19,19 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.simulation import Prediction
 from ..engine.trace import Trace
 from ..errors import BadInput
 from ..fit import Fit
+from ..kinds import must_be
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.smooth import ROLLING
 from ..recording import Recording
 from ..shorthands import Array
 from ..statistics import correlation_time
-from .metrics import Error, Prediction, errors, predictions
+from .memory import errors, predictions
+from .metrics import Error
 
 CALIBRATED = 5.0
 """Seconds of motion at the start of each run that tell its delay, unless other ones are asked for."""
@@ -212,21 +215,20 @@ def parts_of(model: MemoryModel) -> list[MemoryModel]:
 
 def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
     """Standard deviation of residuals in training; on a recording, where the fit was never trained here."""
-    model = fit.model
-    assert isinstance(model, MemoryModel)
+    model = must_have_timing(fit.model)
     told = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
     if set(model.outputs) <= set(told):
         return {name: max(told[name], 1e-9) for name in model.outputs}
     return {name: max(own.rmse, 1e-9) for name, own in errors(model, predictions(model, recording), "honest").items()}
 
 
-def must_have_timing(model: Model) -> None:
-    """Raise `BadInput` for a model whose runs tell no delay that could be held."""
-    if not isinstance(model, MemoryModel):
-        raise BadInput(
-            f"‹calibrate› is for models with memory; {model.name} is none. Add the effect steering_delay or "
-            "sensor_latency_yaw to equations of motion, and fit it per run."
-        )
+def must_have_timing(model: Model) -> MemoryModel:
+    """The model, if its runs tell delays that can be held. Raises `BadInput` for others."""
+    none = (
+        f"‹calibrate› is for models with memory; {model.name} is none. Add the effect steering_delay or "
+        "sensor_latency_yaw to equations of motion, and fit it per run."
+    )
+    return must_be(MemoryModel, model, none)
 
 
 def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CALIBRATED) -> Timing:
@@ -242,10 +244,9 @@ def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CA
     ------
     BadInput : the model is of another kind, or no run has anything left behind its first seconds.
     """
-    must_have_timing(fit.model)
-    assert isinstance(fit.model, MemoryModel)
+    parts = parts_of(must_have_timing(fit.model))
     noise = residual_noise(fit, recording)
-    told = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts_of(fit.model)}
+    told = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts}
     timing = Timing(seconds, told)
     if seconds is not None and np.all(timing.looked_at(recording)):
         raise BadInput(

@@ -117,8 +117,7 @@ def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
 
 def used_signals(model: Model) -> tuple[str, ...]:
     """The signals that a model is driven by and fitted to, by all names they may be recorded under."""
-    aliases: Mapping[str, Sequence[str]] = model.aliases if isinstance(model, MotionModel) else {}
-    inputs = [signal for name in model.inputs for signal in (name, *aliases.get(name, ()))]
+    inputs = [signal for name in model.inputs for signal in (name, *model.aliases.get(name, ()))]
     return tuple(dict.fromkeys([*inputs, *model.outputs]))
 
 

@@ -24,7 +24,7 @@ from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, prepared
 from greybox_id.recording import join
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.scores.timing import run_delays
 
 
@@ -167,7 +167,7 @@ def test_a_fit_of_another_kind_and_a_recording_that_lacks_a_signal_are_refused(f
     other = replace(fitted, model=build("kinematic"))
     with pytest.raises(BadInput, match="says of no parameter"):
         adapt(other, recording)
-    with pytest.raises(BadInput, match="its networks keep no uncertainty"):
+    with pytest.raises(BadInput, match="it keeps no uncertainty"):
         adapt(replace(fitted, model=build("mlp_lateral")), recording)
 
 

@@ -14,7 +14,7 @@ from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.fitting.grid import fit_grid
 from greybox_id.models.registry import build, prepared
-from greybox_id.scores.metrics import errors, predictions
+from greybox_id.scores.memory import errors, predictions
 
 SIZES = {"gnn": 528, "msnn_bench_lat": 41, "msnn_bench_long": 34}
 

@@ -86,7 +86,7 @@ def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_pa
     assert "runs freely" in refused("predict", path, files[2], "--columns", "canonical", "--horizon", "1")
     assert greybox("report", path, "--out", tmp_path / "report.pdf").code == 0
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
-    assert "weights mean little" in refused("profile", path, "m")
+    assert "stopped by what was held out" in refused("profile", path, "m")
     assert "The gap of hybrid" in refused("gap", files[2], "--columns", "canonical", "--fit", path)
     assert "Give it no start" in refused(
         "simulate", path, files[2], "--columns", "canonical", "--start-state", "v_y=1", "--out", tmp_path / "s.csv"
@@ -99,7 +99,7 @@ def test_the_models_are_listed():
 
 
 def test_training_is_carried_on_from_a_fit(fitted, files, tmp_path, monkeypatch):
-    monkeypatch.setattr("greybox_id.fitting.hybrid.STEPS", 3)
+    monkeypatch.setattr("greybox_id.fitting.training.STEPS", 3)
     path, _ = fitted
     again = ("fit", "--model", "hybrid_force", *files, "--columns", "canonical", "--out", tmp_path / "again")
     done = greybox(*again, "--pretrain", path, "--json")

@@ -13,7 +13,7 @@ from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import join
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 
 def made(late, seed):

@@ -15,7 +15,7 @@ from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadModel
 from greybox_id.memory_model import SampledActuator
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 
 @given(st.floats(0.1, 20.0), st.integers(0, 99))

@@ -12,7 +12,8 @@ from greybox_id.exchange import import_network, verb
 from greybox_id.fit import load
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
-from greybox_id.scores.metrics import predictions, score
+from greybox_id.scores.memory import predictions
+from greybox_id.scores.metrics import score
 
 MODELS = {"lat": "msnn_lat", "ren": "msnn_lat", "lon": "msnn_long", "ful": "msnn_full"}
 

@@ -12,7 +12,7 @@ from greybox_id.export.equations import Equations
 from greybox_id.export.memory_equations import MemoryEquations, equations_of
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 CLOSED = ("msnn_full", "msnn_full_plus")
 
@@ -109,5 +109,5 @@ def test_inputs_that_are_fed_back_are_no_inputs(name):
 def test_every_kind_of_model_has_its_functions_or_a_sentence():
     assert isinstance(equations_of(subject(build("kinematic"))), Equations)
     assert isinstance(equations_of(subject(memory("msnn_lat"))), MemoryEquations)
-    with pytest.raises(BadInput, match="such are not exported"):
+    with pytest.raises(BadInput, match="recurrent network, whose memory equations of motion have no place for"):
         equations_of(subject(build("hybrid_force")))

@@ -12,7 +12,7 @@ from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting import How, fit
 from greybox_id.fitting.how import quiet
-from greybox_id.fitting.hybrid import mirrored, update_hybrid, window_error
+from greybox_id.fitting.training import mirrored, update_hybrid, window_error
 from greybox_id.models.registry import build, prepared
 from greybox_id.recording import join
 from greybox_id.scores.estimates import apply_hybrid
@@ -25,8 +25,8 @@ C_F, C_R = 48e3, 66e3
 def _brief():
     """Small networks need fewer steps."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("greybox_id.fitting.hybrid.STEPS", 120)
-        patch.setattr("greybox_id.fitting.hybrid.PATIENCE", 30)
+        patch.setattr("greybox_id.fitting.training.STEPS", 120)
+        patch.setattr("greybox_id.fitting.training.PATIENCE", 30)
         yield
 
 

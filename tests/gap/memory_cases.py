@@ -5,7 +5,7 @@ from toys import drive
 
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import join
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 NOISE = {"yaw_rate": 0.08, "a_x": 0.15}
 

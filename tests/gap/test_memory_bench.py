@@ -11,19 +11,19 @@ from toys import TINY, drive, joined, scattered, tiny, without
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.gap.axes import candidates, shifting
+from greybox_id.gap.blocks import blocks
 from greybox_id.gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.gap.colour import Colour
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.horizons import by_horizon
 from greybox_id.gap.hypothesis import Hypothesis
-from greybox_id.gap.kinds import blocks
 from greybox_id.gap.memory_bench import MemoryBench, must_suit
 from greybox_id.gap.plainly import plainly
 from greybox_id.gap.preparing import prepare
 from greybox_id.gap.selection import Selection
 from greybox_id.gap.variance import jitter, repeats
 from greybox_id.models.effects import EFFECTS
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.vehicle import Stated, Vehicle
 
 CARRIED = {name for name, effect in EFFECTS.items() if effect.apply_to_memory}

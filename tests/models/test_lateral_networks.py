@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from driven import driven
 
+from greybox_id.api.linear import linearised
 from greybox_id.engine.hybrid.cell import Cell, free_run, said
 from greybox_id.engine.hybrid.motion import as_motion
 from greybox_id.engine.hybrid.problem import drawn
@@ -54,6 +55,26 @@ def test_equations_of_motion_run_as_the_hybrid_does(lap, name, hold):
     own, other = free_run(model, lap), simulate(as_motion(model), lap)
     for k, output in enumerate(model.outputs):
         assert own[output][other.rows] == pytest.approx(other.predicted[:, k], abs=1e-12)
+
+
+def test_a_network_is_linearised_as_the_motion_that_it_amounts_to(lap):
+    """Beside differences of its rates, about straight driving, where an odd network stands still."""
+    model = prepared("bicycle_mlp", lap, {"hidden": [6], "symmetric": True})
+    model = model.with_values(drawn(model, 1))
+    system = linearised(model, 18.0)
+    names, h = [*system.state_labels, *system.input_labels], 1e-6
+    assert names == ["v_y", "yaw_rate", *model.inputs]
+    at = {"v_y": 0.0, "yaw_rate": 0.0, "v_x": 18.0, "steer": 0.0}
+
+    def rates(**more):
+        now = {**at, **more}
+        x, u = ([[now[name]] for name in own] for own in (("v_y", "yaw_rate"), model.inputs))
+        return np.array(Cell(model).rates(cs.DM(x), cs.DM(u), cs.DM(model.values))).ravel()
+
+    slopes = [(rates(**{n: at[n] + h}) - rates(**{n: at[n] - h})) / (2 * h) for n in names]
+    assert np.hstack([system.A, system.B]) == pytest.approx(np.array(slopes).T, rel=1e-6, abs=1e-6)
+    with pytest.raises(BadInput, match="recurrent network, whose memory"):
+        linearised(build("hybrid_force"), 18.0)
 
 
 def test_unscaled_networks_say_increments(lap):

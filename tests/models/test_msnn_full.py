@@ -16,7 +16,7 @@ from greybox_id.models.msnn_full import (
 )
 from greybox_id.models.msnn_lat import LateralSettings
 from greybox_id.models.msnn_long import LongitudinalSettings
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 
 def test_the_authors_hyperparameters_give_544_parameters():

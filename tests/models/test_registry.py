@@ -10,7 +10,7 @@ from greybox_id.errors import BadInput, GreyboxError
 from greybox_id.models.registry import MODELS, build, candidates, prepared, vehicle_parameters
 from greybox_id.models.tyres import TYRES
 from greybox_id.parameter import Prior
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.vehicle import Stated
 
 MOTION = ["single_track", "lateral", "longitudinal", "kinematic"]

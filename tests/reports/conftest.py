@@ -14,8 +14,8 @@ from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording
 from greybox_id.reports.driven import driven as seen_driven
-from greybox_id.reports.memory import seen
 from greybox_id.reports.report import prepared
+from greybox_id.reports.sections import seen
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +36,7 @@ def small_fit(train, validate):
 
 @pytest.fixture(scope="session")
 def found(small_fit, train, validate):
-    return seen(small_fit, [validate, train])
+    return seen(small_fit.model, small_fit, [validate, train])
 
 
 @pytest.fixture(scope="session")
@@ -90,7 +90,7 @@ def motion_fit(laps):
 
 @pytest.fixture(scope="session")
 def motion_found(motion_fit, laps):
-    return seen_driven(motion_fit, laps)
+    return seen_driven(motion_fit.model, motion_fit, laps)
 
 
 @pytest.fixture(scope="session")

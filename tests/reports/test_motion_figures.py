@@ -36,11 +36,11 @@ def test_there_is_every_figure_that_the_model_gives_a_meaning(motion_made):
 
 def test_a_model_without_tyres_or_steering_goes_without_their_figures(motion_fit, motion_found, car):
     longitudinal = replace(motion_fit, model=car("longitudinal"))
-    assert tyres(longitudinal, motion_found) is None
-    assert handling(longitudinal, motion_found) is None
+    assert tyres(longitudinal.model, longitudinal, motion_found) is None
+    assert handling(longitudinal.model, motion_found) is None
     kinematic = replace(motion_fit, model=car("kinematic"))
-    assert tyres(kinematic, motion_found) is None
-    assert handling(kinematic, motion_found) is not None
+    assert tyres(kinematic.model, kinematic, motion_found) is None
+    assert handling(kinematic.model, motion_found) is not None
 
 
 def test_correlations_are_those_of_the_covariance(motion_fit):

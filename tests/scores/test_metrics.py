@@ -8,8 +8,10 @@ import pytest
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny, without
 
 from greybox_id.datasets.read import read
+from greybox_id.engine.simulation import Prediction
 from greybox_id.models.registry import build, prepared
-from greybox_id.scores.metrics import BATCH, Prediction, aic, as_dict, errors, predictions, score
+from greybox_id.scores.memory import BATCH, aic, errors, predictions
+from greybox_id.scores.metrics import as_dict, score
 
 
 def as_prediction(residual, measured=None):

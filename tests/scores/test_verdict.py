@@ -11,7 +11,7 @@ from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
 from greybox_id.fit import load
 from greybox_id.fitting import How, fit
-from greybox_id.fitting.carrying import carried
+from greybox_id.fitting.judging import carried
 from greybox_id.models.registry import build
 from greybox_id.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.scores.verdict import judged
@@ -85,9 +85,9 @@ def test_what_the_checks_distrust_makes_a_fit_not_usable():
 
 
 def test_parameters_that_do_not_carry_over_are_said(good):
-    assert carried(good, lap(3)) == []
+    assert carried(good.model, good, lap(3)) == []
     wrong = good.model.with_parameters(good.model["C_alpha_f"].with_value(0.7 * float(good.model["C_alpha_f"].array)))
-    (why,) = carried(replace(good, model=wrong), lap(3))
+    (why,) = carried(wrong, replace(good, model=wrong), lap(3))
     assert why.at_best == WITH_CARE
     assert "do not carry over" in why.sentence
 
@@ -153,9 +153,9 @@ def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
     time = np.arange(100)
     predicted = np.where(time < 40, 0.0, 10.0 ** (time - 40.0))[:, None]
     measured = np.sin(0.3 * time)[:, None]
-    from greybox_id.engine.motion.prediction import Predictions
+    from greybox_id.engine.simulation import Prediction
 
-    found = Predictions(time, np.where(time < 10, 0, 1), predicted, measured)
+    found = Prediction(time, predicted, measured, np.where(time < 10, 0, 1))
     error = prediction_errors(["v_y"], found, 0.1)["v_y"]
     assert error.diverges == Divergence(2, pytest.approx(3.2, abs=0.11), 0.5, True)
     assert error.rmse == np.inf

@@ -15,7 +15,7 @@ from greybox_id.models.msnn_full import FullSettings, covering_full, msnn_full
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.msnn_long import LongitudinalSettings
 from greybox_id.parameter import Parameter, Prior
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 from greybox_id.solvers.gauss_newton import Status, gauss_newton
 
 

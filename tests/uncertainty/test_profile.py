@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 from toys import drive, linear_toy, looping, speed_toy
 
+import greybox_id as gb
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.errors import BadInput
@@ -239,3 +240,15 @@ def test_a_closed_loops_pole_has_a_profile_within_its_bounds():
     found = profile(problem, solution.x, solution.nodes, 0)
     assert found.identifiable
     assert found.interval[0] < solution.x[0] < found.interval[1] < 0.95
+
+
+def test_physical_parameters_of_a_fit_with_memory_have_profiles():
+    """One sample ahead the loop is linear in them, so that profile and covariance say the same."""
+    lap = looping(drive(300), pole=0.6, gain=0.5, noise=0.05)
+    fit = gb.fit(speed_toy(), lap, options=gb.FitOptions(strengths=1.0))
+    for name in ("pole", "gain"):
+        found = fit.profile(name)
+        assert found.interval == pytest.approx(fit.conf_int().loc[name].to_numpy(), rel=0.02)
+        assert found.identifiable
+    with pytest.raises(BadInput, match="no free number that is the same in all runs"):
+        gb.fit(linear_toy(), drive(), options=gb.FitOptions(strengths=1.0)).profile("F")

@@ -1,1 +1,5 @@
 """Hybrid models laid over recordings: one step, windows of them side by side, free runs."""
+
+from .motion import as_motion
+
+__all__ = ["as_motion"]

@@ -11,10 +11,12 @@ from ...errors import BadInput
 from ...hybrid_model import HybridModel
 from ...model import Namespace, Symbol
 from ...motion_model import MotionModel, Quantities, State
+from ..of_motion import equations_of_motion
 from .cell import said
 
 
-def as_motion(model: HybridModel) -> MotionModel:
+@equations_of_motion.register(HybridModel)
+def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
     """The same vehicle as equations of motion, the network's weights constants of them.
 
     Raises

@@ -7,12 +7,13 @@ that is read set back to its reading row by row.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...recording import Recording
 from ...shorthands import Array, Index
+from ..simulation import Prediction
 from .lanes import Interval, lay
 from .runs import MotionRun, motion_runs
 from .schedule import Schedule, least_segment, longest_segment, schedule
@@ -22,23 +23,6 @@ MOST_STARTS = 4000
 """Rows predicted from, at most; beyond it every second, third ... row is."""
 HUGE = 1e6
 """Beyond this a simulation went astray; how stiff the model is there is no guide to anything."""
-
-
-@dataclass(frozen=True)
-class Predictions:
-    """Readings predicted and recorded.
-
-    Attributes
-    ----------
-    rows : (n,) rows of the recording.
-    run : (n,) number of the run, from 0.
-    predicted, measured : (n, outputs); NaN where there is none.
-    """
-
-    rows: Index
-    run: Index
-    predicted: Array
-    measured: Array
 
 
 class Predictor:
@@ -65,7 +49,7 @@ class Predictor:
         known = self.runs if self._seen else [self._held(run) for run in self.runs]
         self._lay_out(longest_segment(simulator.trace, known, p))
 
-    def free_run(self) -> Predictions:
+    def free_run(self) -> Prediction:
         """Every run from the readings of its first row to its end."""
         intervals = []
         for k, run in enumerate(self.runs):
@@ -83,7 +67,7 @@ class Predictor:
                 found = self._run_freely(intervals)
         return self._collected(rows, found)
 
-    def ahead(self, horizon: float, overlapping: int | None = None) -> Predictions:
+    def ahead(self, horizon: float, overlapping: int | None = None) -> Prediction:
         """Rows predicted from the readings so many seconds before.
 
         Parameters
@@ -176,17 +160,17 @@ class Predictor:
     def _channels(self, names: tuple[str, ...]) -> list[int]:
         return [self.simulator.trace.model.outputs.index(name) for name in names]
 
-    def _collected(self, rows: Sequence[tuple[int, Index]], predicted: Array) -> Predictions:
+    def _collected(self, rows: Sequence[tuple[int, Index]], predicted: Array) -> Prediction:
         def of(run: MotionRun, own: Index) -> Index:
             return np.asarray(run.rows.start + own)
 
         if not rows:
-            return Predictions(np.empty(0, np.intp), np.empty(0, np.intp), predicted, predicted)
-        return Predictions(
+            return Prediction(np.empty(0, np.intp), predicted, predicted, np.empty(0, np.intp))
+        return Prediction(
             rows=np.concatenate([of(self.runs[k], own) for k, own in rows]),
-            run=np.concatenate([np.full(len(own), k) for k, own in rows]),
             predicted=predicted,
             measured=np.vstack([self.runs[k].measured[own] for k, own in rows]),
+            run=np.concatenate([np.full(len(own), k) for k, own in rows]),
         )
 
 

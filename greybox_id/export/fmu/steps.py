@@ -8,7 +8,6 @@ import numpy as np
 
 from ...engine.motion.schedule import STABLE
 from ...models.smooth import SLOWEST
-from ...motion_model import MotionModel
 from ..equations import Equations
 
 LONGEST = 0.01
@@ -41,7 +40,6 @@ class Steps:
 def steps_of(equations: Equations) -> Steps:
     """From the eigenvalues of the equations, driven straight: the largest falls as 1/v, and is bounded at rest."""
     model = equations.model
-    assert isinstance(model, MotionModel)
     count, slowest = len(model.states), SLOWEST / 2
     jacobian = equations.ode.factory("by_x", ["x", "u", "p"], ["jac:x_dot:x"])
     fastest = []

@@ -20,7 +20,7 @@ from ...parameter import Parameter
 from ...recording import Recording
 from ...shorthands import Array
 from ...signals import SIGNALS
-from ..driven import MOVING, Driven, motion_model, typical_speed
+from ..driven import MOVING, Driven, typical_speed
 from ..recordings import Seen, of_role
 from ..settled import OverSlip, steady_turns
 from .sheet import Sheet, apart, band, density, scale_of_counts, sheet_of
@@ -76,15 +76,15 @@ ROOM = 2.0
 """The axis ends at so many times the curves' largest value at most: the band may be wide where nothing was driven."""
 
 
-def has_tyres(fit: Fit) -> bool:
+def has_tyres(model: MotionModel) -> bool:
     """Whether a model has axles with slip angles, lateral forces and loads."""
     wanted = [f"{quantity}{axle}" for quantity in ("alpha_", "F_y", "F_z") for axle in AXLES]
-    return set(wanted) <= set(motion_model(fit).quantities)
+    return set(wanted) <= set(model.quantities)
 
 
-def tyres(fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
+def tyres(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
     """Both axles' curves with bands of 95 %, over the density of the slip angles driven; None for other models."""
-    if not has_tyres(fit):
+    if not has_tyres(model):
         return None
     speed = typical_speed(recordings)
     beyond = look(BLUE, 0.7, "fit, beyond")
@@ -95,7 +95,7 @@ def tyres(fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
         reach = max(REACH_BEYOND * float(np.max(np.abs(ends))), LEAST)
         angles = np.linspace(-reach, reach, SLIP_POINTS)
         above.axhline(0.0, **ZERO)
-        share, low, high = draw_tyre(above, fit, OverSlip(motion_model(fit), axle, speed), angles, beyond, "95 % band")
+        share, low, high = draw_tyre(above, fit, OverSlip(model, axle, speed), angles, beyond, "95 % band")
         inside = (angles >= ends[0]) & (angles <= ends[1]) if len(slip) else np.zeros(len(angles), dtype=bool)
         above.plot(angles, np.where(inside, share, np.nan), **look(BLUE, 2.0, "fit, where driven"))
         top = max(top, float(np.max(np.abs(share))))
@@ -146,12 +146,11 @@ SEEN, SHOWN = (0.005, 0.995), (0.01, 0.99)
 """Quantiles of what was driven: the curve is thick between the first, the axes end at the second."""
 
 
-def handling(fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
+def handling(model: MotionModel, recordings: Sequence[Driven]) -> Sheet | None:
     """The model's steady turns over the density of what was measured; None for models that do not steer.
 
     The wheelbase is that of the fit.
     """
-    model = motion_model(fit)
     if not is_steered(model):
         return None
     steer, v_x, yaw_rate = _measured(recordings)
@@ -265,10 +264,9 @@ def has_steering(model: Model) -> bool:
     return "yaw_rate" in model.outputs and {"v_x", "steer"} <= set(model.inputs)
 
 
-def steering(fit: Fit, recordings: Sequence[Seen]) -> Sheet | None:
+def steering(model: MemoryModel, recordings: Sequence[Seen]) -> Sheet | None:
     """The model's quasi steady state over the density of what was measured; None for a model that has none."""
-    model = fit.model
-    if not isinstance(model, MemoryModel) or not has_steering(model):
+    if not has_steering(model):
         return None
     v_x, steer, yaw_rate = (
         np.concatenate([one.recording[name] for one in recordings]) for name in ("v_x", "steer", "yaw_rate")
@@ -354,10 +352,8 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def impulse_responses(fit: Fit) -> Sheet | None:
+def impulse_responses(model: MemoryModel, fit: Fit) -> Sheet | None:
     """One panel per response, weights over age with a band of one standard deviation; None if the model has none."""
-    model = fit.model
-    assert isinstance(model, MemoryModel)
     shown = [
         (parameter, rows)
         for parameter in responses(model)

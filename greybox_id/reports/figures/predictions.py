@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from ...engine.simulation import Prediction
 from ...fit import Fit
 from ...numbers import pretty_unit
-from ...scores.metrics import FREE_RUN, Prediction
-from ...shorthands import Array
+from ...scores.metrics import FREE_RUN
+from ...shorthands import Array, Index
 from ...signals import unit_of
 from ...statistics import correlation, welch
 from ..noise import Noise
@@ -98,7 +99,7 @@ def _dotted(read: Array) -> Look:
     )
 
 
-def _with_gaps(rows: Array, at: Array, values: Array) -> tuple[Array, Array]:
+def _with_gaps(rows: Index, at: Array, values: Array) -> tuple[Array, Array]:
     """Times and values with a gap where rows are left out that usually are there."""
     steps = np.diff(rows)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.empty(0, dtype=np.intp)

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from ...gap import Closure, Errors, Gap, Limit, Ranked
-from ...memory_model import MemoryModel
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
 from ...numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
+from ...reports.equations.tracing import traced
 from ..content import recorded_in, written_down
 from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
-from ..equations.expression import Equation, readable
-from ..equations.tracing import memory_equations, motion_equations
+from ..equations.expression import readable
+from ..equations.motion import motion_equations
 from ..report import write
 from .page import drawings
 from .saved import Made
@@ -399,12 +399,8 @@ def _regimes(gap: Gap) -> Table:
 def _simulated(made: Made, gap: Gap) -> tuple[Part, ...]:
     """The model that was compared, and what is stated of its vehicle."""
     model, table = build(gap.model, made.settings, made.effects), stated(made)
-    found: tuple[Equation, ...] = ()
-    if isinstance(model, MemoryModel):
-        found = memory_equations(model)
-    elif isinstance(model, MotionModel):
-        found = motion_equations(model)
-    return titled("What was simulated", table, Text(STATED if table.rows else ""), *written_down(found, EQUATIONS))
+    words = Text(STATED if table.rows else "")
+    return titled("What was simulated", table, words, *written_down(traced(model), EQUATIONS))
 
 
 def stated(made: Made) -> Table:

@@ -11,45 +11,20 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from ...fit import Fit
-from ...hybrid_model import HybridModel
-from ...memory_model import MemoryModel
-from ...motion_model import MotionModel
+from ...kinds import by_kind
+from ...model import Model
 from ...numbers import counted, interval, number, percent, pretty_unit, with_sd
 from ...parameter import Parameter, Prior
 from ...provenance import DataRecord, Stage
-from ...scores.metrics import FREE_RUN
 from ...signals import unit_of
 from ...uncertainty.identifiability import absent, told_together
 from ...verdict import Verdict
-from .screen import led, plain, plain_table
+from .screen import plain, plain_table
 
-MS = 1e3
 NEGLIGIBLE = 1e-6
 """Share of an objective that is not worth telling."""
 
 
-def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
-    """A line for each run: the delay of each output against the inputs, with its standard deviation.
-
-    Parameters
-    ----------
-    timing : what `greybox_id.scores.timing.Timing.as_dict` gives.
-    """
-    seconds = timing["seconds"]
-    told = "" if seconds is None else f", told by its first {seconds:g} s of motion"
-    for run, outputs in timing["runs"].items():
-        said = ", ".join(f"{name} {_late(own['delay'], own['sd'])}" for name, own in outputs.items())
-        yield f"run {run}: {said}{told}"
-
-
-def _late(delay: float, sd: float) -> str:
-    if abs(MS * delay) < 0.5:
-        return f"0 ± {MS * sd:.0f} ms"
-    return f"{abs(MS * delay):.0f} ± {MS * sd:.0f} ms {'late' if delay > 0 else 'early'}"
-
-
-SAME = 0.01
-"""Starts whose objectives differ by less than this share of the best ended alike."""
 MOST_OPEN = 4
 """Sentences printed on what the recording leaves open."""
 PROTOCOL_WORDS = {
@@ -69,8 +44,6 @@ def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
     result : the fit.
     vehicle : name of the vehicle it started from.
     """
-    motion = isinstance(result.model, MotionModel)
-    noise = result.stages[-1].noise if result.stages else {}
     if result.verdict is not None:
         yield verdict_table(result.verdict)
         yield ""
@@ -79,27 +52,51 @@ def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
     if vehicle:
         yield f"vehicle  {vehicle}"
     for stage in result.stages:
-        yield from _stage(result, stage, motion)
-    if isinstance(result.model, HybridModel):
-        yield f"stopped  by {', '.join(result.how['stopped_by'])}, held out; {_over_windows(result)}"
-    elif not motion:
-        strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
-        yield f"priors   strengths {strengths or 'as stated'} ({result.mode})"
+        yield from stage_lines(result.model, result, stage)
+    yield from chosen_lines(result.model, result)
     if any(p.shape == () for p in result.model.parameters):
         yield ""
         yield from _parameters(result)
     yield ""
     for sentence in result.model.together:
         yield f"together {sentence}"
-    if motion:
-        yield motion_errors_table(result.metrics, noise, _held_out(result.data))
-    else:
-        yield ""
-        yield errors_table(result.metrics)
-    if "validate" in result.how.get("timing", {}):
-        yield ""
-        for line in timing_lines(result.how["timing"]["validate"]):
-            yield led("timing", f"held out, {line}; readings against the inputs, compared with the training data")
+    yield from error_parts(result.model, result)
+
+
+@by_kind
+def stage_lines(model: Model, result: Fit, stage: Stage) -> Iterator[str]:
+    """How a stage of a fit went, a line for each thing to say."""
+    return solver_lines(stage, "closed loop" if stage.closed_loop else "")
+
+
+def solver_lines(stage: Stage, what: str) -> Iterator[str]:
+    """Steps and time of a stage, whether Ipopt certified it, and what was done instead where it ended badly."""
+    name = ", ".join(filter(None, (stage.model, what)))
+    yield f"fit      {name}: {counted(stage.steps, 'step')}, {stage.cpu_seconds:.2f} s; {stage.status}"
+    if stage.certificate is not None:
+        c = stage.certificate
+        ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
+        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective no lower"
+        confirmed = "certified" if c.confirmed else "not certified"
+        yield f"{confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
+    for number_of, words in enumerate(stage.fallbacks):
+        yield f"{'' if number_of else 'instead':9}{words}"
+
+
+@by_kind
+def chosen_lines(model: Model, result: Fit) -> Iterator[str]:
+    """How the fit was kept from learning its recordings by heart."""
+    if "stopped_by" in result.how:
+        trained, held_out = result.how["errors_over_windows"]  # the paper's loss, Eq. 13, in units of noise
+        windows = f"RMSSE over windows {trained:.3f} of the noise, held out {held_out:.3f}"
+        yield f"stopped  by {', '.join(result.how['stopped_by'])}, held out; {windows}"
+
+
+@by_kind
+def error_parts(model: Model, result: Fit) -> Iterator[RenderableType]:
+    """How far the fit errs."""
+    yield ""
+    yield errors_table(result.metrics)
 
 
 def verdict_table(verdict: Verdict) -> Table:
@@ -132,78 +129,19 @@ def as_dict(result: Fit) -> dict[str, Any]:
         "seed": result.seed,
         "version": result.version,
     }
-    if isinstance(result.model, MotionModel):
-        covariance = body["covariance"]
-        return common | {
-            "parameters": body["parameters"],
-            "free": [p.name for p in result.model.parameters if not p.fixed],
-            "combinations": body["combinations"],
-            "covariance": covariance,
-            "correlation": None if covariance is None else _correlation(covariance),
-            "open": told_together(result),
-            "how": body["how"],
-            "noise": dict(result.stages[-1].noise),
-        }
-    parts = result.model.parts if isinstance(result.model, MemoryModel) else ()
-    common |= {"timing": result.how["timing"]} if "timing" in result.how else {}
-    return common | {
-        "parameters": {_key(part.name, False): part.size for part in parts or (result.model,)}
-        | ({"full": result.model.size} if parts else {}),
-        "physical": {p.name: body["parameters"][p.name] for p in result.model.parameters if p.shape == ()},
+    return common | more_data(result.model, result, body)
+
+
+@by_kind
+def more_data(model: Model, result: Fit, body: Mapping[str, Any]) -> dict[str, Any]:
+    """What JSON says of a kind of model besides; `body` is the fit's own file."""
+    parts = model.parts or (model,)
+    return {
+        "parameters": {_key(part.name, False): part.size for part in parts}
+        | ({"full": model.size} if model.parts else {}),
+        "physical": {p.name: body["parameters"][p.name] for p in model.parameters if p.shape == ()},
+        **({"timing": result.how["timing"]} if "timing" in result.how else {}),
     }
-
-
-def motion_errors_table(
-    metrics: Mapping[str, Any],
-    noise: Mapping[str, float] | None = None,
-    names: Mapping[str, str] | None = None,
-    beside: Mapping[str, Any] | None = None,
-) -> Table:
-    """Errors by horizon: a row for each output of each recording, each error with its standard error.
-
-    Parameters
-    ----------
-    metrics : role or recording -> protocol -> output -> error.
-    noise : output -> standard deviation of the residuals, for a last column.
-    names : what to call a role.
-    beside : errors of holding the last reading, laid out as `metrics`; shown below each row.
-    """
-    protocols = list(dict.fromkeys(p for of_role in metrics.values() for p in of_role))
-    protocols.sort(key=lambda name: name == FREE_RUN)
-    shown = [*(name.removesuffix(" ahead") for name in protocols), *(["residual sd"] if noise else [])]
-    table = plain_table("RMSE", *shown, right=shown)
-    for role, of_role in metrics.items():
-        table.add_row((names or {}).get(role, role), style="dim")
-        for output in dict.fromkeys(o for errors in of_role.values() for o in errors):
-            cells = [_error(of_role.get(p, {}).get(output)) for p in protocols]
-            last = [number(noise[output], 2) if output in noise else ""] if noise else []
-            table.add_row(f"{output} [{pretty_unit(unit_of(output))}]", *cells, *last)
-            held = (beside or {}).get(role, {})
-            if held:
-                cells = [_error(held.get(p, {}).get(output)) for p in protocols]
-                table.add_row("  persistence", *cells, style="dim")
-    return table
-
-
-def _stage(result: Fit, stage: Stage, motion: bool) -> Iterator[str]:
-    if motion:
-        free = sum(p.size for p in result.model.parameters if not p.fixed)
-        horizon = result.how.get("horizon")
-        what = f"{counted(free, 'free parameter')}, {'whole runs' if horizon is None else f'{horizon:g} s ahead'}"
-    else:
-        what = "closed loop" if stage.closed_loop else ""
-    name = ", ".join(filter(None, (stage.model, what)))
-    yield f"fit      {name}: {counted(stage.steps, 'step')}, {stage.cpu_seconds:.2f} s; {stage.status}"
-    if stage.certificate is not None:
-        c = stage.certificate
-        ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
-        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective no lower"
-        confirmed = "certified" if c.confirmed else "not certified"
-        yield f"{confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
-    for number_of, words in enumerate(stage.fallbacks):
-        yield f"{'' if number_of else 'instead':9}{words}"
-    if motion and len(stage.starts) > 1:
-        yield f"starts   {_starts(stage.starts)}"
 
 
 def _parameters(result: Fit) -> Iterator[RenderableType]:
@@ -280,45 +218,6 @@ def _recorded(record: DataRecord) -> str:
     rate = f" at {steps / record.duration:.4g} Hz" if record.duration > 0 else ""
     runs = f"{counted(record.runs, 'run')}, {record.duration:.1f} s{rate}"
     return f"{record.name}: {runs}, {counted(record.samples, 'sample')}"
-
-
-def _held_out(data: Sequence[DataRecord]) -> dict[str, str]:
-    """What the rows of an error table are headed with."""
-    names = {role: [record.name for record in data if record.role == role] for role in ("train", "validate")}
-    trained = ", ".join(names["train"]) if len(names["train"]) < 4 else counted(len(names["train"]), "recording")
-    return {"train": f"train ({trained})", "validate": f"held out ({', '.join(names['validate'])})"}
-
-
-def _over_windows(result: Fit) -> str:
-    """The paper's loss, Eq. 13, in units of noise."""
-    trained, held_out = result.how["errors_over_windows"]
-    return f"RMSSE over windows {trained:.3f} of the noise, held out {held_out:.3f}"
-
-
-def _starts(objectives: Sequence[float]) -> str:
-    """How far apart fits from several starting points ended."""
-    best, worst = min(objectives), max(objectives)
-    alike = sum(objective <= best * (1 + SAME) for objective in objectives)
-    if alike == len(objectives):
-        return f"all {alike} starts ended at the same objective, {number(best, 4)}"
-    spread = f"the others between it and {number(worst, 4)}" if len(objectives) - alike > 1 else number(worst, 4)
-    return f"{alike} of {len(objectives)} starts ended at the best objective, {number(best, 4)}; {spread}"
-
-
-def _error(error: Mapping[str, float] | None) -> str:
-    if error is None:
-        return "–"
-    if error.get("diverges") or not math.isfinite(error["rmse"] if error["rmse"] is not None else math.inf):
-        return "diverges"
-    return with_sd(error["rmse"], error["rmse_sd"])
-
-
-def _correlation(covariance: Mapping[str, Any]) -> dict[str, Any]:
-    """Correlations of the numbers whose covariance is given."""
-    matrix = np.asarray(covariance["matrix"], dtype=float).reshape(len(covariance["names"]), -1)
-    sd = np.sqrt(np.diag(matrix))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return {"names": covariance["names"], "matrix": (matrix / np.outer(sd, sd)).tolist()}
 
 
 def _key(model: str, closed_loop: bool) -> str:

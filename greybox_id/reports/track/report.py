@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from ...filters.findings import WINDOW
 from ...filters.walking import walking
+from ...kinds import must_be
 from ...models.effects import EFFECTS
 from ...models.registry import build
 from ...motion_model import MotionModel
@@ -16,7 +17,7 @@ from ...numbers import alike, counted, listed, number, percent, pretty_unit, qua
 from ...signals import unit_of
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
-from ..equations.tracing import motion_equations
+from ..equations.motion import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import Sheet, band
 from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
@@ -359,7 +360,6 @@ def _about_tuning(found: Digest) -> tuple[str, ...]:
 
 
 def _equations(found: Digest) -> tuple[Part, ...]:
-    model = build(found.model, found.settings, found.effects)
-    assert isinstance(model, MotionModel)
+    model = must_be(MotionModel, build(found.model, found.settings, found.effects))
     walked, _ = walking(model, found.parameters, found.disturbances, EFFECTS)
     return titled("Equations of the model", *written_down(motion_equations(walked), EQUATIONS))

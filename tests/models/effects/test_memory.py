@@ -9,7 +9,7 @@ from greybox_id.memory_model import MemoryModel
 from greybox_id.models.effects import EFFECTS, sensor_latency_imu, steering_rate_limit
 from greybox_id.models.registry import MODELS, build
 from greybox_id.models.single_track import single_track
-from greybox_id.scores.metrics import predictions
+from greybox_id.scores.memory import predictions
 
 IN_MEMORY = [name for name, effect in EFFECTS.items() if effect.apply_to_memory]
 PAIRS = [

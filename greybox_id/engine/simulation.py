@@ -1,43 +1,66 @@
-"""What a diagnosis asks of a model and of its bench, whichever kind of model it is."""
+"""A model laid over recordings, whichever kind of model it is: what it predicts, and what is asked of a simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..memory_model import MemoryModel
 from ..motion_model import MotionModel
-from ..shorthands import Array
-from .calibration import CAL
+from ..shorthands import Array, Index, Mask
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predictions of one recording, beside its readings.
+
+    Attributes
+    ----------
+    rows : (n,) rows of the recording they belong to.
+    predicted, measured : (n, outputs); NaN where there is none.
+    run : (n,) number, from 0, of the unbroken stretch that was predicted; missing values break one too.
+    """
+
+    rows: Index
+    predicted: Array
+    measured: Array
+    run: Index
+
+    def taken(self, order: Index) -> Prediction:
+        """Some of the rows, in that order."""
+        return Prediction(self.rows[order], self.predicted[order], self.measured[order], self.run[order])
+
+    def of(self, outputs: Sequence[int]) -> Prediction:
+        """The same of some of the outputs."""
+        return replace(self, predicted=self.predicted[:, outputs], measured=self.measured[:, outputs])
+
 
 Diagnosed = MotionModel | MemoryModel
-"""A model that can be diagnosed."""
+"""A model that can be simulated so, and diagnosed."""
 
 
-class AnyRun(Protocol):
-    """An unbroken run as a bench lays it out."""
+class SimulatedRun(Protocol):
+    """An unbroken run as a simulation lays it out."""
 
     @property
     def time(self) -> Array:
         """(n,) s, of its rows."""
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def held(self) -> Mask:
         """(inputs,) whether an input is held between rows."""
 
 
-class AnyBench(Protocol):
-    """Simulates whole runs freely, N rows in all."""
+class FreeRuns(Protocol):
+    """A model laid over recordings, which simulates whole runs freely, N rows in all."""
 
     @property
     def model(self) -> Diagnosed:
         """With all candidates."""
 
     @property
-    def runs(self) -> Sequence[AnyRun]:
+    def runs(self) -> Sequence[SimulatedRun]:
         """The recordings' unbroken runs."""
 
     @property
@@ -49,7 +72,7 @@ class AnyBench(Protocol):
         """(N, outputs) readings, NaN where there is none."""
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Mask:
         """(N, outputs) readings that are there and count."""
 
     @property
@@ -81,9 +104,3 @@ class AnyBench(Protocol):
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
-
-
-def blocks(bench: AnyBench, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
-    """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
-    length = max(1, round(seconds / bench.sample_time))
-    return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

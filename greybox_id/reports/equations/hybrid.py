@@ -1,0 +1,48 @@
+"""Equations of hybrid models, about what their network says."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from ...hybrid_model import FeedForwardNetwork, HybridModel
+from .expression import Equation, Symbol
+from .tracing import Reader, traced
+
+SAID = "z"
+"""What the network says."""
+
+
+@traced.register(HybridModel)
+def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
+    """Outputs and estimates, then the derivatives of the states."""
+    read = Reader()
+    x = SimpleNamespace(**{state.name: read.named(Symbol(state.name)) for state in model.states})
+    u = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.inputs})
+    p = SimpleNamespace(**{own.name: read.named(Symbol(own.name)) for own in model.parameters if own.shape == ()})
+    z = [read.named(Symbol(SAID, (k + 1,))) for k in range(model.network.outputs)]
+    rates, quantities = model.physics(x, u, p, z)
+    wanted = [*model.estimates, *(name for name in model.outputs if name not in model.estimates)]
+    found = [Equation(Symbol(name), read(quantities[name])) for name in wanted if name in quantities]
+    found += [Equation(Symbol(name, dots=1), read(rate)) for name, rate in rates.items()]
+    return tuple(own for own in found if own.right != Symbol(own.left.name))
+
+
+def network_words(model: HybridModel) -> str:
+    """What the network reads and how large it is, in a sentence."""
+    network = model.network
+    if isinstance(network, FeedForwardNetwork):
+        units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
+        layers = ", ".join(map(str, network.hidden))
+        mirrored = (
+            " It is odd: what it says of a left turn, mirrored, it says of a right one." if network.mirrored else ""
+        )
+        return (
+            f"z is what a feed-forward network of {layers} {units} says from {network.features} features of states and "
+            f"inputs; its last layer is linear.{mirrored}"
+        )
+    layers = ", ".join(map(str, network.hidden))
+    skip = " and straight from what it reads" if network.skip else ""
+    return (
+        f"z is what a recurrent network of {layers} rectified linear units says at every row from {network.features} "
+        f"features of states and inputs and from what its layers said a row before; its last layer is linear{skip}."
+    )

@@ -1,0 +1,56 @@
+"""Equations of models with memory, windows as sums."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import casadi as cs
+import numpy as np
+
+from ...memory_model import MemoryModel
+from ...model import Symbol as Casadi
+from .expression import Equation, Expression, Symbol, Window
+from .tracing import Reader, traced
+
+NEXT = "next"
+"""Mark of an output one sample after the newest input."""
+
+
+@traced.register(MemoryModel)
+def memory_equations(model: MemoryModel) -> tuple[Equation, ...]:
+    """The model's equations, and what follows from its outputs where it runs on its own."""
+    read = Reader()
+
+    def past(signal: Casadi, weights: Sequence[Casadi]) -> Casadi:
+        window = Window(_weights(weights, read.known), read(cs.SX(signal)), len(weights))
+        return read.named(window, f"window {len(read.known)}")
+
+    u = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.inputs})
+    p = SimpleNamespace()
+    for own in model.parameters:
+        if own.shape == ():
+            setattr(p, own.name, read.named(Symbol(own.name)))
+            continue
+        entries = np.empty(own.shape, dtype=object)
+        for index in np.ndindex(own.shape):
+            entries[index] = read.named(Symbol(own.name, tuple(k + 1 for k in index)))
+        setattr(p, own.name, entries)
+    outputs = model.equations(u, p, past)
+    found = [Equation(Symbol(name, mark=NEXT), read(cs.SX(outputs[name]))) for name in model.outputs]
+    if model.feedback is not None:
+        y = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.outputs})
+        fed = {name: read(cs.SX(value)) for name, value in model.feedback(y, u).items()}
+        found += [Equation(Symbol(name), value) for name, value in fed.items() if value != Symbol(name)]
+    return tuple(found)
+
+
+def _weights(weights: Sequence[Casadi], known: dict[str, Expression]) -> Symbol:
+    """The parameter whose last entries they are, without those; a letter where they are something else."""
+    found = [known.get(cs.SX(own).name()) if cs.SX(own).is_symbolic() else None for own in weights]
+    first = found[0]
+    if isinstance(first, Symbol) and first.entry:
+        expected = [Symbol(first.name, (*first.entry[:-1], k + 1)) for k in range(len(found))]
+        if found == expected:
+            return Symbol(first.name, first.entry[:-1])
+    return Symbol("g")
