@@ -4,8 +4,9 @@
 
 `hybrid_stiffness` on the synthetic SimRod, seed 0; errors are of the held-out manoeuvres, as in `benchmarks/hybrid.py`.
 constant : tyres whose forces are proportional to slip angle and load, without noise and with the stated one.
-speed    : manoeuvres whose speed changes, by the model trained at constant speeds: a sine while the car slows down by
-           3 m/s^2, and a turn in which it is braked by 4 m/s^2.
+speed    : manoeuvres whose speed changes, by models trained at constant speeds, without and with loads that shift and
+           brakes that take their share (longitudinal=true): a sine while the car slows down by 3 m/s^2, and a turn in
+           which it is braked by 4 m/s^2.
 update   : relaxation length 0.25 m, stiffness x 0.8 and x 1.2 (the peak stays): as trained on the old tyres, and after
            training was carried on with 10, 20 and 40 s of the new ones.
 alarm    : root mean square error over windows in units of noise (RMSSE) of single manoeuvres over that of training: old
@@ -78,13 +79,13 @@ def tyres() -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def trained(tests: Sequence[Test], seed: int, hidden: Sequence[str] = ()) -> Fit:
+def trained(tests: Sequence[Test], seed: int, hidden: Sequence[str] = (), **settings: Any) -> Fit:
     """A training on what some drives recorded, but for hidden signals."""
     recordings = [
         replace(test.recording, signals={n: v for n, v in test.recording.signals.items() if n not in hidden})
         for test in tests
     ]
-    model = prepared(NAME, join(recordings, "training"), vehicle=vehicle("simrod"))
+    model = prepared(NAME, join(recordings, "training"), settings, vehicle=vehicle("simrod"))
     return fit(model, recordings, how=How(seed=seed))
 
 
@@ -186,7 +187,11 @@ def main() -> int:
             base = trained(make(seed, "train"), seed)
             tell([scored("as trained", base, tests)])
         if "speed" in given.parts:
-            tell(scored(kind, base, [changing(kind, seed)]) for kind in ("slowing down in a sine", "braked in a turn"))
+            along = trained(make(seed, "train"), seed, longitudinal=True)
+            tell([scored("as trained, longitudinal", along, tests)])
+            for kind in ("slowing down in a sine", "braked in a turn"):
+                drives = [changing(kind, seed)]
+                tell(scored(f"{kind}{words}", own, drives) for words, own in (("", base), (", longitudinal", along)))
         if "update" in given.parts:
             tell(update(base, seed))
         if "alarm" in given.parts:

@@ -123,6 +123,7 @@ class HybridModel(Model):
     untold : estimate -> (quantity, least size of it): where that is smaller, the estimate means nothing.
     readings : state or output -> what it follows from where a recording does not hold it; None where it cannot.
     least : input -> its smallest value at which the physics hold.
+    carried_on : parameters that are free where training is carried on for a vehicle that has changed.
     sample_time : s; recordings must have it.
     substeps : of each sample, that time is cut into.
     integrator : how states follow; a recurrent network goes with "ab2".
@@ -142,6 +143,7 @@ class HybridModel(Model):
     untold: Mapping[str, tuple[str, float]] = field(default_factory=lambda: MappingProxyType({}))
     readings: Mapping[str, Callable[[Recording], Array | None]] = field(default_factory=lambda: MappingProxyType({}))
     least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    carried_on: tuple[str, ...] = ()
     sample_time: float
     substeps: int = 1
     integrator: Integrator = "ab2"

@@ -2,6 +2,8 @@
 
 A parameter's standard deviation in the fit says what the old recordings told of it; what they count beside the new one
 is chosen as for maps with memory, by blocked cross-validation on the new seconds, and so is whether anything moves.
+
+Of hybrids move the factors by which other tyres differ, each with its own prior; they are compared in free run.
 """
 
 from __future__ import annotations
@@ -19,17 +21,22 @@ from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Prediction
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..fitting.how import How
+from ..fitting.how import How, quiet
+from ..fitting.training import update_hybrid
 from ..fitting.verb import fit as fit_model
+from ..hybrid_model import HybridModel
 from ..motion_model import MotionModel
 from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..scores.metrics import Error, prediction_errors
+from ..scores.prediction import simulate
 from ..shorthands import Array
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
 from .outcome import Adaptation, Outcome, moved_from, parted
 from .verb import AdaptTask, adapted
 
+Equations = MotionModel | HybridModel
+"""What is adapted."""
 AHEAD = 0.5
 """Seconds ahead at which the old and the adapted model are compared."""
 LEAST = 2.0
@@ -38,9 +45,10 @@ ESTIMATED = "estimated parameters"
 """What moves unless parameters are named."""
 
 
-@adapted.register(MotionModel)
-def _adapted_motion(model: MotionModel, task: AdaptTask) -> Adaptation:
-    """`free`: "auto" or "all", the parameters that the fit estimated, or names of some, with commas.
+def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
+    """Adapt a fit of equations of motion, or of a hybrid whose `carried_on` move.
+
+    `free`: "auto" or "all", the parameters that the fit estimated, or names of some, with commas.
 
     Raises
     ------
@@ -55,7 +63,7 @@ def _adapted_motion(model: MotionModel, task: AdaptTask) -> Adaptation:
     new, rest = parted(recording, seconds)
     rest = rest if validate is None else validate
     must_be_recorded(model, [new] if rest is None else [new, rest])
-    if new.sample_time > AHEAD:
+    if isinstance(model, MotionModel) and new.sample_time > AHEAD:
         raise BadInput(
             f"{recording.name} has a row every {new.sample_time:.3g} s, but errors {AHEAD:g} s ahead are compared. Is "
             "its time in another unit? Check it with greybox data check."
@@ -74,7 +82,7 @@ def _adapted_motion(model: MotionModel, task: AdaptTask) -> Adaptation:
     words = ESTIMATED if free in ("auto", "all") else free
     several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
     squares = [zero]
-    for strength in STRENGTHS:
+    for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
         held, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
             say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
@@ -111,10 +119,16 @@ def _adapted_motion(model: MotionModel, task: AdaptTask) -> Adaptation:
     )  # fmt: skip
 
 
+adapted.register(MotionModel)(adapted_motion)
+
+
 def _free(fit: Fit, free: str) -> tuple[str, ...]:
     """Names of the parameters that move."""
-    estimated = [own.name for own in fit.model.parameters if not own.fixed and own.scope == "model"]
-    told = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
+    if isinstance(fit.model, HybridModel):
+        told = list(fit.model.carried_on)
+    else:
+        estimated = [own.name for own in fit.model.parameters if not own.fixed and own.scope == "model"]
+        told = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
     if not told:
         raise BadInput(
             f"This fit of {fit.model.name} says of no parameter how well it is known, so nothing would hold it to what "
@@ -126,7 +140,7 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
     for name in names:
         if name not in told:
             raise BadInput(
-                f"‹free›: {name!r:.40} is no parameter that this fit of {fit.model.name} estimated."
+                f"‹free›: {name!r:.40} is no parameter of this fit of {fit.model.name} that may move."
                 f"{near_or_all(name, ['auto', 'all', *told])}"
             )
     return tuple(dict.fromkeys(names))
@@ -135,6 +149,8 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
 def _how(fit: Fit) -> How:
     """As the fit was made, without its certificate and its further starts."""
     told: Mapping[str, Any] = fit.how
+    if isinstance(fit.model, HybridModel):
+        return How(noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed)
     counted = {name: float(sd) for name, sd in (told.get("counted") or {}).items() if name in fit.model.outputs}
     return How(
         solver="gauss-newton", horizon=min(LEAST, told.get("horizon") or LEAST), robust=told.get("robust"),
@@ -142,8 +158,10 @@ def _how(fit: Fit) -> How:
     )  # fmt: skip
 
 
-def _about(model: MotionModel, fit: Fit, names: Sequence[str], strength: float) -> MotionModel:
+def _about(model: Equations, fit: Fit, names: Sequence[str], strength: float) -> Equations:
     """The model with what the old recordings told as priors of the parameters that move; the others are held."""
+    if isinstance(model, HybridModel):
+        return replace(model, carried_on=tuple(names))
     return model.with_parameters(*(_prior(own, fit, names, strength) for own in model.parameters))
 
 
@@ -181,22 +199,26 @@ def _unbroken(recording: Recording) -> list[Recording]:
     return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]
 
 
-def _fitted(held: MotionModel, train: Sequence[Recording], how: How) -> MotionModel:
+def _fitted(held: Equations, train: Sequence[Recording], how: How) -> Equations:
+    if isinstance(held, HybridModel):
+        return update_hybrid(held, train, how, quiet).model
     return held.with_values(fit_model(held, train, how=how).model.values)
 
 
-def _seen(model: MotionModel, recording: Recording) -> Any:
-    """Predictions some time ahead of a model's outputs."""
+def _seen(model: Equations, recording: Recording) -> Any:
+    """Predictions of a model's outputs some time ahead, of a hybrid in free run."""
+    if isinstance(model, HybridModel):
+        return simulate(model, recording)
     predictor = Predictor(Simulator(model), recording, model.values)
     return predictor.ahead(AHEAD)
 
 
-def _ahead(model: MotionModel, recording: Recording) -> dict[str, Error]:
-    seen = _seen(model, recording)
-    return prediction_errors(model.outputs, seen, recording.sample_time, AHEAD) if len(seen.rows) else {}
+def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
+    seen, horizon = _seen(model, recording), AHEAD if isinstance(model, MotionModel) else None
+    return prediction_errors(model.outputs, seen, recording.sample_time, horizon) if len(seen.rows) else {}
 
 
-def _errors_in_folds(folds: Folds, models: Sequence[MotionModel]) -> dict[str, Array]:
+def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Array]:
     """Output -> mean square error in short pieces of what was held out."""
     found: dict[str, list[float]] = {}
     for (_, held), model in zip(folds, models, strict=True):
@@ -218,12 +240,15 @@ def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
     return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
 
 
-def _adapted(
-    model: MotionModel, fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How
-) -> Fit:
+def _adapted(model: Equations, fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
     if not own.free:
         return replace(fit, how={**fit.how, "adapted": own.words})
-    found = fit_model(_about(model, fit, names, own.strength), [new], how=how)
+    held = _about(model, fit, names, own.strength)
+    if isinstance(held, HybridModel):
+        told = update_hybrid(held, [new], how, quiet)
+        whole = model.with_values(told.model.values)
+        return replace(fit, model=whole, stages=(*fit.stages, told.stage), how={**fit.how, "adapted": own.words})
+    found = fit_model(held, [new], how=how)
     estimated = {p.name: p.fixed for p in fit.model.parameters}
     freed = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
     sd = {p.name: found.sd[p.name] if p.name in names else fit.sd.get(p.name, found.sd[p.name])

@@ -44,8 +44,7 @@ def adapted(model: Model, task: AdaptTask) -> Adaptation:
     """A fit's model adapted as its kind is; of kinds that keep no uncertainty, none."""
     raise BadInput(
         f"A fit of {model.name} cannot be adapted: it keeps no uncertainty that would hold what the new seconds do not "
-        "show. Fit it to the new recording together with the old ones or, where its network has a memory, carry its "
-        "training on: fit it with ‹pretrain› naming this fit."
+        "show. Fit it to the new recording together with the old ones."
     )
 
 

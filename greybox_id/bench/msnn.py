@@ -134,6 +134,18 @@ QUICK_GRIDS: Mapping[str, Mapping[str, Sequence[int]]] = {
 """Some of them about the published ones."""
 OURS = "MS-NN-full"
 """What the other models of Tables 1 and 2 are compared with."""
+COUPLED: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "msnn_full": ("msnn_full", {}), "msnn_full_plus": ("msnn_full_plus", {}),
+    "Ablation 1, coupled": ("msnn_full", {"lat": ABLATION_1}),
+    "Ablation 2, coupled": ("msnn_full", {"lat": ABLATION_2}),
+    "Ablation 3, coupled": ("msnn_full", {"long": ABLATION_3}),
+}  # fmt: skip
+"""Networks that read what they predict: model and settings. G-NN and MS-NN-bench have no loop to close."""
+PHYSICAL: Mapping[tuple[str, str], Mapping[str, float | None]] = {
+    (OURS, "msnn_long"): {"m": None, "c_r": None, "c_l": None, "k_a": -0.65, "I_w": -0.17, "r": -0.27},
+    ("MS-NN-bench", "msnn_bench_lat"): {"A": -0.070},
+}
+"""Parameters with a physical meaning, and what the authors' stored networks have for them, where that is known."""
 
 STRENGTHS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on the priors that the published protocol chooses from on valid.csv."""
@@ -354,10 +366,10 @@ def _honest(entry: PaperModel, share: int, train: Recording, valid: Recording, h
 def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say) -> list[Row]:
     """The coupled networks, open and closed loop, and with the delay of every run told by its first seconds."""
     rows: list[Row] = []
-    for name in ("msnn_full", "msnn_full_plus"):
+    for name, (kind, settings) in COUPLED.items():
         say(f"{name}, closed loop")
         clock = time.process_time()
-        several = [prepared(name, train)] if quick else candidates(name, train)
+        several = [prepared(kind, train, settings)] if quick else candidates(kind, train, settings)
         found = fit(several, [train], how=how)
         spent = time.process_time() - clock
         model = must_be(MemoryModel, found.model)
@@ -368,7 +380,8 @@ def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say)
         told[calibration_words(CALIBRATED)] = calibrated_errors(model, valid, calibrated_timing(found, valid))
         for protocol, own in told.items():
             for output, error in own.items():
-                paper = PAPER["MS-NN-full", output, 100, "valid"] if protocol in ("published", "honest") else None
+                alone = OURS if name == kind else name.partition(",")[0]
+                paper = PAPER.get((alone, output, 100, "valid")) if protocol in ("published", "honest") else None
                 rows.append(
                     _row("coupled", name, 100, "valid", protocol, output, error,
                          fvu=error.fvu_published if protocol == "published" else error.fvu,

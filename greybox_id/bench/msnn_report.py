@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 
 from ..adaptation.outcome import parted
 from ..engine.simulation import Prediction
 from ..kinds import must_be
 from ..memory_model import MemoryModel
-from ..numbers import number
+from ..numbers import number, pretty_unit
 from ..recording import Recording
 from ..reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from ..reports.noise import noise
 from ..reports.text.screen import plain_table
 from ..scores.timing import timed
 from ..version import __version__
-from .msnn import OURS, MsnnBench, Row, one_output
+from .msnn import OURS, PHYSICAL, MsnnBench, Row, one_output
 from .msnn_figures import adapted, criterion, densities, handling, predicted, responses, speed_ranges
 
 UNITS = {"yaw_rate": "rad/s", "a_x": "m/s²"}
@@ -54,6 +55,9 @@ def msnn_report(found: MsnnBench) -> Document:
         *titled("Table 3: a changed car", _adapted_table([own for own in rows if own["table"] == 3])),
         *titled("Coupled networks: yaw rate in rad/s, a_x in m/s²",
                 _table([own for own in rows if own["table"] == "coupled"], outputs=True)),
+        *titled("Physical parameters", _physical(found), Text(
+            "Theirs are of their stored networks: a wheel of negative radius and inertia, a factor D on inertia below "
+            "zero, drag that drives, a gain close to its pole. Bounds and priors forbid that here.")),
         *titled("Figures", *drawings(found)),
     )  # fmt: skip
     return Document("Model-structured networks of a 1:10 car", about, "a bench", f"greybox-id {__version__}", parts)
@@ -112,6 +116,26 @@ def _comparisons(rows: Sequence[Row]) -> Table:
         for own in rows
     )  # fmt: skip
     return Table(("models", "output", "difference of RMSE", "95 % interval", ""), body, "llrrl")
+
+
+def _physical(found: MsnnBench) -> Table:
+    """Parameters with a physical meaning, and what follows from them, beside those of the authors' stored networks."""
+    body: list[tuple[str, ...]] = []
+
+    def told(name: str, what: str, own: float, theirs: float | None) -> None:
+        body.append((name, what, number(own, 3), "–" if theirs is None else number(theirs, 3)))
+
+    for (name, kind), theirs in PHYSICAL.items():
+        model = found.fits[name, kind].model
+        for symbol, own in theirs.items():
+            unit = model[symbol].unit
+            told(name, symbol if unit == "1" else f"{symbol} [{pretty_unit(unit)}]", float(model[symbol].array), own)
+    long, bench = found.fits[OURS, "msnn_long"].model, found.fits["MS-NN-bench", "msnn_bench_lat"].model
+    m, I_w, r, A = (float(own.array) for own in (long["m"], long["I_w"], long["r"], bench["A"]))
+    told(OURS, "D = 1 + 4 I_w/(m r²)", 1.0 + 4.0 * I_w / (m * r**2), -2.15)
+    fastest = float(np.nanmax(found.train["v_x"]))
+    told("MS-NN-bench", f"1 + A v² at top speed, {fastest:.2f} m/s", *(1.0 + own * fastest**2 for own in (A, -0.070)))
+    return Table(("model", "parameter", "ours", "the authors'"), tuple(body), "llrr")
 
 
 def drawings(found: MsnnBench) -> tuple[Drawing, ...]:

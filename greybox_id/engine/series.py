@@ -190,20 +190,23 @@ class Run:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
         return Linearisation(trace.head(h, newest, p), by_p, by_nodes)
 
-    def pulled(self, p: Array, weights: Array) -> Array | None:
-        """Weights (rows, outputs) times the derivative of the predictions from recorded inputs, (parameters,).
+    def pulled(self, p: Array, weights: Array, nodes: Array | None = None) -> Array | None:
+        """Weights (rows, outputs) times the derivative of the predictions by the parameters, (parameters,).
 
-        Adjoint: windows backwards, a thousandth of what the derivative itself takes. None where an actuator's parameter
-        moves.
+        Adjoint: windows backwards, a thousandth of what the derivative itself takes. About nodes that match, what a
+        parameter does to them is carried along. None where an actuator's parameter moves.
         """
         trace = self.trace
-        u, u_by_p = self._commanded(p)
+        u, u_by_p = self.inputs(p, nodes)
         if u_by_p is not None:
             return None
         z, h = self._windows(u, p)
         newest = self._newest(u)
         by_h = trace.head_by_h.nonzeros(h, newest, p)
         of_window = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
+        if nodes is not None and self._fed:
+            slopes = trace.stage_by_u.nonzeros(u, p), by_h, trace.head_by_u.nonzeros(h, newest, p)
+            weights = _fed_back(weights, self._by_nodes(nodes, u, *slopes, of_window))
         by_z = np.zeros((len(z) - 1, z.shape[1]))
         total = np.zeros(len(p))
         for tap, signal in enumerate(trace.tap_signal):
@@ -330,6 +333,17 @@ class Run:
 
     def _joined(self, predictions: Array) -> Array:
         return np.vstack([self.measured[: self.first], predictions])
+
+
+def _fed_back(weights: Array, by_nodes: Array) -> Array:
+    """Weights of predictions, with what each prediction does to those after it, from the last row to the first."""
+    rows, outputs, memory, _ = by_nodes.shape
+    total = np.concatenate((np.zeros(memory * outputs), weights.ravel()))
+    flat = np.ascontiguousarray(by_nodes).reshape(rows, outputs, -1)
+    for k in range(rows - 1, -1, -1):
+        here = (memory + k) * outputs
+        total[k * outputs : here] += total[here : here + outputs] @ flat[k]
+    return np.asarray(total[memory * outputs :].reshape(rows, outputs))
 
 
 def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:

@@ -144,7 +144,7 @@ class Problem:
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise everything about a matched point and eliminate the nodes."""
-        if not nodes and self._last is not None and np.array_equal(self._last[0], x):
+        if self._last is not None and np.array_equal(self._last[0], x):  # nodes match: they follow from x
             return self._last[1]
         H, g = self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x))
         for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
@@ -158,20 +158,19 @@ class Problem:
                 H[np.ix_(index[free], index[free])] += flat.T @ flat
                 g[index[free]] += flat.T @ residuals.ravel()
         found = NormalEquations(H, g)
-        if not nodes:
-            self._last = (x.copy(), found)
+        self._last = (x.copy(), found)
         return found
 
-    def gradient(self, x: Array) -> Array:
-        """Gradient of the open-loop objective, zero by unknowns that are held."""
+    def gradient(self, x: Array, nodes: Nodes) -> Array:
+        """Gradient of the objective at a matched point, zero by unknowns that are held."""
         g = np.asarray(self.R.T @ self.prior_residuals(x))
         for k, (run, index) in enumerate(zip(self.runs, self.layout.index, strict=True)):
-            p = x[index]
-            observed, _ = self.sensing(run.predict(p), None, p)
+            p, own = x[index], nodes[k] if nodes else None
+            observed, _ = self.sensing(run.predict(p) if own is None else own[run.predicted], None, p)
             weights = (observed - run.measured[run.predicted]) * self.weight(k) ** 2
-            pulled = run.pulled(p, weights)
+            pulled = run.pulled(p, weights, own)
             if pulled is None or not self.sensing.plain:
-                return np.where(self.free, self.normal_equations(x, []).g, 0.0)
+                return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
             np.add.at(g, index, pulled)
         return np.where(self.free, g, 0.0)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..engine.motion.shooting import MotionProblem
 from ..engine.shooting import Problem
 from ..provenance import Certificate
 from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..solvers.ipopt import SAME, ipopt
-from ..solvers.quasi_newton import refine
+from ..solvers.ipopt import NEAR, SAME, ipopt
+from ..solvers.quasi_newton import refine, settle
 from .how import Say
 
-CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS = 30, 15, 8
+CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 3
 """Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
-weights), and where it only carries on."""
+weights), where it only carries on, and at a corner, where no gradient is zero and it can only try to gain."""
 NOTHING = 1e-3
 """The objective is a number of squared standard deviations: a gain of so much moves no parameter by a twentieth of its
 own. Where a few parameters are to be told, an optimum is confirmed only if there is not even that to gain."""
@@ -28,23 +30,26 @@ iterations hardly any."""
 
 def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ask Ipopt; keep what it found where that is better."""
+    corner = np.inf
+    if isinstance(problem, Problem) and found.status in (Status.CONVERGED, Status.SLOW):
+        found, corner = _settled(problem, found) if problem.closed_loop else (_refined(problem, found), corner)
     converged = found.status is Status.CONVERGED
-    if isinstance(problem, Problem) and converged:
-        found = _refined(problem, found)
     slow = isinstance(problem, Problem) and problem.closed_loop
     certifying = CERTIFYING_CLOSED_LOOP if slow else CERTIFYING_ITERATIONS
-    iterations = CONTINUING_ITERATIONS if slow and not converged else certifying
+    carrying = CORNER_ITERATIONS if corner <= NEAR else CONTINUING_ITERATIONS if slow and not converged else certifying
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
-    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=iterations, lifted=False)
+    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=carrying, lifted=False)
     gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
     same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(found.objective, 1e-300))
+    optimum = solution.status is Status.CONVERGED
+    in_corner = not optimum and corner <= NEAR
     certificate = Certificate(
-        status=verdict.words,
-        confirmed=solution.status is Status.CONVERGED and gained < same,
+        status=verdict.words + (IN_A_CORNER if in_corner else ""),
+        confirmed=(optimum or in_corner) and gained < same,
         iterations=verdict.iterations,
         objective_before=found.objective,
         objective_after=min(solution.objective, found.objective),
-        gradient=verdict.gradient,
+        gradient=corner if in_corner else verdict.gradient,
         violation=verdict.violation,
         cpu_seconds=verdict.cpu_seconds,
     )
@@ -58,21 +63,30 @@ def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tu
     return replace(solution, status=status, steps=found.steps, history=found.history), certificate
 
 
+CLOSE, GRADIENTS = float(np.sqrt(2.0 * NOTHING)), 60
+"""How far about an optimum gradients are averaged, in standard deviations by its curvature: so far, the objective
+changes by `NOTHING`; gradients that are looked at."""
+IN_A_CORNER = "; the optimum lies in a corner of local models, gradients about it balance"
+
+
+def _settled(problem: Problem, found: Solution) -> tuple[Solution, float]:
+    """An optimum in closed loop, and the average of the gradients about it: feeding back crosses corners."""
+    x, objective, average = settle(
+        problem, found.x, problem.gradient, radius=CLOSE, least=NEAR, steps=GRADIENTS
+    )  # fmt: skip
+    status = Status.CONVERGED if average <= NEAR else found.status
+    nodes = problem.simulated_nodes(x)
+    history = (*found.history, objective) if objective < found.objective else found.history
+    return replace(found, x=x, nodes=nodes, objective=objective, status=status, history=history), average
+
+
 def _refined(problem: Problem, found: Solution) -> Solution:
     """The same optimum, some steps nearer; as it was found where they gain nothing."""
-    history: list[float] = []
-    if not problem.closed_loop:
-        x, history = refine(problem, found.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
-        found = replace(
-            found,
-            x=x,
-            objective=history[-1],
-            steps=found.steps + len(history) - 1,
-            history=(*found.history, *history[1:]),
-        )
-    nearer = gauss_newton(problem, found.x, tolerance=REFINED, negligible=0.0, max_steps=REFINING_STEPS)
+    x, history = refine(problem, found.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
+    nearer = gauss_newton(problem, x, tolerance=REFINED, negligible=0.0, max_steps=REFINING_STEPS)
     if nearer.status is Status.INTERRUPTED or nearer.objective > found.objective:
         return found
-    return replace(
-        nearer, status=found.status, steps=found.steps + nearer.steps, history=(*found.history, *nearer.history[1:])
-    )
+    steps = found.steps + len(history) - 1 + nearer.steps
+    told = (*found.history, *history[1:], *nearer.history[1:])
+    status = Status.CONVERGED if nearer.status is Status.CONVERGED else found.status
+    return replace(nearer, status=status, steps=steps, history=told)

@@ -12,6 +12,7 @@ from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..errors import BadInput
 from ..hybrid_model import HybridModel
+from ..parameter import Parameter
 from ..processes import apart, side_by_side
 from ..provenance import Stage
 from ..recording import Recording
@@ -22,10 +23,6 @@ from .how import How, Say, quiet
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""
-ANCHOR = 0.3
-"""Pull of weights to where they were, where training is carried on: with less, a model learned one manoeuvre by heart
-and spun in others. Chosen among 1e-5 to 3 on cars with less grip and with tyres that lag, driven otherwise than those
-that `benchmarks/hybrid_checks.py` scores."""
 PIECES = 5
 """Of so many pieces one says when to stop where training is carried on: a fifth, as of manoeuvres, all along a run."""
 WARM_UP, STEPS, PATIENCE = 60, 300, 60
@@ -100,9 +97,10 @@ class TrainedBefore:
 def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
     """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
 
-    Training begins at the model's own weights. Every fifth piece of two windows is not trained on and says when to
-    stop; a model that fits these best as it is stays as it is. The recordings that it was trained on before are not
-    needed.
+    What moves is what the model says vehicles differ by (`HybridModel.carried_on`), about where it is; weights stay as
+    they are. Moved along, they learned one manoeuvre by heart and spun in others. Every fifth piece of two windows is
+    not trained on and says when to stop; a model that fits these best as it is stays as it is. The recordings that it
+    was trained on before are not needed.
 
     Parameters
     ----------
@@ -112,10 +110,12 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
 
     Raises
     ------
-    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts.
+    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
     """
     if how.starts > 1:
-        raise BadInput(f"Carried on, the training of {model.name} starts at the weights it has; omit ‹starts›.")
+        raise BadInput(f"Carried on, the training of {model.name} starts at the numbers it has; omit ‹starts›.")
+    if not model.carried_on:
+        raise BadInput(f"{model.name} says of no parameter that vehicles differ by it; train it anew.")
     clock = time.process_time()
     named = manoeuvres(model, recordings)
     length = 2 * model.window - model.warm_up
@@ -128,8 +128,8 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     held_out = pieces[PIECES // 2 :: PIECES]
     sd = read_noise(model, [one for _, one in named], how)
     train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
-    problem = HybridProblem(model, train, sd, anchor=ANCHOR)
-    outside = WindowErrors(model, held_out, sd)
+    moving = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
+    problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
     best, stage = trained_best(
         model, how, say, clock,
         lambda seed, own: _descent(problem, outside, model, seed, own, model.values),
@@ -139,6 +139,13 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
     told = f"every fifth of {len(pieces)} pieces of {length} rows"
     return Trained(model.with_values(p), stage, (told,), errors)
+
+
+def _carried_on(own: Parameter, moving: Sequence[str]) -> Parameter:
+    """Free with its prior about where it is, or held."""
+    if own.name not in moving:
+        return replace(own, fixed=True)
+    return replace(own, fixed=False, prior=own.prior and replace(own.prior, mean=None))
 
 
 def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:

@@ -10,6 +10,11 @@ the sign that makes positive forces of positive ones: the negative of the paper'
 Source: "Tire cornering stiffness estimation using hybrid modeling", Eq. 2-12, 18. What differs: arc tangents and
 cos(steer) are kept, for they cost nothing; the network reads slip angles, centripetal acceleration and speed, which say
 the same as state and input, in numbers of order one at any speed.
+
+Beyond the paper: what the steering angle and a_y are read with (offsets), forces along the wheels, and what other tyres
+differ by, two factors an axle in the similarity method (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.2):
+
+    F_y(alpha) = grip_scale F_y,trained(stiffness_scale / grip_scale alpha)
 """
 
 from __future__ import annotations
@@ -24,16 +29,34 @@ import numpy as np
 from ..errors import BadInput
 from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ..model import Namespace, Symbol
-from ..parameter import Parameter
+from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..shorthands import Array
 from .settings import within
-from .single_track import BODY, G
+from .single_track import BODY, DRIVE, G
+from .smooth import remaining
+from .tyres import TYRES, TyreSettings, axle
 
 SLOPE = 12.0
 """Cornering stiffness over load, 1/rad, at which the network starts; radial tyres lie between 8 and 20."""
 EXCITED = 0.01
 """Slip angle, rad, below which a force over it tells no stiffness."""
+OFFSETS = (
+    Parameter("steering_offset", "rad", 0.0, (-0.2, 0.2), fixed=True, about="added to the road-wheel angle"),
+    Parameter("accel_bias_y", "m/s^2", 0.0, (-3.0, 3.0), fixed=True, about="added to the lateral acceleration"),
+)
+SIMILAR = tuple(
+    Parameter(f"{kind}_scale_{axle}", "1", 1.0, (0.3, 3.0), Prior(0.3), fixed=True, about=f"{what}, {where} axle")
+    for kind, what in (("stiffness", "slope at zero slip over that of the trained tyres"),
+                       ("grip", "largest force over that of the trained tyres"))
+    for axle, where in (("f", "front"), ("r", "rear"))
+)  # fmt: skip
+ALONG = (
+    BODY[4],
+    *(own for own in DRIVE if own.name in ("drive_split_front", "brake_split_front")),
+    *(Parameter(f"mu_{axle}", "1", 1.0, (0.1, 3.0), fixed=True, about=f"friction of the {where} axle")
+      for axle, where in (("f", "front"), ("r", "rear"))),
+)  # fmt: skip
 _SLIP = 0.1
 """Slip angles are read in this unit, rad."""
 _LONGEST_STEP = 0.0125
@@ -50,8 +73,11 @@ class HybridSettings:
     window, warm_up : rows predicted from one start in training, and how many of them are not compared.
     speed, speed_spread : about which, and in which unit, the network reads the speed, m/s; None takes mean and standard
         deviation of the training recording.
-    symmetric : the vehicle is taken to be the same in a mirror: it is trained on every manoeuvre mirrored too, at
-        twice the work. Where manoeuvres go to both sides nothing was gained by it.
+    symmetric : the vehicle is the same in a mirror: stiffnesses depend on the sizes of what turns it, not on the side;
+        forces are trained on every manoeuvre mirrored too, at twice the work.
+    tyre : curve that the network starts at, "pacejka" for example, with a vehicle's numbers; None for a straight line.
+    longitudinal : axles' forces grow with the loads that a_x shifts, and brakes and drive take their share of the
+        friction; a_x is an input then.
     least_speed : below which a slip angle means nothing, m/s.
     sample_time : s; None takes the training recording's.
     """
@@ -62,12 +88,16 @@ class HybridSettings:
     speed: float | None = None
     speed_spread: float | None = None
     symmetric: bool = False
+    tyre: str | None = None
+    longitudinal: bool = False
     least_speed: float = 3.0
     sample_time: float | None = None
 
     def __post_init__(self) -> None:
         within(self, window=(2, 5000), warm_up=(0, 4999), least_speed=(0.1, 100.0))
         sized(self.window, self.warm_up, self.hidden)
+        if self.tyre is not None:
+            TyreSettings(self.tyre)
 
 
 def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
@@ -80,7 +110,8 @@ def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
 
 def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSettings:
     """Speed and sample time left open are set from a training recording."""
-    recording.require(("v_x", "steer", "a_y", "yaw_rate"), "a hybrid model")
+    along = ("a_x",) if settings.longitudinal else ()
+    recording.require(("v_x", "steer", *along, "a_y", "yaw_rate"), "a hybrid model")
     v_x = recording["v_x"]
     driven = v_x[np.isfinite(v_x) & (v_x >= settings.least_speed)]
     if len(driven) == 0:
@@ -99,14 +130,14 @@ def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSet
 def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' cornering stiffnesses (Eq. 6-8)."""
 
-    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
-        return [SLOPE * load * _positive(each) * slip for each, slip, load in zip(z, slips, loads, strict=True)]
+    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
+        return _positive(z) * nominal
 
     return _hybrid(
         "hybrid_stiffness",
         "linear single track whose cornering stiffnesses are predicted by a recurrent network",
         ("a_y", "yaw_rate", "sideslip"),
-        forces,
+        force,
         settings or HybridSettings(),
         skip=False,
     )
@@ -115,18 +146,18 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
 def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' lateral forces (Eq. 9-12).
 
-    What it says adds to a linear tyre, without which the vehicle would not turn, nor training begin; features also go
+    What it says adds to a plain tyre, without which the vehicle would not turn, nor training begin; features also go
     straight to its output, so that this tyre's slope need not be right.
     """
 
-    def forces(z: Sequence[Symbol], slips: Sequence[Symbol], loads: Sequence[Symbol]) -> list[Symbol]:
-        return [load * (SLOPE * slip + each) for each, slip, load in zip(z, slips, loads, strict=True)]
+    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
+        return nominal + load * z
 
     return _hybrid(
         "hybrid_force",
         "rigid single track whose lateral tyre forces are predicted by a recurrent network",
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
-        forces,
+        force,
         settings or HybridSettings(),
         skip=True,
     )
@@ -136,7 +167,7 @@ def _hybrid(
     name: str,
     about: str,
     outputs: tuple[str, ...],
-    forces: Callable[[Sequence[Symbol], Sequence[Symbol], Sequence[Symbol]], list[Symbol]],
+    force: Callable[[Symbol, Symbol, Symbol], Symbol],
     s: HybridSettings,
     skip: bool,
 ) -> HybridModel:
@@ -144,37 +175,58 @@ def _hybrid(
     speed, spread = s.speed or 15.0, s.speed_spread or 5.0
     sample_time = s.sample_time or 0.01
 
+    sizes, tyre = s.symmetric and not skip, TYRES.get(s.tyre or "")
+
+    def nominal(axle_of: str, slip: Symbol, load: Symbol, p: Namespace) -> Symbol:
+        return SLOPE * load * slip if tyre is None else tyre.force(slip, load, axle(p, axle_of), 1.0, 1.0)
+
     def slips(x: Namespace, u: Namespace, p: Namespace) -> tuple[Symbol, Symbol]:
-        front = u.steer - cs.atan((x.v_y + p.l_f * x.yaw_rate) / u.v_x)
+        front = u.steer + p.steering_offset - cs.atan((x.v_y + p.l_f * x.yaw_rate) / u.v_x)
         return front, -cs.atan((x.v_y - p.l_r * x.yaw_rate) / u.v_x)
 
-    def features(x: Namespace, u: Namespace, p: Namespace) -> Sequence[Symbol]:
+    def similar(x: Namespace, u: Namespace, p: Namespace) -> tuple[Symbol, Symbol]:
         alpha_f, alpha_r = slips(x, u, p)
-        return alpha_f / _SLIP, alpha_r / _SLIP, u.v_x * x.yaw_rate / G, (u.v_x - speed) / spread
+        return p.stiffness_scale_f / p.grip_scale_f * alpha_f, p.stiffness_scale_r / p.grip_scale_r * alpha_r
+
+    def features(x: Namespace, u: Namespace, p: Namespace) -> Sequence[Symbol]:
+        alpha_f, alpha_r = similar(x, u, p)
+        turning = alpha_f / _SLIP, alpha_r / _SLIP, u.v_x * x.yaw_rate / G
+        return *(map(cs.fabs, turning) if sizes else turning), (u.v_x - speed) / spread
 
     def physics(
         x: Namespace, u: Namespace, p: Namespace, z: Sequence[Symbol]
     ) -> tuple[Mapping[str, Symbol], Mapping[str, Symbol]]:
         alpha_f, alpha_r = slips(x, u, p)
+        steer = u.steer + p.steering_offset
         weight = p.m * G / (p.l_f + p.l_r)
-        F_yf, F_yr = forces(z, (alpha_f, alpha_r), (weight * p.l_r, weight * p.l_f))
-        across = F_yf * cs.cos(u.steer)
+        front, rear, F_xf = weight * p.l_r, weight * p.l_f, 0.0
+        if s.longitudinal:
+            front, rear, F_xf = _loaded(u.a_x, p)
+        F_yf, F_yr = (
+            force(each, nominal(suffix, slip, load, p), load)
+            for each, suffix, slip, load in zip(
+                z, "fr", similar(x, u, p), (p.grip_scale_f * front, p.grip_scale_r * rear), strict=True
+            )
+        )
+        across = F_yf * cs.cos(steer) + F_xf * cs.sin(steer)
         a_y = (across + F_yr) / p.m
         yaw_acceleration = (p.l_f * across - p.l_r * F_yr) / p.I_z
         return {"v_y": a_y - u.v_x * x.yaw_rate, "yaw_rate": yaw_acceleration}, {
             "F_yf": F_yf, "F_yr": F_yr, "alpha_f": alpha_f, "alpha_r": alpha_r,
             "C_alpha_f": F_yf / alpha_f, "C_alpha_r": F_yr / alpha_r,
-            "a_y": a_y, "yaw_acceleration": yaw_acceleration, "sideslip": cs.atan(x.v_y / u.v_x),
+            "a_y": a_y + p.accel_bias_y, "yaw_acceleration": yaw_acceleration, "sideslip": cs.atan(x.v_y / u.v_x),
         }  # fmt: skip
 
+    curves = () if tyre is None else (replace(p, fixed=True) for suffix in "fr" for p in tyre.parameters(suffix))
+    known = {own.name: own for own in (*(ALONG if s.longitudinal else ()), *curves)}
     return HybridModel(
         name=name,
         about=about,
-        inputs=("v_x", "steer"),
+        inputs=("v_x", "steer", *(("a_x",) if s.longitudinal else ())),
         commands=("steer",),
-        symmetric=s.symmetric,
+        symmetric=s.symmetric and not sizes,
         outputs=outputs,
-        parameters=(*BODY[:4], *weights(network)),
+        parameters=(*BODY[:4], *OFFSETS, *SIMILAR, *known.values(), *weights(network)),
         states=(Carried("v_y", "m/s"), Carried("yaw_rate", "rad/s")),
         network=network,
         features=features,
@@ -186,6 +238,7 @@ def _hybrid(
         untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
         readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
         least={"v_x": s.least_speed},
+        carried_on=tuple(own.name for own in SIMILAR),
         sample_time=sample_time,
         substeps=max(ceil(sample_time / _LONGEST_STEP - 1e-9), 1),
         window=s.window,
@@ -193,6 +246,17 @@ def _hybrid(
         settings=asdict(s),
         together=("masses and inertia with forces: without a force sensor, F/m and I_z/m are identifiable, m is not",),
     )  # fmt: skip
+
+
+def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
+    """Loads [N] of front and rear axle, less what forces along them leave of their friction, and that of the front."""
+    weight, moved = p.m * G / (p.l_f + p.l_r), p.m * p.h_cg * a_x / (p.l_f + p.l_r)
+    F_zf, F_zr = weight * p.l_r - moved, weight * p.l_f + moved
+    driving, braking = p.m * cs.fmax(a_x, 0.0), p.m * cs.fmin(a_x, 0.0)
+    F_xf = p.drive_split_front * driving + p.brake_split_front * braking
+    F_xr = driving + braking - F_xf
+    left_f, left_r = (remaining((F_x / F_max) ** 2) for F_x, F_max in ((F_xf, p.mu_f * F_zf), (F_xr, p.mu_r * F_zr)))
+    return F_zf * cs.sqrt(left_f), F_zr * cs.sqrt(left_r), F_xf
 
 
 def _positive(z: Symbol) -> Symbol:

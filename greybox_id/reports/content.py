@@ -198,7 +198,8 @@ def ipopt_words(stage: Stage) -> str:
     if verdict is None:
         return "Ipopt was not asked to confirm the optimum"
     if verdict.confirmed:
-        return "Ipopt confirmed the optimum on the same problem"
+        corner = verdict.status.partition("; ")[2]
+        return f"Ipopt confirmed the optimum on the same problem{': ' if corner else ''}{corner}"
     better = (
         f"finding {percent(verdict.gained)} less in the objective"
         if verdict.gained > NOTHING

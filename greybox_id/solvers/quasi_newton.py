@@ -6,13 +6,13 @@ L-BFGS (scipy's, with bounds), which converges from there ten times as fast.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import Bounds, minimize, nnls
 
 from ..engine.least_squares import LeastSquares
 from ..shorthands import Array
@@ -121,7 +121,7 @@ def descend(
 
 
 def refine(
-    problem: LeastSquares, x: Array, gradient: Callable[[Array], Array], *, tolerance: float, steps: int
+    problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, tolerance: float, steps: int
 ) -> tuple[Array, list[float]]:
     """Come nearer to an optimum without linearising again: the curvature at the start, and L-BFGS on top of it.
 
@@ -131,9 +131,9 @@ def refine(
 
     Parameters
     ----------
-    problem : without nodes.
+    problem : the problem; nodes follow by simulation.
     x : (unknowns,) a point near an optimum, away from bounds.
-    gradient : of the objective, zero by unknowns that are held.
+    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
     tolerance : share of the objective that a step may still promise at the end.
     steps : at most.
 
@@ -142,9 +142,8 @@ def refine(
     The point, and the objective after every step, the start's first.
     """
     free = problem.free
-    H = problem.normal_equations(x, []).H[np.ix_(free, free)]
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    factor = la.cho_factor(H * np.outer(unit, unit) + _RIDGE * np.eye(len(H)))
+    nodes = problem.simulated_nodes(x)
+    metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
     pairs: list[tuple[Array, Array, float]] = []
 
     def turned(g: Array) -> Array:
@@ -152,31 +151,107 @@ def refine(
         for s, y, curvature in reversed(pairs):
             shares.append(s @ g / curvature)
             g -= shares[-1] * y
-        d = unit * la.cho_solve(factor, unit * g)
+        d = metric.solved(g)
         for (s, y, curvature), share in zip(pairs, reversed(shares), strict=True):
             d += s * (share - y @ d / curvature)
         return np.asarray(d)
 
-    history, g = [problem.objective(x, [])], gradient(x)[free]
+    history, g = [problem.objective(x, nodes)], gradient(x, nodes)[free]
     while len(history) <= steps:
         step = -turned(g)
         promised = -float(g @ step)
         if promised <= 2.0 * tolerance * history[-1]:
             break
-        further = np.zeros_like(x)
-        further[free] = step
-        nearer = x + further
-        objective = problem.objective(nearer, [])
+        nearer = _moved(x, free, step)
+        matched = problem.simulated_nodes(nearer)
+        objective = problem.objective(nearer, matched)
         inside = np.all((nearer > problem.bounds[0]) & (nearer < problem.bounds[1]) | ~free)
         if not (inside and objective < history[-1] - _ARMIJO * promised):
             break
-        slope = gradient(nearer)[free]
+        slope = gradient(nearer, matched)[free]
         curvature = float(step @ (slope - g))
         if curvature > 0.0:
             pairs.append((step, slope - g, curvature))
         x, g = nearer, slope
         history.append(objective)
     return x, history
+
+
+def settle(
+    problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, radius: float, least: float, steps: int
+) -> tuple[Array, float, float]:
+    """Come to an optimum that may lie in a kink, and say how well the gradients about it balance.
+
+    Where a prediction that is fed back crosses the corner of a piecewise linear function, the gradient jumps, and at
+    an optimum in that corner it is nowhere zero: gradients within a small distance have an average that is. From the
+    point, walk against the shortest average of those seen within the distance; begin anew where that descends, else
+    see what the gradient is there. Source: Goldstein, Optimization of Lipschitz continuous functions, Mathematical
+    Programming 13 (1977) 14-22, in the metric of the curvature.
+
+    Parameters
+    ----------
+    problem : the problem; nodes follow by simulation.
+    x : (unknowns,) a point near an optimum, away from bounds.
+    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
+    radius : distance, in standard deviations by the curvature of all unknowns together.
+    least : of the average gradient, by any unknown in units of its curvature, at which the point is an optimum.
+    steps : gradients that are looked at, at most.
+
+    Returns
+    -------
+    The point, its objective, and the largest entry of the average gradient in units of curvature.
+    """
+    free = problem.free
+    nodes = problem.simulated_nodes(x)
+    metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
+    objective, seen = problem.objective(x, nodes), [gradient(x, nodes)[free]]
+    average = seen[0]
+    for _ in range(steps):
+        average = metric.shortest(seen)
+        if float(np.max(np.abs(metric.unit * average))) <= least:
+            break
+        step = -metric.solved(average)
+        step *= radius / np.sqrt(max(-float(average @ step), 1e-300))
+        nearer = _moved(x, free, step)
+        matched = problem.simulated_nodes(nearer)
+        below = problem.objective(nearer, matched)
+        slope = gradient(nearer, matched)[free]
+        if below < objective + _ARMIJO * float(average @ step):
+            x, objective, seen = nearer, below, [slope]
+        else:
+            seen.append(slope)
+    return x, objective, float(np.max(np.abs(metric.unit * average)))
+
+
+class _Metric:
+    """The curvature at a point, factorised in units of the unknowns' own.
+
+    Attributes
+    ----------
+    unit : (n,) what an unknown moves by for one unit of curvature.
+    """
+
+    def __init__(self, H: Array) -> None:
+        self.unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+        self._factor = la.cho_factor(H * np.outer(self.unit, self.unit) + _RIDGE * np.eye(len(H)), lower=True)
+
+    def solved(self, g: Array) -> Array:
+        """H^-1 g."""
+        return np.asarray(self.unit * la.cho_solve(self._factor, self.unit * g))
+
+    def shortest(self, gradients: Sequence[Array]) -> Array:
+        """The average of gradients, with weights from zero on, that is shortest in the metric."""
+        G = np.array(gradients).T
+        sizes = la.solve_triangular(self._factor[0], self.unit[:, None] * G, lower=True)
+        whole = 1e3 * float(np.max(np.linalg.norm(sizes, axis=0)))  # weights add up to one
+        share, _ = nnls(np.vstack((sizes, np.full(G.shape[1], whole))), np.append(np.zeros(len(sizes)), whole))
+        return np.asarray(G @ (share / np.sum(share)))
+
+
+def _moved(x: Array, free: Array, step: Array) -> Array:
+    nearer = x.copy()
+    nearer[free] += step
+    return nearer
 
 
 def _adam(loss: Loss, start: Array, bounds: Array, steps: int, seen: Callable[[Array, float], None]) -> Array:

@@ -7,6 +7,7 @@ import pytest
 from linear_bicycle import SIMROD, VEHICLE, recorded, sine, steps
 
 from greybox_id.engine.hybrid.cell import free_run
+from greybox_id.engine.hybrid.problem import drawn
 from greybox_id.errors import BadInput, BadModel
 from greybox_id.models.hybrid import SLOPE, HybridSettings, hybrid_force, hybrid_stiffness
 from greybox_id.models.registry import build, prepared
@@ -75,3 +76,56 @@ def test_a_recording_without_speed_is_refused_in_a_sentence():
 def test_a_window_must_be_longer_than_its_warm_up():
     with pytest.raises(BadModel, match="warm up"):
         replace(hybrid_force(), warm_up=60)
+
+
+def a_trained(name, **settings):
+    """With weights that say something."""
+    model = build(name, settings, vehicle=VEHICLE)
+    return model.with_values(drawn(model, 3))
+
+
+def test_a_car_that_is_the_same_in_a_mirror_turns_alike_to_either_side():
+    drive = recorded(steps(0.03), 12.0, C_F, C_R)
+    for symmetric, alike in ((True, True), (False, False)):
+        model = a_trained("hybrid_stiffness", symmetric=symmetric)
+        left, right = free_run(model, drive), free_run(model, drive.mirrored())
+        assert np.allclose(left["F_yf"], -right["F_yf"], atol=1e-6 * np.max(np.abs(left["F_yf"]))) == alike
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_other_tyres_are_similar(name):
+    """F(alpha) = grip F0(stiffness / grip alpha): a slope of `stiffness` and a peak of `grip` times the old ones."""
+    model, same = a_trained(name), {"stiffness_scale_r": 1.0, "grip_scale_r": 1.0}
+    drive = recorded(0.03 + sine(0.01, 1.0), 12.0, C_F, C_R)
+    before = free_run(model, drive)
+    assert abs(before["F_yf"][0]) > 500.0
+    scaled = {"stiffness_scale_f": 0.6, "grip_scale_f": 0.6, **same}
+    after = free_run(model.with_parameters(*(model[n].with_value(v) for n, v in scaled.items())), drive)
+    assert after["F_yf"][0] == pytest.approx(0.6 * before["F_yf"][0])  # of a state that is still the same
+    assert after["F_yr"][0] == pytest.approx(before["F_yr"][0])
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_offsets_are_of_what_is_read(name):
+    model, drive = build(name, vehicle=VEHICLE), recorded(steps(0.03), 12.0, C_F, C_R)
+    off = model.with_parameters(model["steering_offset"].with_value(0.01), model["accel_bias_y"].with_value(0.3))
+    less = replace(drive, signals={**drive.signals, "steer": drive["steer"] - 0.01})
+    before, after = free_run(model, drive), free_run(off, less)
+    assert np.allclose(after["yaw_rate"], before["yaw_rate"])
+    assert np.allclose(after["a_y"], before["a_y"] + 0.3)
+
+
+def test_brakes_shift_loads_and_take_their_share_of_the_friction():
+    stated = {"h_cg": 0.45, "brake_split_front": 0.6, "drive_split_front": 0.0, "mu_f": 0.9, "mu_r": 0.8}
+    model = build("hybrid_stiffness", {"longitudinal": True}, vehicle=VEHICLE)
+    model = model.with_parameters(*(model[name].with_value(value) for name, value in stated.items()))
+    assert "a_x" in model.inputs
+    a_x = np.repeat([0.0, -4.0, 2.0], 100)
+    drive = recorded(steps(0.03), 12.0, C_F, C_R)
+    found = free_run(model, replace(drive, signals={**drive.signals, "a_x": a_x}))
+    for now, axle, arm, sign, share in ((1, "f", "l_r", 1, 0.6), (1, "r", "l_f", -1, 0.4), (2, "r", "l_f", 1, 1.0)):
+        force = [0.0, 4.0, 2.0][now] * SIMROD["m"]
+        load = SIMROD["m"] * G * SIMROD[arm] / L + sign * force * 0.45 / L
+        left = np.sqrt(1.0 - (share * force / (stated[f"mu_{axle}"] * load)) ** 2)
+        told = found[f"C_alpha_{axle}"][100 * now : 100 * now + 100]
+        assert np.nanmax(np.abs(told / (SLOPE * load * left) - 1.0)) < 1e-3

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from toys import drive, joined, linear_toy, tiny
 
+from greybox_id.engine.least_squares import NormalEquations
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.parameter import Parameter
 from greybox_id.solvers.gauss_newton import gauss_newton
-from greybox_id.solvers.quasi_newton import descend, refine
+from greybox_id.solvers.quasi_newton import descend, refine, settle
 
 SCALES = np.array([1.0, 30.0, 5.0])
 FREE = np.full((3, 2), [-np.inf, np.inf])
@@ -82,3 +83,50 @@ def test_refining_stops_before_a_bound_and_leaves_what_is_held():
         x, history = refine(problem, problem.start, problem.gradient, tolerance=1e-9, steps=9)
         assert np.array_equal(x, problem.start)
         assert len(history) == 1
+
+
+class Corner:
+    """A bowl with corners along straight lines: its optimum lies in `corners` of them."""
+
+    free, bounds = np.array([True, True, False, True]), (np.full(4, -9.0), np.full(4, 9.0))
+    scales = np.array([1.0, 30.0, 7.0, 5.0])
+
+    def __init__(self, *corners):
+        self.corners = [np.array(own) for own in corners]
+
+    def simulated_nodes(self, x):
+        return []
+
+    def normal_equations(self, x, nodes):
+        return NormalEquations(np.diag(self.scales**2), self.gradient(x, nodes))
+
+    def objective(self, x, nodes):
+        off = self.scales * (x - 1.0)
+        return 0.5 * float(off @ off) + sum(abs(own @ x) for own in self.corners)
+
+    def gradient(self, x, nodes):
+        g = self.scales**2 * (x - 1.0) + sum((np.sign(own @ x) * own for own in self.corners), np.zeros(4))
+        return np.where(self.free, g, 0.0)
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [(), ([1.5, 0.0, 0.0, 0.0],), ([1.2, -10.0, 0.0, 3.0], [0.0, 40.0, 0.0, -8.0])],
+    ids=["none", "one", "two"],
+)
+def test_an_optimum_in_corners_is_found_and_gradients_about_it_balance(corners):
+    problem, x = Corner(*corners), np.array([1.4, 0.99, 1.0, 1.1])
+    for radius in (0.3, 0.05, 0.01):
+        x, objective, average = settle(problem, x, problem.gradient, radius=radius, least=5e-3, steps=100)
+    assert average <= 5e-3
+    assert objective == problem.objective(x, [])
+    around = np.random.default_rng(0).standard_normal((2000, 4)) * np.where(problem.free, 0.1 / problem.scales, 0.0)
+    within = 0.01 * sum(np.linalg.norm(own / problem.scales) for own in problem.corners)
+    assert min(problem.objective(x + own, []) for own in around) > objective - within - 1e-3
+
+
+def test_where_nothing_balances_it_says_so():
+    problem = Corner()
+    x, _, average = settle(problem, np.array([4.0, 1.0, 1.0, 1.0]), problem.gradient, radius=0.01, least=5e-3, steps=5)
+    assert average > 1.0
+    assert problem.objective(x, []) < problem.objective(np.array([4.0, 1.0, 1.0, 1.0]), [])

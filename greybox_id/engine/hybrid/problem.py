@@ -121,7 +121,6 @@ class HybridProblem:
     model : at its nominal values.
     errors : over windows of the stretches, unless others are handed over.
     lesson : further errors, whose mean square counts as much.
-    anchor : pull of weights to where the model has them, in place of the weak one to zero; None for the latter.
     free : (parameters,) which of the numbers are unknowns.
     bounds : (unknowns, 2) in their own units.
     """
@@ -132,7 +131,6 @@ class HybridProblem:
         found: Sequence[Stretch],
         noise: Array,
         errors: SquaredErrors | None = None,
-        anchor: float | None = None,
         lesson: SquaredErrors | None = None,
     ) -> None:
         self.model, self.lesson = model, lesson
@@ -143,7 +141,7 @@ class HybridProblem:
         bounds: list[tuple[float, float]] = []
         for parameter in model.parameters:
             n, is_weight = parameter.size, parameter.name in model.network.shapes
-            pull += [(PULL if anchor is None else anchor) if is_weight else 0.0] * n
+            pull += [PULL if is_weight else 0.0] * n
             sd = np.nan if parameter.prior is None else float(np.asarray(parameter.prior.sd))
             unit += [
                 1.0 if is_weight else sd if np.isfinite(sd) else _SHARE * max(abs(float(parameter.array)), 1e-9)
@@ -153,7 +151,6 @@ class HybridProblem:
         self.free = np.array([not p.fixed for p in model.parameters for _ in range(p.size)])
         self.nominal = model.values
         self._means = self._prior_means()
-        self._pulled_to = np.zeros(np.count_nonzero(self.free)) if anchor is None else self.nominal[self.free]
         self._unit = np.array(unit)[self.free]
         self._pull, self._prior = np.array(pull)[self.free], np.array(prior)[self.free]
         self.bounds = (np.array(bounds)[self.free] - self.nominal[self.free, None]) / self._unit[:, None]
@@ -178,9 +175,8 @@ class HybridProblem:
         if not (mean < _HUGE and np.all(np.isfinite(slope))):
             return _HUGE, np.zeros(len(q))
         off = self._prior * (p[self.free] - self._means) / self._unit
-        away = p[self.free] - self._pulled_to
-        pulled = self._pull * away
-        loss = 0.5 * mean + 0.5 * float(off @ off) / self.errors.readings + 0.5 * float(pulled @ away)
+        pulled = self._pull * p[self.free]
+        loss = 0.5 * mean + 0.5 * float(off @ off) / self.errors.readings + 0.5 * float(pulled @ p[self.free])
         return loss, self._unit * (0.5 * slope[self.free] + pulled) + off / self.errors.readings
 
     def _prior_means(self) -> Array:
