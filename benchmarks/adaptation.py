@@ -38,7 +38,7 @@ from greybox_id.fitting.how import How
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 from greybox_id.recording import Recording
-from greybox_id.scores.metrics import errors, predictions
+from greybox_id.scores.memory import errors, predictions
 
 OF_CARS = 77
 """Beside each seed, so that no other generator draws the same numbers."""

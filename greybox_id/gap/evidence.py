@@ -59,7 +59,9 @@ def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) 
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
-    scores = [temper / search.trust * (selection.base.cost - own.cost) - price(own, cost) for own in selection.tried]
+    prices = _as_dear(selection.tried, cost)
+    gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
+    scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
@@ -88,6 +90,27 @@ def price(hypothesis: Hypothesis, cost: Costs) -> float:
             total += NEVER
         at += len(own.axes)
     return total
+
+
+def _as_dear(tried: Sequence[Hypothesis], cost: Costs) -> list[float]:
+    """What each costs: as much as the dearest that explains the same, with as many effects.
+
+    Where two names are one cause, nothing that was read says which: a lower cost must not decide it.
+    """
+    prices = [price(own, cost) for own in tried]
+    return [
+        max(
+            asked
+            for other, asked in zip(tried, prices, strict=True)
+            if other is own
+            or (
+                asked < NEVER
+                and len(other.candidates) == len(own.candidates)
+                and abs(other.cost - own.cost) < CAL.twins
+            )
+        )
+        for own in tried
+    ]
 
 
 def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:

@@ -189,7 +189,7 @@ def test_lines_are_followed_through_standard_input(files, monkeypatch):
         (["--out", "estimates.txt"], ".mf4 or .mcap"),
         (["--filter", "pf"], "ekf"),
         (["--gate", "0"], "gate"),
-        (["--model", "msnn_lat"], "map with memory"),
+        (["--model", "msnn_lat"], "a model with memory; filters track equations of motion"),
         (["--follow"], "--follow reads standard input"),
         (["--fit", "fit.json"], "omit one of them"),
     ],

@@ -141,3 +141,12 @@ def test_an_effect_costs_what_it_is_known_to_and_else_what_any_does():
     for name, cost in CAL.costs:
         assert own(name) == cost <= CAL.cost
         assert costs(forces=False)(name) == CAL.cost_without_forces
+
+
+def test_two_names_of_one_cause_cost_the_same():
+    own = {"cheap": 8.0, "dear": 12.0, "other": 12.0}.__getitem__
+    tried = [hypothesis(900.0, "cheap"), hypothesis(900.0 + 0.5 * CAL.twins, "dear"), hypothesis(980.0, "other")]
+    found = evidence(selected(1000.0, tried), False, own)
+    assert probability(found, tried, "cheap") == pytest.approx(0.5, abs=0.1)
+    alone = evidence(selected(1000.0, [tried[0], tried[2]]), False, own)
+    assert alone.scores[0] == 100.0 - 8.0

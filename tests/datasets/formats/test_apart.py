@@ -124,7 +124,7 @@ def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
     assert own <= {
         "greybox_id", "greybox_id.registration", "greybox_id.contained", "greybox_id.contained.inside",
-        "greybox_id.contained.wire",
+        "greybox_id.contained.wire", "greybox_id.version",
     }  # fmt: skip
 
 
