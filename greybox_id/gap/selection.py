@@ -75,7 +75,7 @@ def select(
     cost : log-likelihood that a further effect must gain, by its name.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
-    worth = max(cost(own.effect) for own in candidates)
+    worth = max((cost(own.effect) for own in candidates), default=0.0)
     if firmly is not None:
         search.nominal[firmly.index] = firmly.rate
     search.recoloured(whitener(search, None))
