@@ -123,3 +123,5 @@ def test_what_is_wrong_is_a_sentence(tmp_path):
     assert "something else" in refused("bench", "loop", "--quick", "--out", tmp_path)
     with pytest.raises(bench.BadInput, match="no arm 'nmaed'"):
         bench.loop_tables(tmp_path / "out", arms=["nmaed"])
+    with pytest.raises(bench.BadInput, match="from 1 to 3 is needed, not 4"):
+        bench.loop_tables(tmp_path / "out", cycles=4)
