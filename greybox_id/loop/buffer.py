@@ -28,7 +28,7 @@ PAUSE = 1.0
 
 
 @dataclass(frozen=True)
-class Part:
+class RowPart:
     """A file of rows.
 
     Attributes
@@ -52,7 +52,7 @@ class Part:
 
 
 class RowBuffer:
-    """Part files in a ring: the oldest rows go where there are more than `MOST`.
+    """RowPart files in a ring: the oldest rows go where there are more than `MOST`.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class RowBuffer:
         self._folder, self._list = folder, folder / "buffer.json"
         held = read_json(self._list) if self._list.is_file() else []
         try:
-            self.parts = [Part(**own) for own in held]
+            self.parts = [RowPart(**own) for own in held]
         except TypeError as error:
             raise BadInput(f"{self._list} is damaged; remove it, and the rows beside it.") from error
 
@@ -83,7 +83,7 @@ class RowBuffer:
             cuts = np.linspace(a, b, -(-(b - a) // A_PART) + 1).astype(int)
             for low, high in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
                 signals = {name: own[low:high] for name, own in recording.signals.items()}
-                part = Part(self.last + 1, high - low, float(times[high - a - 1]), policy, cap)
+                part = RowPart(self.last + 1, high - low, float(times[high - a - 1]), policy, cap)
                 write_recording(Recording("rows", times[low - a : high - a], signals), self.file(part))
                 self._keep([*self.parts, part])
         while sum(own.rows for own in self.parts) > MOST:
@@ -110,11 +110,11 @@ class RowBuffer:
         """What is kept of the rows until a part's number."""
         return continued([read(self.file(own)) for own in self.parts if own.number <= until])
 
-    def file(self, part: Part) -> Path:
+    def file(self, part: RowPart) -> Path:
         """Where a part is."""
         return self._folder / f"rows_{part.number:06d}.csv"
 
-    def _keep(self, parts: Sequence[Part]) -> None:
+    def _keep(self, parts: Sequence[RowPart]) -> None:
         write_atomically(self._list, json.dumps([asdict(own) for own in parts]) + "\n", continued=True)
         self.parts = list(parts)
 
