@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -260,10 +260,10 @@ class World:
             seen = self.seen(motion, self.z[:, -3:], self._last)
         else:
             own = motion[:, [0, 2]] / [self._top, self._turning]
-            seen = np.concatenate([self._ranges, own, self._last], axis=1).astype(np.float32)
+            seen = _within(np.concatenate([self._ranges, own, self._last], axis=1))
         if self.rules.memory:
-            seen = np.concatenate([seen, self._past.reshape(len(seen), -1).astype(np.float32)], axis=1)
-        return np.clip(seen, -LARGEST, LARGEST, out=seen)
+            seen = np.concatenate([seen, _within(self._past.reshape(len(seen), -1))], axis=1)
+        return seen
 
     def seen(self, motion: Array, place: Array, last: Array) -> Observations:
         """(L, 27) what drivers see of any vehicle on the track: speeds, place, last actions, and the track ahead.
@@ -284,7 +284,7 @@ class World:
         middle = OWN + len(AHEAD)
         seen[:, OWN:middle], speed = self._ahead(places)
         seen[:, middle:] = np.minimum(self._pace[:, None] * speed, self.rules.speed_cap / self._top)
-        return np.clip(seen, -LARGEST, LARGEST, out=seen)
+        return _within(seen)
 
     def step(self, actions: Array, still: Mask | None = None) -> tuple[Array, Mask, Mask]:
         """Drive a period.
@@ -478,6 +478,11 @@ class World:
         reward -= HASTY * np.sum((given - self._last) ** 2, axis=1)
         reward -= BEYOND * (np.hypot(along, across) > LIMIT * self._strength)
         return np.where(ended, CRASH, reward), ended, laps
+
+
+def _within(seen: NDArray[Any]) -> Observations:
+    found: Observations = np.clip(seen, -LARGEST, LARGEST).astype(np.float32, copy=False)
+    return found
 
 
 def between(held: Array, late: Array) -> Array:
