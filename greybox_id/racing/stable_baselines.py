@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ..errors import BadInput
 from ..shorthands import Array, Mask
 from .environment import spaces_of
+from .policy import Policy
 from .world import Observations
 from .worlds import world
 
@@ -78,3 +80,31 @@ class TrackVecEnv(VecEnv):  # type: ignore[misc]
     def env_is_wrapped(self, wrapper_class: type[Any], indices: int | Sequence[int] | None = None) -> list[bool]:
         """Nothing is wrapped around a lane."""
         return [False for _ in self._get_indices(indices)]
+
+
+def policy_of(learner: Any) -> Policy:
+    """What was learned in a `TrackVecEnv`, as `gb.export` and the loop take it.
+
+    Parameters
+    ----------
+    learner : of Stable-Baselines3, on-policy, with an MlpPolicy of tanh: PPO as it comes.
+
+    Raises
+    ------
+    BadInput : its network is another.
+    """
+    own, vehicles = learner.policy, learner.get_env().unwrapped
+    layers = [*getattr(getattr(own, "mlp_extractor", None), "policy_net", ()), getattr(own, "action_net", None)]
+    if [type(one).__name__ for one in layers] != ["Linear", "Tanh"] * (len(layers) // 2) + ["Linear"]:
+        raise BadInput("Only networks of tanh layers become a policy here; learn with PPO and its MlpPolicy.")
+    weights = tuple(one.weight.detach().cpu().numpy().T.astype(np.float32) for one in layers[::2])
+    biases = tuple(one.bias.detach().cpu().numpy().astype(np.float32) for one in layers[::2])
+    about = {
+        "model": vehicles.world.stage.equations.model.name,
+        "rules": asdict(vehicles.world.rules),
+        "units": vehicles.world.units,
+        "drawn": list(vehicles.world.draws.names),
+        "steps": learner.num_timesteps,
+        "learner": f"stable-baselines3 {type(learner).__name__}",
+    }
+    return Policy(weights, biases, about)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from greybox_id.errors import BadInput
+from greybox_id.racing.policy import load_policy
 
 INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
 needed = pytest.mark.skipif(not INSTALLED, reason="stable-baselines3 is not installed; pip install '.[rl]'")
@@ -72,19 +73,27 @@ def test_a_crash_is_no_cut():
 
 @needed
 @pytest.mark.slow
-def test_its_ppo_learns_here():
-    from stable_baselines3 import PPO
+def test_its_ppo_learns_here_and_its_policy_is_one_of_ours(tmp_path):
+    from stable_baselines3 import PPO, SAC
+
+    from greybox_id.racing.stable_baselines import policy_of
 
     own = vehicles(16, reward="path")
     learner = PPO("MlpPolicy", own, n_steps=128, batch_size=256, seed=0, device="cpu", policy_kwargs={"net_arch": [32]})
-    crashed = []
+    earned = []
     for _ in range(2):
         learner.learn(20_000, reset_num_timesteps=False)
-        assert learner.env is not None
         rewards = []
         seen = own.reset()
         for _ in range(300):
             seen, reward, _, _ = own.step(learner.predict(seen, deterministic=True)[0])
             rewards.append(np.mean(reward))
-        crashed.append(float(np.mean(rewards)))
-    assert crashed[1] > crashed[0]
+        earned.append(float(np.mean(rewards)))
+    assert earned[1] > earned[0]
+    policy = policy_of(learner)
+    assert np.allclose(policy.act(seen), learner.predict(seen, deterministic=True)[0], atol=1e-5)
+    assert policy.about["units"] == own.world.units
+    policy.save(tmp_path / "policy.json")
+    assert np.array_equal(load_policy(tmp_path / "policy.json").act(seen), policy.act(seen))
+    with pytest.raises(BadInput, match="learn with PPO"):
+        policy_of(SAC("MlpPolicy", own, buffer_size=100))
