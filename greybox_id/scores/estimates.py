@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from ..engine.hybrid.cell import free_run
 from ..errors import BadInput
@@ -18,6 +21,9 @@ from ..shorthands import Array
 
 SD = "_sd"
 """What the name of a standard deviation ends in."""
+_BLOCK, _APART = 0.1, 2
+"""Seconds of readings that are averaged, and rows left out between blocks: a yaw acceleration is told by its
+neighbours, and what two blocks share of the noise would count as an error of the model."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +52,16 @@ class Estimates:
         return pd.DataFrame({"time": self.time, **self.columns})
 
 
-def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
+def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording, calibrated_on: Sequence[Recording] = ()) -> Estimates:
     """Forces, stiffnesses, slips and motion of a recording, from its inputs and each stretch's first readings.
 
     Parameters
     ----------
     fits : of one hybrid model, or several trained from different seeds: then their mean and, as `<name>_sd`, their
-        spread. That is how far trainings differ, not all that is uncertain: what no member can represent is missing.
+        spread. That is how far trainings differ, not all that is uncertain: what they have in common is missing.
     recording : v_x [m/s] and steer [rad]; of a_y, yaw_rate, v_y no more than the first rows are read.
+    calibrated_on : recordings that no member was trained on, with a_y and yaw_rate: they tell how far members are off
+        together, and the standard deviations of what they tell are widened by it (`_widened`).
 
     Returns
     -------
@@ -62,7 +70,8 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
 
     Raises
     ------
-    BadInput : a fit is of another kind of model, or the recording lacks an input.
+    BadInput : a fit is of another kind of model, the recording lacks an input, or bands are to be calibrated of one
+        fit, on what it was trained on, or on recordings that tell nothing.
     """
     members = [fits] if isinstance(fits, Fit) else list(fits)
     none = "{} is no hybrid model; fit hybrid_stiffness or hybrid_force."
@@ -71,13 +80,90 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
         raise BadInput("There is no fit to apply.")
     if len({model.name for model in models}) > 1:
         raise BadInput("An ensemble is of one hybrid model; stiffness and force are applied one after the other.")
+    columns, units = _ensemble(models, recording), dict(models[0].estimates)
+    if calibrated_on:
+        _must_be_new(members, calibrated_on)
+        columns |= _widened(models, columns, calibrated_on)
+    units |= {name + SD: unit for name, unit in models[0].estimates.items() if name + SD in columns}
+    return Estimates(recording.time, columns, units)
+
+
+def _ensemble(models: Sequence[HybridModel], recording: Recording) -> dict[str, Array]:
+    """Mean and, of several, spread of every estimate."""
     runs = [free_run(model, recording) for model in models]
-    units = dict(models[0].estimates)
     columns = {}
-    for name in units:
+    for name in models[0].estimates:
         every = np.array([run[name] for run in runs])
         columns[name] = np.asarray(np.mean(every, axis=0))
         if len(runs) > 1:
             columns[name + SD] = np.asarray(np.std(every, axis=0, ddof=1))
-    units |= {name + SD: unit for name, unit in models[0].estimates.items() if name + SD in columns}
-    return Estimates(recording.time, columns, units)
+    return columns
+
+
+def _must_be_new(members: Sequence[Fit], recordings: Sequence[Recording]) -> None:
+    if len(members) < 2:
+        raise BadInput("One fit has no band; train it from several seeds, and name all of them.")
+    trained = {record.sha256 for fit in members for record in fit.data if record.role == "train"} - {""}
+    for recording in recordings:
+        if recording.source.sha256 in trained:
+            raise BadInput(
+                f"{recording.name} was trained on: what is off there says too little of elsewhere. Name recordings for "
+                "‹calibrated_on› that no member was trained on."
+            )
+
+
+def _widened(
+    models: Sequence[HybridModel], columns: Mapping[str, Array], recordings: Sequence[Recording]
+) -> dict[str, Array]:
+    """Standard deviations of what readings tell, widened by what members have in common.
+
+    The mean of M members that scatter by s about a truth of their kind is off by s^2 (1 + 1/M). What it is off by
+    beyond that, E[e^2] - s^2 (1 + 1/M), is a constant added to the variance. E[e^2] is the mean product of the
+    residual's averages over neighbouring blocks, in which noise of readings, many times as large, cancels. It is known
+    as well as runs agree in it: two standard deviations hold what Student's t with its degrees of freedom holds.
+    """
+    own = {
+        parameter.name: float(np.mean([model[parameter.name].array for model in models]))
+        for parameter in models[0].parameters
+        if parameter.shape == ()
+    }
+    p, share = SimpleNamespace(**own), 1.0 + 1.0 / len(models)
+    off: dict[str, list[tuple[float, float]]] = {}
+    for recording in recordings:
+        seen = _ensemble(models, recording)
+        for name, of in models[0].measured.items():
+            told = of(recording, p)
+            if told is None:
+                continue
+            for start, stop in recording.runs:
+                square = _square_error((told - seen[name])[start:stop], recording.sample_time)
+                if np.isfinite(square):
+                    spread = float(np.nanmean(seen[name + SD][start:stop] ** 2))
+                    off.setdefault(name, []).append((square, spread))
+    found = {}
+    for name, several in off.items():
+        squares, spreads = np.array(several).T
+        if len(squares) < 2:
+            continue
+        mean, scatter = float(np.mean(squares)), float(np.var(squares, ddof=1)) / len(squares)
+        common = max(mean - share * float(np.mean(spreads)), 0.0)
+        dof = max(2.0 * mean**2 / max(scatter, 1e-300), 1.0)
+        reach = float(student.ppf(norm.cdf(2.0), dof)) / 2.0
+        found[name + SD] = reach * np.sqrt(share * columns[name + SD] ** 2 + common)
+    if not found:
+        raise BadInput(
+            f"‹calibrated_on›: how wide bands of {models[0].name} have to be is told by two unbroken runs at least, "
+            "with a_y and yaw_rate; name more recordings."
+        )
+    return found
+
+
+def _square_error(residuals: Array, sample_time: float) -> float:
+    """Mean square of the slow part of residuals, by products of neighbouring blocks; NaN without two of them."""
+    length = max(round(_BLOCK / sample_time), 1)
+    count = (len(residuals) + _APART) // (length + _APART)
+    blocks = [residuals[k * (length + _APART) :][:length] for k in range(count)]
+    means = np.array([np.mean(own) for own in blocks])
+    products = means[1:] * means[:-1]
+    known = products[np.isfinite(products)]
+    return float(np.mean(known)) if len(known) else np.nan
