@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import ceil
 
 import casadi as cs
@@ -248,10 +249,7 @@ def _hybrid(
         },
         untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
         readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
-        measured={
-            "F_yf": lambda recording, p: _force(recording, p, s.longitudinal, front=True),
-            "F_yr": lambda recording, p: _force(recording, p, s.longitudinal, front=False),
-        },
+        told_by={"F_yf": partial(_force_error, front=True), "F_yr": partial(_force_error, front=False)},
         least={"v_x": s.least_speed},
         carried_on=tuple(own.name for own in SIMILAR),
         sample_time=sample_time,
@@ -281,17 +279,14 @@ def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
     return F_zf * cs.sqrt(left_f), F_zr * cs.sqrt(left_r), F_xf
 
 
-def _force(recording: Recording, p: Namespace, longitudinal: bool, *, front: bool) -> Array | None:
-    """Lateral force of an axle [N] as Newton's laws have it, of a_y and the change of the yaw rate."""
-    if "a_y" not in recording or "yaw_rate" not in recording:
+def _force_error(recording: Recording, errors: Mapping[str, Array], p: Namespace, *, front: bool) -> Array | None:
+    """What an axle's force is off by [N], as Newton's laws have it, of what a_y and the change of the yaw rate are."""
+    if "a_y" not in errors or "yaw_rate" not in errors:
         return None
-    across, turning = p.m * (recording["a_y"] - p.accel_bias_y), p.I_z * _yaw_acceleration(recording)
-    if not front:
-        return np.asarray((p.l_f * across - turning) / (p.l_f + p.l_r))
-    steer = recording["steer"] + p.steering_offset
-    along = np.array(_loaded(cs.DM(recording["a_x"]), p)[2]).ravel() if longitudinal else 0.0
-    across = (p.l_r * across + turning) / (p.l_f + p.l_r)
-    return np.asarray((across - along * np.sin(steer)) / np.cos(steer))
+    across, turning = p.m * errors["a_y"], p.I_z * _rate(errors["yaw_rate"], recording)
+    if front:
+        return np.asarray((p.l_r * across + turning) / (p.l_f + p.l_r) / np.cos(recording["steer"] + p.steering_offset))
+    return np.asarray((p.l_f * across - turning) / (p.l_f + p.l_r))
 
 
 def _positive(z: Symbol) -> Symbol:
@@ -327,8 +322,12 @@ def _sideslip(recording: Recording) -> Array | None:
 
 def _yaw_acceleration(recording: Recording) -> Array:
     """Central differences of the yaw rate, run by run (Sec. 3.1)."""
+    return _rate(recording["yaw_rate"], recording)
+
+
+def _rate(values: Array, recording: Recording) -> Array:
     found = np.full(len(recording), np.nan)
     for start, stop in recording.runs:
         if stop - start > 2:
-            found[start:stop] = np.gradient(recording["yaw_rate"][start:stop], recording.time[start:stop])
+            found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
     return found

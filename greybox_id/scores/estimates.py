@@ -80,24 +80,18 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording, calibrated_on:
         raise BadInput("There is no fit to apply.")
     if len({model.name for model in models}) > 1:
         raise BadInput("An ensemble is of one hybrid model; stiffness and force are applied one after the other.")
-    columns, units = _ensemble(models, recording), dict(models[0].estimates)
+    runs = [free_run(model, recording) for model in models]
+    units, columns = dict(models[0].estimates), {}
+    for name in units:
+        every = np.array([run[name] for run in runs])
+        columns[name] = np.asarray(np.mean(every, axis=0))
+        if len(runs) > 1:
+            columns[name + SD] = np.asarray(np.std(every, axis=0, ddof=1))
     if calibrated_on:
         _must_be_new(members, calibrated_on)
         columns |= _widened(models, columns, calibrated_on)
     units |= {name + SD: unit for name, unit in models[0].estimates.items() if name + SD in columns}
     return Estimates(recording.time, columns, units)
-
-
-def _ensemble(models: Sequence[HybridModel], recording: Recording) -> dict[str, Array]:
-    """Mean and, of several, spread of every estimate."""
-    runs = [free_run(model, recording) for model in models]
-    columns = {}
-    for name in models[0].estimates:
-        every = np.array([run[name] for run in runs])
-        columns[name] = np.asarray(np.mean(every, axis=0))
-        if len(runs) > 1:
-            columns[name + SD] = np.asarray(np.std(every, axis=0, ddof=1))
-    return columns
 
 
 def _must_be_new(members: Sequence[Fit], recordings: Sequence[Recording]) -> None:
@@ -119,7 +113,7 @@ def _widened(
 
     The mean of M members that scatter by s about a truth of their kind is off by s^2 (1 + 1/M). What it is off by
     beyond that, E[e^2] - s^2 (1 + 1/M), is a constant added to the variance. E[e^2] is the mean product of the
-    residual's averages over neighbouring blocks, in which noise of readings, many times as large, cancels. It is known
+    error's averages over neighbouring blocks, in which noise of readings, many times as large, cancels. It is known
     as well as runs agree in it: two standard deviations hold what Student's t with its degrees of freedom holds.
     """
     own = {
@@ -130,16 +124,21 @@ def _widened(
     p, share = SimpleNamespace(**own), 1.0 + 1.0 / len(models)
     off: dict[str, list[tuple[float, float]]] = {}
     for recording in recordings:
-        seen = _ensemble(models, recording)
-        for name, of in models[0].measured.items():
-            told = of(recording, p)
-            if told is None:
+        runs = [free_run(model, recording) for model in models]
+        errors = {
+            name: read - np.mean([run[name] for run in runs], axis=0)
+            for name in models[0].estimates
+            if (read := models[0].read(name, recording)) is not None
+        }
+        for name, of in models[0].told_by.items():
+            error = of(recording, errors, p)
+            if error is None:
                 continue
+            spread = np.var([run[name] for run in runs], axis=0, ddof=1)
             for start, stop in recording.runs:
-                square = _square_error((told - seen[name])[start:stop], recording.sample_time)
+                square = _square_error(error[start:stop], recording.sample_time)
                 if np.isfinite(square):
-                    spread = float(np.nanmean(seen[name + SD][start:stop] ** 2))
-                    off.setdefault(name, []).append((square, spread))
+                    off.setdefault(name, []).append((square, float(np.nanmean(spread[start:stop]))))
     found = {}
     for name, several in off.items():
         squares, spreads = np.array(several).T
@@ -158,11 +157,11 @@ def _widened(
     return found
 
 
-def _square_error(residuals: Array, sample_time: float) -> float:
-    """Mean square of the slow part of residuals, by products of neighbouring blocks; NaN without two of them."""
+def _square_error(errors: Array, sample_time: float) -> float:
+    """Mean square of the slow part of errors, by products of neighbouring blocks; NaN without two of them."""
     length = max(round(_BLOCK / sample_time), 1)
-    count = (len(residuals) + _APART) // (length + _APART)
-    blocks = [residuals[k * (length + _APART) :][:length] for k in range(count)]
+    count = (len(errors) + _APART) // (length + _APART)
+    blocks = [errors[k * (length + _APART) :][:length] for k in range(count)]
     means = np.array([np.mean(own) for own in blocks])
     products = means[1:] * means[:-1]
     known = products[np.isfinite(products)]
