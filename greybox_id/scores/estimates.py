@@ -141,8 +141,8 @@ def _widened(
             found[name + SD] = np.sqrt(np.maximum(share * columns[name + SD] ** 2, least))
     if not found:
         raise BadInput(
-            f"‹calibrated_on›: how wide bands of {models[0].name} have to be is told by two unbroken runs at least, "
-            "with a_y and yaw_rate; name more recordings."
+            f"‹calibrated_on›: two unbroken runs with a_y and yaw_rate are needed to say how wide bands of "
+            f"{models[0].name} have to be; name more recordings."
         )
     return found
 
