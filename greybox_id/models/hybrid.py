@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import ceil
 
 import casadi as cs
@@ -56,7 +57,15 @@ ALONG = (
     *(own for own in DRIVE if own.name in ("drive_split_front", "brake_split_front")),
     *(Parameter(f"mu_{axle}", "1", 1.0, (0.1, 3.0), fixed=True, about=f"friction of the {where} axle")
       for axle, where in (("f", "front"), ("r", "rear"))),
+    Parameter("slope_load_exponent", "1", 0.64, (0.0, 1.5), fixed=True,
+              about="of an axle's load, that its tyres' slope at zero slip grows with"),
+    Parameter("grip_load_exponent", "1", 0.85, (0.0, 1.5), fixed=True,
+              about="of an axle's load, that its largest force grows with"),
 )  # fmt: skip
+"""Exponents are those of a car's tyre about its nominal load (Pacejka, App. 3, 205/60 R 15): d ln K / d ln F_z =
+cos(2 atan(1 / p_Ky2)) with p_Ky2 = 2.13, and 1 + p_Dy2 / p_Dy1 with -0.990 and 0.145. Of four other cars' tyres whose
+coefficients are public (CommonRoad's; 195/65 R 15, 225/60 R 16 and 195/50 R 15 at pierre.lemerle.free.fr) the first is
+0.60, 0.67, 0.77 and 0.34."""
 _SLIP = 0.1
 """Slip angles are read in this unit, rad."""
 _LONGEST_STEP = 0.0125
@@ -186,6 +195,11 @@ def _hybrid(
 
     def similar(x: Namespace, u: Namespace, p: Namespace) -> tuple[Symbol, Symbol]:
         alpha_f, alpha_r = slips(x, u, p)
+        if s.longitudinal:
+            bent = p.slope_load_exponent - p.grip_load_exponent
+            alpha_f, alpha_r = (
+                each**bent * slip for each, slip in zip(_loads(u.a_x, p), (alpha_f, alpha_r), strict=True)
+            )
         return p.stiffness_scale_f / p.grip_scale_f * alpha_f, p.stiffness_scale_r / p.grip_scale_r * alpha_r
 
     def features(x: Namespace, u: Namespace, p: Namespace) -> Sequence[Symbol]:
@@ -237,6 +251,7 @@ def _hybrid(
         },
         untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
         readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
+        told_by={"F_yf": partial(_force_error, front=True), "F_yr": partial(_force_error, front=False)},
         least={"v_x": s.least_speed},
         carried_on=tuple(own.name for own in SIMILAR),
         sample_time=sample_time,
@@ -248,15 +263,32 @@ def _hybrid(
     )  # fmt: skip
 
 
+def _loads(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol]:
+    """Loads of front and rear axle over those at rest."""
+    moved = p.h_cg * a_x / G
+    return 1.0 - moved / p.l_r, 1.0 + moved / p.l_f
+
+
 def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
-    """Loads [N] of front and rear axle, less what forces along them leave of their friction, and that of the front."""
-    weight, moved = p.m * G / (p.l_f + p.l_r), p.m * p.h_cg * a_x / (p.l_f + p.l_r)
-    F_zf, F_zr = weight * p.l_r - moved, weight * p.l_f + moved
+    """Loads at rest [N] by what friction grows with them, less what forces along leave of it, and the front's force."""
+    weight = p.m * G / (p.l_f + p.l_r)
+    front, rear = (each**p.grip_load_exponent for each in _loads(a_x, p))
+    F_zf, F_zr = weight * p.l_r * front, weight * p.l_f * rear
     driving, braking = p.m * cs.fmax(a_x, 0.0), p.m * cs.fmin(a_x, 0.0)
     F_xf = p.drive_split_front * driving + p.brake_split_front * braking
     F_xr = driving + braking - F_xf
     left_f, left_r = (remaining((F_x / F_max) ** 2) for F_x, F_max in ((F_xf, p.mu_f * F_zf), (F_xr, p.mu_r * F_zr)))
     return F_zf * cs.sqrt(left_f), F_zr * cs.sqrt(left_r), F_xf
+
+
+def _force_error(recording: Recording, errors: Mapping[str, Array], p: Namespace, *, front: bool) -> Array | None:
+    """What an axle's force is off by [N], as Newton's laws have it, of what a_y and the change of the yaw rate are."""
+    if "a_y" not in errors or "yaw_rate" not in errors:
+        return None
+    across, turning = p.m * errors["a_y"], p.I_z * _rate(errors["yaw_rate"], recording)
+    if front:
+        return np.asarray((p.l_r * across + turning) / (p.l_f + p.l_r) / np.cos(recording["steer"] + p.steering_offset))
+    return np.asarray((p.l_f * across - turning) / (p.l_f + p.l_r))
 
 
 def _positive(z: Symbol) -> Symbol:
@@ -290,10 +322,14 @@ def _sideslip(recording: Recording) -> Array | None:
     return np.asarray(np.arctan2(recording["v_y"], recording["v_x"]))
 
 
-def _yaw_acceleration(recording: Recording) -> Array | None:
+def _yaw_acceleration(recording: Recording) -> Array:
     """Central differences of the yaw rate, run by run (Sec. 3.1)."""
+    return _rate(recording["yaw_rate"], recording)
+
+
+def _rate(values: Array, recording: Recording) -> Array:
     found = np.full(len(recording), np.nan)
     for start, stop in recording.runs:
         if stop - start > 2:
-            found[start:stop] = np.gradient(recording["yaw_rate"][start:stop], recording.time[start:stop])
+            found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
     return found

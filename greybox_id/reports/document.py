@@ -31,6 +31,11 @@ class Table:
     columns: str = ""
 
     @property
+    def dense(self) -> bool:
+        """Whether letters are smaller, so that more than six columns fit a page."""
+        return len(self.head) > 6
+
+    @property
     def letters(self) -> str:
         """A letter for each column."""
         return self.columns or "l" * len(self.head)

@@ -89,7 +89,8 @@ def _table(table: Table) -> str:
         + "</tr>\n"
         for row in table.rows
     )
-    return f"<div class=wide><table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>"
+    kind = " class=dense" if table.dense else ""
+    return f"<div class=wide><table{kind}><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table></div>"
 
 
 def _words(text: str) -> str:

@@ -20,8 +20,6 @@ from .equations.typesetting import in_typst
 from .words import Span, is_symbol_index, named, spans
 
 LAYOUT = "document.typ"
-WIDE = 7
-"""A table of more columns has smaller letters."""
 
 
 def write_pdf(document: Document, out: str | Path) -> Path:
@@ -106,7 +104,7 @@ def _part(part: Part) -> dict[str, Any]:
                 [{"spans": _plain(named(cell) if k == 0 else spans(cell))} for k, cell in enumerate(row)]
                 for row in part.rows
             ]
-            size = 8.2 if len(part.head) >= WIDE else 8.6
+            size = 8.2 if part.dense else 8.6
             head = [_spans(cell) for cell in part.head]
             return {"kind": "table", "head": head, "rows": rows, "letters": list(part.letters), "size": size}
         case Formulas():

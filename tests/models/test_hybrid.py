@@ -125,7 +125,8 @@ def test_brakes_shift_loads_and_take_their_share_of_the_friction():
     found = free_run(model, replace(drive, signals={**drive.signals, "a_x": a_x}))
     for now, axle, arm, sign, share in ((1, "f", "l_r", 1, 0.6), (1, "r", "l_f", -1, 0.4), (2, "r", "l_f", 1, 1.0)):
         force = [0.0, 4.0, 2.0][now] * SIMROD["m"]
-        load = SIMROD["m"] * G * SIMROD[arm] / L + sign * force * 0.45 / L
-        left = np.sqrt(1.0 - (share * force / (stated[f"mu_{axle}"] * load)) ** 2)
+        rest = SIMROD["m"] * G * SIMROD[arm] / L
+        grown = 1.0 + sign * force * 0.45 / L / rest  # a tyre's slope and friction grow less than its load
+        left = np.sqrt(1.0 - (share * force / (stated[f"mu_{axle}"] * rest * grown**0.85)) ** 2)
         told = found[f"C_alpha_{axle}"][100 * now : 100 * now + 100]
-        assert np.nanmax(np.abs(told / (SLOPE * load * left) - 1.0)) < 1e-3
+        assert np.nanmax(np.abs(told / (SLOPE * rest * grown**0.64 * left) - 1.0)) < 1e-3
