@@ -11,7 +11,7 @@ Standard errors and paired intervals are over whole recordings, whose chunks are
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -26,9 +26,11 @@ from ..fitting.how import Say, quiet
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
+from ..version import __version__
 from .kept import KeptBench
+from .truck_authors import AUTHORS, PRIORS, authors_errors, authors_particles
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
-from .truck_inputs import SPLITS, Chunks, by_speed, raw, splits
+from .truck_inputs import SPLITS, Chunks, by_speed, published_signs, raw, splits
 from .truck_networks import (
     BICYCLE,
     FASTER,
@@ -39,6 +41,7 @@ from .truck_networks import (
     about,
     along,
     fitted_bicycle,
+    hashed,
     scored,
     trained,
 )
@@ -113,13 +116,15 @@ def truck_tables(
     with threadpool_limits(1):
         sets = TruckSets(data)
         for split in (AS_PUBLISHED, BY_RECORDING):
-            for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:4]:
+            for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:5]:
                 say(f"{candidate.name}, {split}")
                 own = GreyBoxRun.of(candidate, data, split == BY_RECORDING)
                 rows += own.rows
                 durations.append(_durations(candidate.name, split, own.errors))
                 if split == AS_PUBLISHED:
                     told[candidate.name] = own.identified
+        if not (how.quick or how.curves_alone):
+            rows += _of_authors(data, say, store)
         found = _trained(sets, how, say, store)
         on = {split: [one for one in found if one.cell.data == split] for split in (AS_PUBLISHED, BY_RECORDING)}
         comparisons = []
@@ -211,6 +216,43 @@ class GreyBoxRun:
         return cls(rows, errors, told)
 
 
+def _of_authors(data: Path, say: Say, store: KeptBench) -> list[dict[str, Any]]:
+    """Table II: the fifteen particles of least distance, of windows of each length; their means and scatter."""
+    found, rows = splits(data, published_signs, by_recording=False), list[dict[str, Any]]()
+    train = found["train"].recording
+    for horizon in HORIZONS[::-1]:
+        name = f"{AUTHORS}, {horizon:g} s"
+        about = {"method": AUTHORS, "horizon": horizon, "seed": 0, "version": __version__, "train": hashed(train)}
+
+        def sampled(horizon: float = horizon, name: str = name) -> Any:
+            say(name)
+            return authors_particles(train, horizon, 0)
+
+        own = _kept(store, about, sampled, say)
+        if own is None:
+            continue
+        for split, chunks in found.items():
+            each = np.sqrt(np.mean(authors_errors(chunks.recording, own["x"]) ** 2, axis=2))
+            row = _row("II", name, "v_x, alpha1", split, False, np.mean(each, axis=0), chunks.piece_of, len(PRIORS),
+                       own["cpu_seconds"])  # fmt: skip
+            spread = np.std(np.mean(each, axis=1), axis=0, ddof=1).tolist()
+            rows.append(
+                row | {"particles": len(each)}
+                | {f"{output}_sd_over_particles": sd for output, sd in zip(OUTPUTS, spread, strict=True)}
+            )  # fmt: skip
+    return rows
+
+
+def _kept(store: KeptBench, about: Mapping[str, Any], train: Callable[[], Any], say: Say) -> Mapping[str, Any] | None:
+    """What is kept, or made and kept now; after Ctrl-C the place is told."""
+    try:
+        return store.training(about, train)
+    except KeyboardInterrupt:
+        if store.file is not None:
+            say(f"trainings so far are in {store.file}; the same command goes on")
+        raise
+
+
 def _cells(how: TruckOptions) -> list[NetworkCell]:
     """What is trained, what matters most first: a run that is cut short has that."""
     smallest, largest, last = SIZES[0], SIZES[-1], HORIZONS[-1]
@@ -251,12 +293,7 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
                 say(name)
                 return trained(cell, own, sets.bicycle(cell.data), seed, say)
 
-            try:
-                one = store.training(about(cell, own, seed), train)
-            except KeyboardInterrupt:
-                if store.file is not None:
-                    say(f"trainings so far are in {store.file}; the same command goes on")
-                raise
+            one = _kept(store, about(cell, own, seed), train, say)
             if one is not None:
                 found[cell].append(one)
     if store.left_out:

@@ -106,7 +106,8 @@ def truck_report(found: Found) -> Document:
         *titled("Protocols", Points(PROTOCOLS), *notes),
         *titled("Grey boxes", _models([own for own in published if own["table"] in ("II", "grey box")]), Text(
             "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. From the "
-            "third model on inputs pass filters that are not causal. Table II of the paper is its first line, test.")),
+            "fourth model on inputs pass filters that are not causal. Table II of the paper: the bicycle as its "
+            "authors coded it, not the one they print; mean of the fifteen particles of least distance.")),
         *titled("Published figures, on the authors' test split", _paper(found["paper"])),
         *titled("Table III: networks, as published", _models([own for own in published if own["table"] == "III"])),
         *titled("Further networks", _models([own for own in published if own["table"] == "own"])),
