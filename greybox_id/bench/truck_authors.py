@@ -7,16 +7,17 @@ term v_x yaw_rate is missing; and two free lengths, a and b, place the optical s
 gravity, L / 2 + b beside it. Forward Euler steps of 0.05 s.
 
 Published are the fifteen particles of least distance of the last population, on test. What differs here: windows do
-not overlap (the same rows, at a fifteenth of the price), thresholds follow from trial particles, and the kernel that
-perturbs particles is the one in their weights.
+not overlap (the same rows, at a fifteenth of the price).
 
-Source: the authors' repository (MIT), vehicle_architecture.py, TorchDOF2; Table I, where wheelbase l stands for l_r.
+Source: the authors' repository (MIT), vehicle_architecture.py, TorchDOF2, and abc_smc_train.py; Table I, where the
+wheelbase l stands for l_r.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -26,7 +27,7 @@ import numpy as np
 from ..engine.kernel import Kernel
 from ..models.single_track import G
 from ..posterior import abc_smc
-from ..posterior.abc_smc import ParticlePrior, ParticleSet
+from ..posterior.abc_smc import Away, ParticlePrior, ParticleSet
 from ..recording import Recording
 from ..shorthands import Array
 from .truck_grey_boxes import OUTPUTS
@@ -45,6 +46,11 @@ PRIORS: Mapping[str, tuple[float, float]] = {
 }  # fmt: skip
 """Mean and standard deviation, SI; not cut anywhere, as coded."""
 PARTICLES, BEST = 1000, 15
+FIRST_THRESHOLD, TRIALS, TOLERANCE = 1.2, 1000, 0.0199
+"""Thresholds as published: the first; it moves by a twentieth after so many trials, until their acceptance is so near
+its target."""
+STEP, WIDTH_IN_WEIGHTS = 0.2, 0.1
+"""Of the published kernel where it perturbs, and where it weighs; standard deviations of the prior."""
 
 
 def _step() -> cs.Function:
@@ -110,20 +116,26 @@ class WindowDistances:
         return made
 
 
-def authors_particles(train: Recording, horizon: float, seed: int) -> dict[str, Any]:
-    """Sample, as published, from windows of so many seconds.
+def authors_particles(train: Recording, horizon: float, seed: int, as_published: bool) -> dict[str, Any]:
+    """Sample from windows of so many seconds.
+
+    Parameters
+    ----------
+    train : with the signs that were recorded.
+    horizon : s.
+    seed : of everything random.
+    as_published : by the published algorithm, whose weights are wrong, or by the house's.
 
     Returns
     -------
     Plain data: `x`, the fifteen particles of least distance; `mean` and `sd` of the parameters over the last
-    population; its `threshold`; `simulations`, of all windows; `cpu_seconds`.
+    population; its number and `threshold`; `simulations`, of all windows; `cpu_seconds`.
 
     Raises
     ------
     KeyboardInterrupt : Ctrl-C.
     """
     clock, distances = time.process_time(), WindowDistances(train, round(horizon / DT))
-    priors = [ParticlePrior(mean, sd, -np.inf, np.inf) for mean, sd in PRIORS.values()]
     simulations = 0
 
     def counted(at: Array) -> Array:
@@ -131,14 +143,7 @@ def authors_particles(train: Recording, horizon: float, seed: int) -> dict[str, 
         simulations += len(at)
         return distances(at)
 
-    population = abc_smc.first(counted, priors, PARTICLES, seed)
-    while population.number < len(abc_smc.TARGETS):
-        begun = abc_smc.begin(counted, population, priors, seed)
-        grown = abc_smc.grow(counted, begun, priors, seed, lambda _: False)
-        assert isinstance(grown, ParticleSet)
-        if grown is population:
-            break
-        population = grown
+    population = (_published if as_published else _sampled)(counted, seed)
     mean = population.weight @ population.at
     sd = np.sqrt(population.weight @ (population.at - mean) ** 2)
     return {
@@ -147,6 +152,58 @@ def authors_particles(train: Recording, horizon: float, seed: int) -> dict[str, 
         "population": population.number, "threshold": population.threshold, "simulations": simulations,
         "cpu_seconds": time.process_time() - clock,
     }  # fmt: skip
+
+
+def _sampled(away: Away, seed: int) -> ParticleSet:
+    """By the house's ABC-SMC: the same targets of acceptance, one kernel for steps and weights."""
+    priors = [ParticlePrior(mean, sd, -np.inf, np.inf) for mean, sd in PRIORS.values()]
+    population = abc_smc.first(away, priors, PARTICLES, seed)
+    while population.number < len(abc_smc.TARGETS):
+        grown = abc_smc.grow(away, abc_smc.begin(away, population, priors, seed), priors, seed, lambda _: False)
+        assert isinstance(grown, ParticleSet)
+        if grown is population:
+            break
+        population = grown
+    return population
+
+
+def _published(away: Away, seed: int) -> ParticleSet:
+    """To the letter of abc_smc_train.py, in units of the priors: steps are of one size, whatever a population is like;
+    weights divide by a density of another size that is summed over parameters, where it ought to be their product.
+    """
+    mean, sd = np.array(list(PRIORS.values())).T
+    rng, threshold, found = np.random.default_rng((seed, 1)), FIRST_THRESHOLD, None
+    for number, target in enumerate(abc_smc.TARGETS):
+        kept, near_by, collecting, simulated = np.empty((0, len(mean))), np.empty(0), False, 0
+        while len(kept) < PARTICLES:
+            u = rng.standard_normal((TRIALS, len(mean)))
+            if found is not None:
+                u = found.at[rng.choice(len(found.at), TRIALS, p=found.weight)] + STEP * u
+            distance = away(mean + sd * u)
+            near = distance < threshold
+            if collecting:
+                simulated += TRIALS
+                kept, near_by = np.concatenate([kept, u[near]]), np.concatenate([near_by, distance[near]])
+                if found is not None and len(kept) < abc_smc.HOPELESS * target * simulated and simulated > 20 * TRIALS:
+                    return replace(found, at=mean + sd * found.at)
+            elif abs(np.mean(near) - target) <= TOLERANCE:
+                collecting = True
+            else:
+                threshold *= 0.95 if np.mean(near) > target else 1.05
+        kept, near_by = kept[:PARTICLES], near_by[:PARTICLES]
+        weight = np.full(PARTICLES, 1 / PARTICLES) if found is None else _published_weights(kept, found)
+        found = ParticleSet(number + 1, kept, weight, near_by, threshold, len(kept) / simulated)
+    assert found is not None
+    return replace(found, at=mean + sd * found.at)
+
+
+def _published_weights(at: Array, before: ParticleSet) -> Array:
+    """(n,) that sum to one, of particles in units of their standard normal priors."""
+    density = np.zeros(len(at))
+    for own, those in zip(at.T, before.at.T, strict=True):
+        density += np.exp(-0.5 * ((own[:, None] - those) / WIDTH_IN_WEIGHTS) ** 2) @ before.weight
+    weight = np.exp(-0.5 * np.sum(at**2, axis=1)) / density
+    return np.asarray(weight / np.sum(weight))
 
 
 def authors_errors(recording: Recording, particles: Sequence[Sequence[float]]) -> Array:

@@ -67,12 +67,14 @@ class TruckCandidate:
     name, inputs : for people.
     prepare : file -> recording.
     model : training recording -> model.
+    needs : signals that not every file may have.
     """
 
     name: str
     inputs: str
     prepare: Callable[[Path], Recording]
     model: Callable[[Recording], MotionModel]
+    needs: tuple[str, ...] = ()
 
 
 CANDIDATES = (
@@ -82,10 +84,12 @@ CANDIDATES = (
     TruckCandidate("bicycle, signs put right, lever arm", "v_x, alpha1", raw, lambda train: truck(LEVER_ARM)),
     TruckCandidate("best with one angle, causal", "v_x, alpha1", causal, lambda train: truck(*CAUSAL_ANGLE)),
     TruckCandidate("best with one angle", "v_x, alpha1", prepared, lambda train: truck(*ONE_ANGLE)),
-    TruckCandidate("best with both angles", "v_x, alpha1, alpha2", prepared, lambda train: truck(*BOTH_ANGLES)),
+    TruckCandidate(
+        "best with both angles", "v_x, alpha1, alpha2", prepared, lambda train: truck(*BOTH_ANGLES), ("alpha2",)
+    ),
     TruckCandidate(
         "with a map of the road's bank", "v_x, alpha1, alpha2, position", prepared,
-        lambda train: truck(*BOTH_ANGLES, bank_map(spread_over(train))),
+        lambda train: truck(*BOTH_ANGLES, bank_map(spread_over(train))), ("alpha2", "along_road"),
     ),
 )  # fmt: skip
 

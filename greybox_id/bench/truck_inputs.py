@@ -42,8 +42,8 @@ ROAD = (0.755, -0.656)
 """East and north along the track's straights."""
 
 SPLITS = ("train", "val", "test")
-SECONDS = 10.0
-"""Of a chunk."""
+SECONDS, NEARLY = 10.0, 0.02
+"""Of a chunk, and the share by which one may last or be sampled differently."""
 HELD_OUT = 3
 """Every so many-th recording is held out where the split is by recording."""
 
@@ -70,30 +70,31 @@ def raw(path: Path) -> Recording:
 def prepared(path: Path) -> Recording:
     """The same with speed and steering angles smoothed, alpha1 bridged, and what else the models read.
 
-    Further signals: v_x_rate [m/s^2]; alpha2 [rad]; at_rest, the share of 0.1 s about a row in which alpha1 still rests
-    at zero after bridging; alpha2_at_rest, that share of alpha2 85 ms ago [rad]; x, y, metres east and north of the
-    track's middle; along_road, the cosine of the angle between course and straights.
+    Further signals: v_x_rate [m/s^2]; at_rest, the share of 0.1 s about a row in which alpha1 still rests at zero after
+    bridging. Where alpha2 was recorded: alpha2 [rad]; alpha2_at_rest, that share of alpha2 85 ms ago [rad]. Where
+    position was: x, y, metres east and north of the track's middle; along_road, the cosine of the angle between course
+    and straights.
     """
     found = read(path, "truck")
     runs = found.runs
     bridged = np.concatenate([_bridged(found["steer"][a:b]) for a, b in runs])
-    second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
     resting = _each((np.abs(bridged) < 1e-9).astype(float), runs, lambda z: _mean(z, 21))
-    x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
-    y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
-    east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
-    course = np.hypot(east, north)
     more = {
         "steer": _each(bridged, runs, lambda a: _mean(a, 21)),
         "v_x": _each(found["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
-        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=0.005)),
-        "alpha2": second,
+        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=1 / RATE)),
         "at_rest": resting,
-        "alpha2_at_rest": resting * _each(second, runs, _later),
-        "x": x,
-        "y": y,
-        "along_road": (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0),
     }
+    if "alpha2" in found.signals:
+        second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
+        more |= {"alpha2": second, "alpha2_at_rest": resting * _each(second, runs, _later)}
+    if {"longitude", "latitude"} <= set(found.signals):
+        x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
+        y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
+        east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
+        course = np.hypot(east, north)
+        along = (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0)
+        more |= {"x": x, "y": y, "along_road": along}
     return _thinned(found.with_signals(**more))
 
 
@@ -146,15 +147,35 @@ def chunks(path: Path, prepare: Any = raw) -> Chunks:
 
     Raises
     ------
-    BadInput : the file is none of the truck's.
+    BadInput : the file is none of the truck's, or not recorded as these are.
     """
     found: Recording = prepare(path)
+    _must_be_chunks(path, found)
     table = pd.read_parquet(path, columns=["trajectory", "time"])
     begun = table.groupby("trajectory", sort=False)["time"].first()
     numbers = begun.index.to_numpy(dtype=float) - np.round(begun.to_numpy(dtype=float) / SECONDS)
     if len(numbers) != len(found.runs):
         raise BadInput(f"{path} has {len(numbers)} trajectories in {len(found.runs)} unbroken runs; is it complete?")
     return Chunks(found, numbers)
+
+
+def _must_be_chunks(path: Path, found: Recording) -> None:
+    """Raise `BadInput` where the published metric cannot be taken of a file: ten seconds at 200 Hz, nothing missing."""
+    for number, (a, b) in enumerate(found.runs, 1):
+        apart = float(np.median(np.diff(found.time[a:b]))) if b - a > 1 else np.inf
+        lasts = apart * (b - a)
+        if abs(lasts / SECONDS - 1) > NEARLY or abs(apart * RATE / EVERY - 1) > NEARLY:
+            raise BadInput(
+                f"{path}: the metric is over trajectories of {SECONDS:g} s at {RATE:g} Hz, but number {number} lasts "
+                f"{lasts:.3g} s at {EVERY / apart:.3g} Hz. Cut or resample the file to such chunks."
+            )
+    for name in ("v_x", "steer", "v_y", "yaw_rate"):
+        lacking = np.flatnonzero(~np.isfinite(found[name]))
+        if len(lacking):
+            raise BadInput(
+                f"{path} has no reading of {name} in {len(lacking)} of {len(found)} rows; the metric wants all. Leave "
+                "out these trajectories."
+            )
 
 
 def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:

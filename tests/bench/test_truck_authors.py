@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from json_pages import PAGE, agree
 from made_up_truck import truck_file
+from scipy.stats import norm
 
 from greybox_id.bench import truck as bench
 from greybox_id.bench import truck_authors
@@ -78,14 +79,15 @@ def few(tmp_path, monkeypatch):
     for name, value in (("PILOT", 100), ("FEWEST_ACCEPTED", 20)):
         monkeypatch.setattr(abc_smc, name, value)
     monkeypatch.setattr(truck_authors, "PARTICLES", 40)
+    monkeypatch.setattr(truck_authors, "TRIALS", 100)
     return tmp_path
 
 
 def test_particles_come_nearer_and_rows_are_of_the_fifteen_nearest(few):
     kept = KeptBench("truck", few / "kept.json")
     rows = _of_authors(few, quiet, kept)
-    assert [(row["model"][-6:].strip(" ,C"), row["split"]) for row in rows] == [
-        (horizon, split) for horizon in ("1 s", "0.5 s", "0.05 s") for split in ("train", "val")
+    assert [(row["model"].split(", ")[-1], row["split"]) for row in rows] == [
+        (horizon, split) for horizon in ("1 s", "0.5 s", "0.05 s", "1 s") for split in ("train", "val")
     ]
     assert {row["table"] for row in rows} == {"II"}
     assert {(row["parameters"], row["particles"], row["trajectories"]) for row in rows} == {(13, 15, 3)}
@@ -93,12 +95,14 @@ def test_particles_come_nearer_and_rows_are_of_the_fifteen_nearest(few):
     agree(rows, PAGE["bench truck"]["rows[]"], "bench truck")
     again = _of_authors(few, quiet, KeptBench("truck", few / "kept.json", minutes=0.0))
     assert again == rows
-    told = next(iter(json.loads((few / "kept.json").read_text())["trainings"].values()))
-    assert (told["population"], len(told["x"])) == (2, 15)
+    assert ["as published" in row["model"] for row in rows] == [True] * 6 + [False] * 2
     prior = WindowDistances(bench.splits(few, bench.published_signs, False)["train"].recording, 20)
     rng = np.random.default_rng(1)
     drawn = np.array([mean + sd * rng.standard_normal(100) for mean, sd in PRIORS.values()]).T
-    assert np.max(prior(np.array(told["x"]))) < np.quantile(prior(drawn), 0.3)
+    for told in json.loads((few / "kept.json").read_text())["trainings"].values():
+        assert (told["population"], len(told["x"])) == (2, 15)
+        if told["about"]["horizon"] == 1.0:
+            assert np.max(prior(np.array(told["x"]))) < np.quantile(prior(drawn), 0.3)
 
 
 def test_test_is_scored_by_what_train_alone_sampled(few):
@@ -109,7 +113,7 @@ def test_test_is_scored_by_what_train_alone_sampled(few):
         {name: own for name, own in row.items() if name != "cpu_seconds"} for row in after if row["split"] != "test"
     ]
     assert without == [{name: own for name, own in row.items() if name != "cpu_seconds"} for row in before]
-    assert sum(row["split"] == "test" for row in after) == 3
+    assert sum(row["split"] == "test" for row in after) == 4
 
 
 def test_ctrl_c_says_where_trainings_are(few, monkeypatch):
@@ -124,7 +128,21 @@ def test_ctrl_c_says_where_trainings_are(few, monkeypatch):
     assert "kept.json" in said[-1]
 
 
-def test_the_same_seed_draws_the_same(few):
+@pytest.mark.parametrize("as_published", [True, False])
+def test_the_same_seed_draws_the_same(few, as_published):
     train = bench.splits(few, bench.published_signs, False)["train"].recording
-    one, other = (authors_particles(train, 0.5, seed)["x"] for seed in (0, 0))
-    assert one == other != authors_particles(train, 0.5, 1)["x"]
+    one, other, third = (authors_particles(train, 0.5, seed, as_published)["x"] for seed in (0, 0, 1))
+    assert one == other != third
+
+
+def test_published_weights_divide_by_a_sum_over_parameters():
+    rng = np.random.default_rng(3)
+    before = abc_smc.ParticleSet(1, rng.standard_normal((5, 3)), rng.dirichlet(np.ones(5)), np.zeros(5), 1.0, 1.0)
+    at = rng.standard_normal((4, 3))
+    by_hand = [
+        norm.pdf(own).prod()
+        / sum(w * norm.pdf(own, b, 0.1).sum() for w, b in zip(before.weight, before.at, strict=True))
+        for own in at
+    ]
+    found = truck_authors._published_weights(at, before)
+    np.testing.assert_allclose(found, np.array(by_hand) / np.sum(by_hand), rtol=1e-9)

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from calling import greybox, refused
 from json_pages import PAGE, agree
@@ -10,7 +11,8 @@ from made_up_truck import truck_file
 
 from greybox_id.bench import truck as bench
 from greybox_id.bench.kept import KeptBench
-from greybox_id.bench.truck import TruckOptions, _redrawn, _spread, truck_tables
+from greybox_id.bench.truck import GreyBoxRun, TruckOptions, _redrawn, _spread, truck_tables
+from greybox_id.bench.truck_grey_boxes import CANDIDATES
 from greybox_id.bench.truck_inputs import Chunks, by_speed, chunks, raw, splits
 from greybox_id.errors import BadInput
 from greybox_id.fitting import networks, pretraining
@@ -71,6 +73,44 @@ def test_folders_without_the_recordings_are_refused(tmp_path):
     for split in ("train", "val"):
         (tmp_path / f"{split}.parquet").write_bytes(b"no parquet")
     assert "train.parquet" in refused("bench", "truck", "--data", tmp_path, "--quick")
+
+
+def altered(folder, split, change):
+    file = folder / f"{split}.parquet"
+    change(pd.read_parquet(file)).to_parquet(file)
+
+
+@pytest.fixture
+def three(tmp_path):
+    for k, split in enumerate(("train", "val", "test")):
+        truck_file(tmp_path / f"{split}.parquet", 2, k)
+    return tmp_path
+
+
+def test_a_model_whose_inputs_were_not_recorded_is_left_out(three):
+    said, (causal, both) = [], (CANDIDATES[2], CANDIDATES[4])
+    altered(three, "test", lambda table: table.drop(columns=["alpha2", "long", "lat"]))
+    assert {row["split"] for row in GreyBoxRun.of(causal, three, False).rows} == {"train", "val", "test"}
+    assert {row["split"] for row in GreyBoxRun.of(both, three, False, said.append).rows} == {"train", "val"}
+    assert said == ["best with both angles is left out: test has no alpha2"]
+    altered(three, "val", lambda table: table.drop(columns=["alpha2"]))
+    assert GreyBoxRun.of(both, three, False, said.append) is None
+    assert said[1:] == ["best with both angles is left out: val has no alpha2"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.iloc[::2], "number 1 lasts 10 s at 100 Hz"),
+        (lambda table: table[table["time"] < 8.0], "number 1 lasts 8 s at 200 Hz"),
+        (lambda table: table.assign(vy=table["vy"].where(table["time"] > 1.0)), "no reading of v_y in 42 of 400 rows"),
+        (lambda table: table.drop(columns=["alpha1"]), "alpha1"),
+    ],
+)
+def test_what_the_metric_cannot_be_taken_of_is_a_sentence(three, change, words):
+    altered(three, "test", lambda table: change(table).reset_index(drop=True))
+    with pytest.raises(BadInput, match=words):
+        splits(three, raw, by_recording=False)
 
 
 @pytest.fixture
