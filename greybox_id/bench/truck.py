@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,8 @@ from ..version import __version__
 from .kept import KeptBench
 from .truck_authors import AUTHORS, PRIORS, authors_errors, authors_particles
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
-from .truck_inputs import SPLITS, Chunks, by_speed, published_signs, raw, splits
+from .truck_inputs import SPLITS, Chunks, by_speed, causal, published_signs, raw, splits
+from .truck_models import CAUSAL_ANGLE, truck, with_held_angle
 from .truck_networks import (
     BICYCLE,
     FASTER,
@@ -59,6 +60,8 @@ TAUGHT_ON = (0.1, 1.0)
 SLOW, FAST = 60 / 3.6, 70 / 3.6
 """m/s: trajectories that stay below the one are trained on, those with a mean above the other scored, out of range."""
 AS_PUBLISHED, BY_RECORDING, BY_SPEED = "as published", "by recording", "by speed"
+ANGLE_HELD = "angle held"
+"""Split as published; the angle is what the best causal grey box, fitted to train, makes of alpha1 and its past."""
 LEVEL = 1.96
 """Standard deviations to a side of a 95 % band."""
 
@@ -113,6 +116,7 @@ def truck_tables(
     told: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     durations: list[dict[str, Any]] = []
+    scores: dict[tuple[str, bool], Mapping[str, Array]] = {}
     with threadpool_limits(1):
         sets = TruckSets(data)
         for split in (AS_PUBLISHED, BY_RECORDING):
@@ -122,19 +126,28 @@ def truck_tables(
                 if own is None:
                     continue
                 rows += own.rows
+                scores[candidate.name, split == BY_RECORDING] = own.runs
                 durations.append(_durations(candidate.name, split, own.errors))
                 if split == AS_PUBLISHED:
                     told[candidate.name] = own.identified
         if not (how.quick or how.curves_alone):
             rows += _of_authors(data, say, store)
         found = _trained(sets, how, say, store)
-        on = {split: [one for one in found if one.cell.data == split] for split in (AS_PUBLISHED, BY_RECORDING)}
+        trained_on = (AS_PUBLISHED, ANGLE_HELD, BY_RECORDING)
+        on = {split: [one for one in found if one.cell.data == split] for split in trained_on}
         comparisons = []
         for split, every in on.items():
             own_cells = [one for one in every if one.cell.taught == BICYCLE]
             rows += [row for one in own_cells for row in _rows(one, sets)]
             comparisons += _compared(own_cells, sets)
-            durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
+            if split != ANGLE_HELD:
+                durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
+            wide = [one for one in own_cells if one.cell.horizon == HORIZONS[-1]]
+            scores |= {
+                (_named(one.cell), split == BY_RECORDING): {s: np.mean(own, axis=0) for s, own in one.runs.items()}
+                for one in wide if one.cell.units == max(own.cell.units for own in wide)
+            }  # fmt: skip
+        comparisons += _beside_bicycle(scores, sets)
         result = {
             "rows": rows, "comparisons": comparisons, "durations": durations,
             "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
@@ -165,9 +178,14 @@ class TruckSets:
         return {split: own.recording for split, own in self.chunks(name).items()}
 
     def _chunks(self, name: str) -> dict[str, Chunks]:
-        """Of "as published", "by recording", "by speed" or a share of the training recordings, 0.1."""
+        """Of "as published", "by recording", "by speed", "angle held" or a share of the training recordings, 0.1."""
         if name in (AS_PUBLISHED, BY_RECORDING):
             return splits(self._data, raw, name == BY_RECORDING)
+        if name == ANGLE_HELD:
+            held = splits(self._data, causal, by_recording=False)
+            problem, solution = fitted(truck(*CAUSAL_ANGLE), held["train"].recording)
+            model = problem.plain.model.with_values(problem.plain.shared(solution.x))
+            return {s: replace(own, recording=with_held_angle(own.recording, model)) for s, own in held.items()}
         found = self.chunks(AS_PUBLISHED)
         if name == BY_SPEED:
             return by_speed(found, SLOW, FAST)
@@ -194,6 +212,11 @@ class GreyBoxRun:
     rows: list[dict[str, Any]]
     errors: dict[str, Array]
     identified: dict[str, Any]
+
+    @property
+    def runs(self) -> dict[str, Array]:
+        """Split -> (trajectories, outputs) RMSE of free runs."""
+        return {split: np.sqrt(np.mean(own[0] ** 2, axis=1)) for split, own in self.errors.items()}
 
     @classmethod
     def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool, say: Say = quiet) -> GreyBoxRun | None:
@@ -284,6 +307,7 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
         for horizon in HORIZONS[::-1] for units in SIZES for method in METHODS
     ]  # fmt: skip
     wanted += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
+    wanted += [NetworkCell(ANGLE_HELD, "discrepancy", largest, last)]
     wanted += curves
     wanted += [NetworkCell(AS_PUBLISHED, method, SIZES[1], WHOLE) for method in METHODS]
     return list(dict.fromkeys(wanted))
@@ -313,23 +337,27 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
 
 
 def _of_data(data: str) -> str:
-    return data if data in (AS_PUBLISHED, BY_RECORDING, BY_SPEED) else f"{100 * float(data):g} % of train"
+    return data if data in (AS_PUBLISHED, BY_RECORDING, BY_SPEED, ANGLE_HELD) else f"{100 * float(data):g} % of train"
+
+
+def _named(cell: NetworkCell) -> str:
+    return f"{cell.name}, {ANGLE_HELD}" if cell.data == ANGLE_HELD else cell.name
 
 
 def _rows(one: NetworkTraining, sets: TruckSets) -> list[dict[str, Any]]:
-    by_recording, cell = one.cell.data == BY_RECORDING, one.cell
-    table = "III" if cell.horizon in HORIZONS else "own"
+    by_recording, cell, name = one.cell.data == BY_RECORDING, one.cell, _named(one.cell)
+    table = "III" if cell.horizon in HORIZONS and cell.data != ANGLE_HELD else "own"
     found = []
     for split, runs in one.runs.items():
         piece_of = sets.chunks(cell.data)[split].piece_of
-        own = _row(table, cell.name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
+        own = _row(table, name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
                    one.parameters, one.cpu_seconds)  # fmt: skip
         spread = np.std(np.mean(runs, axis=1), axis=0, ddof=1) if len(runs) > 1 else np.full(len(OUTPUTS), np.nan)
         own |= {"seeds": one.seeds}
-        found.append(own | {f"{name}_sd_over_seeds": float(sd) for name, sd in zip(OUTPUTS, spread, strict=True)})
+        found.append(own | {f"{output}_sd_over_seeds": float(sd) for output, sd in zip(OUTPUTS, spread, strict=True)})
         if len(runs) > 1:
             found.append(
-                _row("own", f"{cell.name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
+                _row("own", f"{name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
                      one.together[split], piece_of, one.parameters * len(runs), one.cpu_seconds * len(runs))
             )  # fmt: skip
     return found
@@ -365,7 +393,11 @@ def _redrawn(values: Array, piece_of: Array) -> Array:
 
 def _pairs(one: NetworkTraining, base: NetworkTraining, split: str, piece_of: Array) -> Iterator[dict[str, Any]]:
     """By output, a network's error less another's, trajectory by trajectory, with its 95 % interval."""
-    away = np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0)
+    return _differences(np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0), piece_of)
+
+
+def _differences(away: Array, piece_of: Array) -> Iterator[dict[str, Any]]:
+    """By output, the mean of (trajectories, outputs) differences with its 95 % interval."""
     low, high = np.quantile(_redrawn(away, piece_of), [0.025, 0.975], axis=0)
     for k, output in enumerate(OUTPUTS):
         yield {
@@ -389,6 +421,19 @@ def _compared(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[st
                     "by_recording": one.cell.data == BY_RECORDING}  # fmt: skip
             pieces = sets.chunks(one.cell.data)[split].piece_of
             compared += [head | pair for pair in _pairs(one, base, split, pieces)]
+    return compared
+
+
+def _beside_bicycle(scores: Mapping[tuple[str, bool], Mapping[str, Array]], sets: TruckSets) -> list[dict[str, Any]]:
+    """Grey boxes, and the widest networks at the longest windows, beside the bicycle with the signs put right."""
+    compared, bicycle = [], CANDIDATES[1].name
+    for (name, by_recording), own in scores.items():
+        base = scores.get((bicycle, by_recording), {})
+        for split in SPLITS[1:]:
+            if name != bicycle and split in own and split in base:
+                pieces = sets.chunks(BY_RECORDING if by_recording else AS_PUBLISHED)[split].piece_of
+                head = {"model": name, "against": bicycle, "split": split, "by_recording": by_recording}
+                compared += [head | pair for pair in _differences(own[split] - base[split], pieces)]
     return compared
 
 

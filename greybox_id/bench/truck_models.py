@@ -204,13 +204,21 @@ second_angle = effect(
 )  # fmt: skip
 
 
+SHARES = {f"share_{name}": name for name in (*HELD_FOR, "sliding", "turning")}
+"""Parameter -> what it is a share of."""
+
+
 def _held(model: MotionModel) -> MotionModel:
-    shares = {f"share_{name}": name for name in (*HELD_FOR, "sliding", "turning")}
-
     def steer(alpha1: Symbol, q: Quantities) -> Symbol:
-        return alpha1 + sum(getattr(q.p, share) * getattr(q.u, name) for share, name in shares.items())
+        return alpha1 + sum(getattr(q.p, share) * getattr(q.u, name) for share, name in SHARES.items())
 
-    return _reading(model, *shares.values()).altered(steer=steer)
+    return _reading(model, *SHARES.values()).altered(steer=steer)
+
+
+def with_held_angle(recording: Recording, model: MotionModel) -> Recording:
+    """A recording whose angle is what a model with `held_angle` makes of it."""
+    held = sum(float(model[share].array) * recording[name] for share, name in SHARES.items())
+    return recording.with_signals(steer=recording["steer"] + held)
 
 
 held_angle = effect(

@@ -50,6 +50,17 @@ def test_a_split_by_speed_trains_on_slow_recordings_alone():
     assert by_speed(found, 6.0, 10.0) == {}
 
 
+def test_an_angle_is_held_by_what_train_alone_told(three):
+    own = bench.TruckSets(three).chunks(bench.ANGLE_HELD)
+    plain = bench.TruckSets(three).chunks(bench.AS_PUBLISHED)
+    for split in ("train", "val", "test"):
+        np.testing.assert_array_equal(own[split].recording["v_y"], plain[split].recording["v_y"])
+        assert np.any(own[split].recording["steer"] != plain[split].recording["steer"])
+    truck_file(three / "val.parquet", 2, 17)
+    again = bench.TruckSets(three).chunks(bench.ANGLE_HELD)
+    np.testing.assert_array_equal(again["test"].recording["steer"], own["test"].recording["steer"])
+
+
 def test_some_chunks_keep_their_rows():
     time = np.concatenate([np.arange(4.0), np.arange(3.0), np.arange(5.0)])
     whole = Recording("all", time, {"v_y": np.arange(12.0)}, runs=((0, 4), (4, 7), (7, 12)))
@@ -145,6 +156,10 @@ def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
         assert (before == after) == (before["split"] != "test")
     for name in ("identified", "learning_curves", "lessons"):
         assert found[0][name] == found[1][name] == without[name]
+    beside = [own for own in without["comparisons"] if own["against"] == bench.CANDIDATES[1].name]
+    assert {own["model"] for own in beside if not own["by_recording"]} == {
+        bench.CANDIDATES[0].name, "MLP, 4 x 2, 1 s", "MLP, transfer learning, 4 x 2, 1 s"
+    }  # fmt: skip
     pairs = [[own for own in each["comparisons"] if own["split"] != "test"] for each in (without, *found)]
     assert pairs[0] == pairs[1] == pairs[2] != []
 
