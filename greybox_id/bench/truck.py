@@ -289,7 +289,8 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
     """What is trained, what matters most first: a run that is cut short has that."""
     smallest, largest, last = SIZES[0], SIZES[-1], HORIZONS[-1]
     if how.quick:
-        return [NetworkCell(split, m, smallest, last) for split in (AS_PUBLISHED, BY_RECORDING) for m in METHODS]
+        quick = [NetworkCell(split, m, smallest, last) for split in (AS_PUBLISHED, BY_RECORDING) for m in METHODS]
+        return [*quick, NetworkCell(ANGLE_HELD, "discrepancy", smallest, last)]
     curves = [
         NetworkCell(AS_PUBLISHED if share == 1.0 else f"{share:g}", method, smallest, last)
         for share in SHARES for method in ("learning", "transfer")

@@ -33,7 +33,7 @@ from ..shorthands import Array
 from .truck_grey_boxes import OUTPUTS
 from .truck_models import HELD
 
-AUTHORS = "bicycle as its authors coded it, ABC-SMC"
+AUTHORS = "authors' bicycle, ABC-SMC"
 DT = 0.05
 TRACK = 2.5
 """L, m."""

@@ -151,14 +151,15 @@ def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
         found.append(truck_tables(made_up, TruckOptions(quick=True)))
     one, other = map(told_but_for_time, found)
     assert [row for row in one if row["split"] != "test"] == told_but_for_time(without)
-    assert len([row for row in one if row["split"] == "test"]) == 4
+    assert len([row for row in one if row["split"] == "test"]) == 5
     for before, after in zip(one, other, strict=True):
         assert (before == after) == (before["split"] != "test")
     for name in ("identified", "learning_curves", "lessons"):
         assert found[0][name] == found[1][name] == without[name]
     beside = [own for own in without["comparisons"] if own["against"] == bench.CANDIDATES[1].name]
     assert {own["model"] for own in beside if not own["by_recording"]} == {
-        bench.CANDIDATES[0].name, "MLP, 4 x 2, 1 s", "MLP, transfer learning, 4 x 2, 1 s"
+        bench.CANDIDATES[0].name, "MLP, 4 x 2, 1 s", "MLP, transfer learning, 4 x 2, 1 s",
+        "bicycle and MLP, 4 x 2, 1 s, angle held",
     }  # fmt: skip
     pairs = [[own for own in each["comparisons"] if own["split"] != "test"] for each in (without, *found)]
     assert pairs[0] == pairs[1] == pairs[2] != []
@@ -181,9 +182,9 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
         truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", tmp_path / "kept"))
     assert len(json.loads(file.read_text())["trainings"]) == 2
     nothing = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file, minutes=0.0))
-    assert (count, nothing["left_out"]) == (3, 4)
+    assert (count, nothing["left_out"]) == (3, 5)
     found = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
-    assert (count, found["left_out"]) == (7, 0)
+    assert (count, found["left_out"]) == (8, 0)
     again = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
     whole = truck_tables(made_up, TruckOptions(quick=True))
     assert told_but_for_time(again) == told_but_for_time(found) == told_but_for_time(whole)
@@ -192,7 +193,7 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
     truck_file(made_up / "train.parquet", 4, 9)  # other data: nothing that is kept is of them
     before = count
     truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
-    assert count == before + 6
+    assert count == before + 7
 
 
 def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
