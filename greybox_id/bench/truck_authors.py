@@ -9,8 +9,8 @@ gravity, L / 2 + b beside it. Forward Euler steps of 0.05 s.
 Published are the fifteen particles of least distance of the last population, on test. What differs here: windows do
 not overlap (the same rows, at a fifteenth of the price).
 
-Source: the authors' repository (MIT), vehicle_architecture.py, TorchDOF2, and abc_smc_train.py; Table I, where the
-wheelbase l stands for l_r.
+Source: the authors' published code (github.com/N9TT-9G0A-B7FQ-RANC), vehicle_architecture.py, TorchDOF2, and
+abc_smc_train.py; Table I, where the wheelbase l stands for l_r.
 """
 
 from __future__ import annotations
