@@ -130,9 +130,11 @@ def truck_tables(
                 durations.append(_durations(candidate.name, split, own.errors))
                 if split == AS_PUBLISHED:
                     told[candidate.name] = own.identified
+        found = _trained(sets, how, say, store)
         if not (how.quick or how.curves_alone):
             rows += _of_authors(data, say, store)
-        found = _trained(sets, how, say, store)
+        if store.left_out:
+            say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
         trained_on = (AS_PUBLISHED, ANGLE_HELD, BY_RECORDING)
         on = {split: [one for one in found if one.cell.data == split] for split in trained_on}
         comparisons = []
@@ -330,8 +332,6 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
             one = _kept(store, about(cell, own, seed), train, say)
             if one is not None:
                 found[cell].append(one)
-    if store.left_out:
-        say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
     return [
         scored(cell, sets.recordings(cell.data), sets.bicycle(cell.data), own) for cell, own in found.items() if own
     ]
