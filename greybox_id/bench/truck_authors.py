@@ -124,7 +124,7 @@ def authors_particles(train: Recording, horizon: float, seed: int, as_published:
     train : with the signs that were recorded.
     horizon : s.
     seed : of everything random.
-    as_published : by the published algorithm, whose weights are wrong, or by the house's.
+    as_published : by the published algorithm, whose weights are wrong, or by that of the posterior floor.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def authors_particles(train: Recording, horizon: float, seed: int, as_published:
 
 
 def _sampled(away: Away, seed: int) -> ParticleSet:
-    """By the house's ABC-SMC: the same targets of acceptance, one kernel for steps and weights."""
+    """By the ABC-SMC of `sample`: the same targets of acceptance, one kernel for steps and weights."""
     priors = [ParticlePrior(mean, sd, -np.inf, np.inf) for mean, sd in PRIORS.values()]
     population = abc_smc.first(away, priors, PARTICLES, seed)
     while population.number < len(abc_smc.TARGETS):
