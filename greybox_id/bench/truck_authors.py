@@ -124,7 +124,7 @@ def authors_particles(train: Recording, horizon: float, seed: int, as_published:
     train : with the signs that were recorded.
     horizon : s.
     seed : of everything random.
-    as_published : by the published algorithm, whose weights are wrong, or by that of the posterior floor.
+    as_published : by the published algorithm, whose weights are wrong, or by that of `sample`.
 
     Returns
     -------
