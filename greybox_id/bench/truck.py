@@ -11,8 +11,8 @@ Standard errors and paired intervals are over whole recordings, whose chunks are
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,9 +26,12 @@ from ..fitting.how import Say, quiet
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
+from ..version import __version__
 from .kept import KeptBench
+from .truck_authors import AUTHORS, PRIORS, authors_errors, authors_particles
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
-from .truck_inputs import SPLITS, Chunks, by_speed, raw, splits
+from .truck_inputs import SPLITS, Chunks, by_speed, causal, published_signs, raw, splits
+from .truck_models import CAUSAL_ANGLE, truck, with_held_angle
 from .truck_networks import (
     BICYCLE,
     FASTER,
@@ -39,6 +42,7 @@ from .truck_networks import (
     about,
     along,
     fitted_bicycle,
+    hashed,
     scored,
     trained,
 )
@@ -56,6 +60,8 @@ TAUGHT_ON = (0.1, 1.0)
 SLOW, FAST = 60 / 3.6, 70 / 3.6
 """m/s: trajectories that stay below the one are trained on, those with a mean above the other scored, out of range."""
 AS_PUBLISHED, BY_RECORDING, BY_SPEED = "as published", "by recording", "by speed"
+ANGLE_HELD = "angle held"
+"""Split as published; the angle is what the best causal grey box, fitted to train, makes of alpha1 and its past."""
 LEVEL = 1.96
 """Standard deviations to a side of a 95 % band."""
 
@@ -110,24 +116,40 @@ def truck_tables(
     told: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     durations: list[dict[str, Any]] = []
+    scores: dict[tuple[str, bool], Mapping[str, Array]] = {}
     with threadpool_limits(1):
         sets = TruckSets(data)
         for split in (AS_PUBLISHED, BY_RECORDING):
-            for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:4]:
+            for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:5]:
                 say(f"{candidate.name}, {split}")
-                own = GreyBoxRun.of(candidate, data, split == BY_RECORDING)
+                own = GreyBoxRun.of(candidate, data, split == BY_RECORDING, say)
+                if own is None:
+                    continue
                 rows += own.rows
+                scores[candidate.name, split == BY_RECORDING] = own.runs
                 durations.append(_durations(candidate.name, split, own.errors))
                 if split == AS_PUBLISHED:
                     told[candidate.name] = own.identified
         found = _trained(sets, how, say, store)
-        on = {split: [one for one in found if one.cell.data == split] for split in (AS_PUBLISHED, BY_RECORDING)}
+        if not (how.quick or how.curves_alone):
+            rows += _of_authors(data, say, store)
+        if store.left_out:
+            say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
+        trained_on = (AS_PUBLISHED, ANGLE_HELD, BY_RECORDING)
+        on = {split: [one for one in found if one.cell.data == split] for split in trained_on}
         comparisons = []
         for split, every in on.items():
             own_cells = [one for one in every if one.cell.taught == BICYCLE]
             rows += [row for one in own_cells for row in _rows(one, sets)]
             comparisons += _compared(own_cells, sets)
-            durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
+            if split != ANGLE_HELD:
+                durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
+            wide = [one for one in own_cells if one.cell.horizon == HORIZONS[-1]]
+            scores |= {
+                (_named(one.cell), split == BY_RECORDING): {s: np.mean(own, axis=0) for s, own in one.runs.items()}
+                for one in wide if one.cell.units == max(own.cell.units for own in wide)
+            }  # fmt: skip
+        comparisons += _beside_bicycle(scores, sets)
         result = {
             "rows": rows, "comparisons": comparisons, "durations": durations,
             "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
@@ -158,9 +180,14 @@ class TruckSets:
         return {split: own.recording for split, own in self.chunks(name).items()}
 
     def _chunks(self, name: str) -> dict[str, Chunks]:
-        """Of "as published", "by recording", "by speed" or a share of the training recordings, 0.1."""
+        """Of "as published", "by recording", "by speed", "angle held" or a share of the training recordings, 0.1."""
         if name in (AS_PUBLISHED, BY_RECORDING):
             return splits(self._data, raw, name == BY_RECORDING)
+        if name == ANGLE_HELD:
+            held = splits(self._data, causal, by_recording=False)
+            problem, solution = fitted(truck(*CAUSAL_ANGLE), held["train"].recording)
+            model = problem.plain.model.with_values(problem.plain.shared(solution.x))
+            return {s: replace(own, recording=with_held_angle(own.recording, model)) for s, own in held.items()}
         found = self.chunks(AS_PUBLISHED)
         if name == BY_SPEED:
             return by_speed(found, SLOW, FAST)
@@ -188,11 +215,23 @@ class GreyBoxRun:
     errors: dict[str, Array]
     identified: dict[str, Any]
 
+    @property
+    def runs(self) -> dict[str, Array]:
+        """Split -> (trajectories, outputs) RMSE of free runs."""
+        return {split: np.sqrt(np.mean(own[0] ** 2, axis=1)) for split, own in self.errors.items()}
+
     @classmethod
-    def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool) -> GreyBoxRun:
-        """Fit and score a candidate."""
+    def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool, say: Say = quiet) -> GreyBoxRun | None:
+        """Fit and score a candidate; None, and a sentence, where train or val lacks what it reads."""
         clock = time.process_time()
         found = splits(data, candidate.prepare, by_recording)
+        for split in tuple(found):
+            lacking = [name for name in candidate.needs if name not in found[split].recording.signals]
+            if lacking:
+                say(f"{candidate.name} is left out: {split} has no {' and no '.join(lacking)}")
+                if split != "test":
+                    return None
+                del found[split]
         train = found["train"].recording
         problem, solution = fitted(candidate.model(train), train)
         seconds = time.process_time() - clock
@@ -211,11 +250,49 @@ class GreyBoxRun:
         return cls(rows, errors, told)
 
 
+def _of_authors(data: Path, say: Say, store: KeptBench) -> list[dict[str, Any]]:
+    """Table II: the fifteen particles of least distance, of windows of each length; their means and scatter."""
+    found, rows = splits(data, published_signs, by_recording=False), list[dict[str, Any]]()
+    train = found["train"].recording
+    for horizon, as_published in [*((own, True) for own in HORIZONS[::-1]), (HORIZONS[-1], False)]:
+        name = f"{AUTHORS}{' as published' if as_published else ''}, {horizon:g} s"
+        about = {"method": name, "horizon": horizon, "seed": 0, "version": __version__, "train": hashed(train)}
+
+        def sampled(horizon: float = horizon, as_published: bool = as_published, name: str = name) -> Any:
+            say(name)
+            return authors_particles(train, horizon, 0, as_published)
+
+        own = _kept(store, about, sampled, say)
+        if own is None:
+            continue
+        for split, chunks in found.items():
+            each = np.sqrt(np.mean(authors_errors(chunks.recording, own["x"]) ** 2, axis=2))
+            row = _row("II", name, "v_x, alpha1", split, False, np.mean(each, axis=0), chunks.piece_of, len(PRIORS),
+                       own["cpu_seconds"])  # fmt: skip
+            spread = np.std(np.mean(each, axis=1), axis=0, ddof=1).tolist()
+            rows.append(
+                row | {"particles": len(each)}
+                | {f"{output}_sd_over_particles": sd for output, sd in zip(OUTPUTS, spread, strict=True)}
+            )  # fmt: skip
+    return rows
+
+
+def _kept(store: KeptBench, about: Mapping[str, Any], train: Callable[[], Any], say: Say) -> Mapping[str, Any] | None:
+    """What is kept, or made and kept now; after Ctrl-C the place is told."""
+    try:
+        return store.training(about, train)
+    except KeyboardInterrupt:
+        if store.file is not None:
+            say(f"trainings so far are in {store.file}; the same command goes on")
+        raise
+
+
 def _cells(how: TruckOptions) -> list[NetworkCell]:
     """What is trained, what matters most first: a run that is cut short has that."""
     smallest, largest, last = SIZES[0], SIZES[-1], HORIZONS[-1]
     if how.quick:
-        return [NetworkCell(split, m, smallest, last) for split in (AS_PUBLISHED, BY_RECORDING) for m in METHODS]
+        quick = [NetworkCell(split, m, smallest, last) for split in (AS_PUBLISHED, BY_RECORDING) for m in METHODS]
+        return [*quick, NetworkCell(ANGLE_HELD, "discrepancy", smallest, last)]
     curves = [
         NetworkCell(AS_PUBLISHED if share == 1.0 else f"{share:g}", method, smallest, last)
         for share in SHARES for method in ("learning", "transfer")
@@ -233,6 +310,7 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
         for horizon in HORIZONS[::-1] for units in SIZES for method in METHODS
     ]  # fmt: skip
     wanted += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
+    wanted += [NetworkCell(ANGLE_HELD, "discrepancy", largest, last)]
     wanted += curves
     wanted += [NetworkCell(AS_PUBLISHED, method, SIZES[1], WHOLE) for method in METHODS]
     return list(dict.fromkeys(wanted))
@@ -251,39 +329,36 @@ def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> 
                 say(name)
                 return trained(cell, own, sets.bicycle(cell.data), seed, say)
 
-            try:
-                one = store.training(about(cell, own, seed), train)
-            except KeyboardInterrupt:
-                if store.file is not None:
-                    say(f"trainings so far are in {store.file}; the same command goes on")
-                raise
+            one = _kept(store, about(cell, own, seed), train, say)
             if one is not None:
                 found[cell].append(one)
-    if store.left_out:
-        say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
     return [
         scored(cell, sets.recordings(cell.data), sets.bicycle(cell.data), own) for cell, own in found.items() if own
     ]
 
 
 def _of_data(data: str) -> str:
-    return data if data in (AS_PUBLISHED, BY_RECORDING, BY_SPEED) else f"{100 * float(data):g} % of train"
+    return data if data in (AS_PUBLISHED, BY_RECORDING, BY_SPEED, ANGLE_HELD) else f"{100 * float(data):g} % of train"
+
+
+def _named(cell: NetworkCell) -> str:
+    return f"{cell.name}, {ANGLE_HELD}" if cell.data == ANGLE_HELD else cell.name
 
 
 def _rows(one: NetworkTraining, sets: TruckSets) -> list[dict[str, Any]]:
-    by_recording, cell = one.cell.data == BY_RECORDING, one.cell
-    table = "III" if cell.horizon in HORIZONS else "own"
+    by_recording, cell, name = one.cell.data == BY_RECORDING, one.cell, _named(one.cell)
+    table = "III" if cell.horizon in HORIZONS and cell.data != ANGLE_HELD else "own"
     found = []
     for split, runs in one.runs.items():
         piece_of = sets.chunks(cell.data)[split].piece_of
-        own = _row(table, cell.name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
+        own = _row(table, name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
                    one.parameters, one.cpu_seconds)  # fmt: skip
         spread = np.std(np.mean(runs, axis=1), axis=0, ddof=1) if len(runs) > 1 else np.full(len(OUTPUTS), np.nan)
         own |= {"seeds": one.seeds}
-        found.append(own | {f"{name}_sd_over_seeds": float(sd) for name, sd in zip(OUTPUTS, spread, strict=True)})
+        found.append(own | {f"{output}_sd_over_seeds": float(sd) for output, sd in zip(OUTPUTS, spread, strict=True)})
         if len(runs) > 1:
             found.append(
-                _row("own", f"{cell.name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
+                _row("own", f"{name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
                      one.together[split], piece_of, one.parameters * len(runs), one.cpu_seconds * len(runs))
             )  # fmt: skip
     return found
@@ -319,7 +394,11 @@ def _redrawn(values: Array, piece_of: Array) -> Array:
 
 def _pairs(one: NetworkTraining, base: NetworkTraining, split: str, piece_of: Array) -> Iterator[dict[str, Any]]:
     """By output, a network's error less another's, trajectory by trajectory, with its 95 % interval."""
-    away = np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0)
+    return _differences(np.mean(one.runs[split], axis=0) - np.mean(base.runs[split], axis=0), piece_of)
+
+
+def _differences(away: Array, piece_of: Array) -> Iterator[dict[str, Any]]:
+    """By output, the mean of (trajectories, outputs) differences with its 95 % interval."""
     low, high = np.quantile(_redrawn(away, piece_of), [0.025, 0.975], axis=0)
     for k, output in enumerate(OUTPUTS):
         yield {
@@ -343,6 +422,19 @@ def _compared(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[st
                     "by_recording": one.cell.data == BY_RECORDING}  # fmt: skip
             pieces = sets.chunks(one.cell.data)[split].piece_of
             compared += [head | pair for pair in _pairs(one, base, split, pieces)]
+    return compared
+
+
+def _beside_bicycle(scores: Mapping[tuple[str, bool], Mapping[str, Array]], sets: TruckSets) -> list[dict[str, Any]]:
+    """Grey boxes, and the widest networks at the longest windows, beside the bicycle with the signs put right."""
+    compared, bicycle = [], CANDIDATES[1].name
+    for (name, by_recording), own in scores.items():
+        base = scores.get((bicycle, by_recording), {})
+        for split in SPLITS[1:]:
+            if name != bicycle and split in own and split in base:
+                pieces = sets.chunks(BY_RECORDING if by_recording else AS_PUBLISHED)[split].piece_of
+                head = {"model": name, "against": bicycle, "split": split, "by_recording": by_recording}
+                compared += [head | pair for pair in _differences(own[split] - base[split], pieces)]
     return compared
 
 

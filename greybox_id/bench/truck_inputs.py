@@ -1,8 +1,9 @@
 """The truck's recordings as the benchmark's models see them: split, every tenth row, steering without its dead zone.
 
-What is made of the steering angles and of the speed here is NOT CAUSAL: filters are centred, and a stretch in which
+What `prepared` makes of the steering angles and of the speed is NOT CAUSAL: filters are centred, and a stretch in which
 alpha1 rests at zero is bridged from both of its ends. The task, a free run along recorded inputs, allows that; a
-controller could not do it. Outputs (v_y and yaw rate) are taken as they are.
+controller could not do it. What `causal` makes of them knows no later row. Outputs (v_y and yaw rate) are taken as they
+are.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from ..errors import BadInput
 from ..recording import Recording
 from ..shorthands import Array
 
+RATE = 200.0
+"""Hz, of the files."""
 EVERY = 10
 """200 Hz to the published 0.05 s."""
 SHORT = 120
@@ -39,10 +42,16 @@ ROAD = (0.755, -0.656)
 """East and north along the track's straights."""
 
 SPLITS = ("train", "val", "test")
-SECONDS = 10.0
-"""Of a chunk."""
+SECONDS, NEARLY = 10.0, 0.02
+"""Of a chunk, and the share by which one may last or be sampled differently."""
 HELD_OUT = 3
 """Every so many-th recording is held out where the split is by recording."""
+
+HELD_FOR = {"held_short": 0.2, "held": 1.0, "held_long": 5.0}
+"""Signal -> s in which what alpha1 read last fades while it rests: from what a slalom takes through the dead zone to
+what a straight lasts. How much of each there is, is fitted."""
+LINE = (40, 201)
+"""Rows (0.2 s, 1 s) that a line through the last speeds takes at least and at most."""
 
 Filter = Callable[[Array], Array]
 
@@ -61,30 +70,49 @@ def raw(path: Path) -> Recording:
 def prepared(path: Path) -> Recording:
     """The same with speed and steering angles smoothed, alpha1 bridged, and what else the models read.
 
-    Further signals: v_x_rate [m/s^2]; alpha2 [rad]; at_rest, the share of 0.1 s about a row in which alpha1 still rests
-    at zero after bridging; alpha2_at_rest, that share of alpha2 85 ms ago [rad]; x, y, metres east and north of the
-    track's middle; along_road, the cosine of the angle between course and straights.
+    Further signals: v_x_rate [m/s^2]; at_rest, the share of 0.1 s about a row in which alpha1 still rests at zero after
+    bridging. Where alpha2 was recorded: alpha2 [rad]; alpha2_at_rest, that share of alpha2 85 ms ago [rad]. Where
+    position was: x, y, metres east and north of the track's middle; along_road, the cosine of the angle between course
+    and straights.
     """
     found = read(path, "truck")
     runs = found.runs
     bridged = np.concatenate([_bridged(found["steer"][a:b]) for a, b in runs])
-    second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
     resting = _each((np.abs(bridged) < 1e-9).astype(float), runs, lambda z: _mean(z, 21))
-    x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
-    y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
-    east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
-    course = np.hypot(east, north)
     more = {
         "steer": _each(bridged, runs, lambda a: _mean(a, 21)),
         "v_x": _each(found["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
-        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=0.005)),
-        "alpha2": second,
+        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=1 / RATE)),
         "at_rest": resting,
-        "alpha2_at_rest": resting * _each(second, runs, _later),
-        "x": x,
-        "y": y,
-        "along_road": (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0),
     }
+    if "alpha2" in found.signals:
+        second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
+        more |= {"alpha2": second, "alpha2_at_rest": resting * _each(second, runs, _later)}
+    if {"longitude", "latitude"} <= set(found.signals):
+        x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
+        y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
+        east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
+        course = np.hypot(east, north)
+        along = (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0)
+        more |= {"x": x, "y": y, "along_road": along}
+    return _thinned(found.with_signals(**more))
+
+
+def causal(path: Path) -> Recording:
+    """alpha1 and speed as recorded, with further signals that know no later row.
+
+    v_x_rate [m/s^2], a line through the last second. While alpha1 rests at zero: what it read last, fading as
+    `HELD_FOR` says [rad], and `sliding` [rad], how far it would have come at the slope it had, fading with the first of
+    them. While it does not: `turning` [rad/s], its slope.
+    """
+    found = read(path, "truck")
+    runs = found.runs
+    kept = [_remembered(found["steer"][a:b]) for a, b in runs]
+    level, since, slope = (np.concatenate([own[k] for own in kept]) for k in range(3))
+    fading = {name: np.where(since > 0, np.exp(-since / tau), 0.0) for name, tau in HELD_FOR.items()}
+    more = {name: level * own for name, own in fading.items()}
+    more |= {"sliding": slope * since * fading["held_short"], "turning": np.where(since > 0, 0.0, slope)}
+    more |= {"v_x_rate": _each(found["v_x"], runs, _rise)}
     return _thinned(found.with_signals(**more))
 
 
@@ -119,15 +147,35 @@ def chunks(path: Path, prepare: Any = raw) -> Chunks:
 
     Raises
     ------
-    BadInput : the file is none of the truck's.
+    BadInput : the file is none of the truck's, or not recorded as these are.
     """
     found: Recording = prepare(path)
+    _must_be_chunks(path, found)
     table = pd.read_parquet(path, columns=["trajectory", "time"])
     begun = table.groupby("trajectory", sort=False)["time"].first()
     numbers = begun.index.to_numpy(dtype=float) - np.round(begun.to_numpy(dtype=float) / SECONDS)
     if len(numbers) != len(found.runs):
         raise BadInput(f"{path} has {len(numbers)} trajectories in {len(found.runs)} unbroken runs; is it complete?")
     return Chunks(found, numbers)
+
+
+def _must_be_chunks(path: Path, found: Recording) -> None:
+    """Raise `BadInput` where the published metric cannot be taken of a file: ten seconds at 200 Hz, nothing missing."""
+    for number, (a, b) in enumerate(found.runs, 1):
+        apart = float(np.median(np.diff(found.time[a:b]))) if b - a > 1 else np.inf
+        lasts = apart * (b - a)
+        if abs(lasts / SECONDS - 1) > NEARLY or abs(apart * RATE / EVERY - 1) > NEARLY:
+            raise BadInput(
+                f"{path}: the metric is over trajectories of {SECONDS:g} s at {RATE:g} Hz, but number {number} lasts "
+                f"{lasts:.3g} s at {EVERY / apart:.3g} Hz. Cut or resample the file to such chunks."
+            )
+    for name in ("v_x", "steer", "v_y", "yaw_rate"):
+        lacking = np.flatnonzero(~np.isfinite(found[name]))
+        if len(lacking):
+            raise BadInput(
+                f"{path} has no reading of {name} in {len(lacking)} of {len(found)} rows; the metric wants all. Leave "
+                "out these trajectories."
+            )
 
 
 def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:
@@ -207,6 +255,30 @@ def _ramp(away: Array, longest: int) -> Array:
     rows = away[0] / rise if away[0] * rise > 0 else np.inf
     rows = max(1, int(min(rows, SHORT, longest)))
     return np.asarray(away[0] * (1 - np.arange(1, rows + 1) / rows))
+
+
+def _remembered(steer: Array) -> tuple[Array, Array, Array]:
+    """At every row the last reading of alpha1 that is not zero, s since, and its slope then, rad/s; before it zeros."""
+    step, rows = 1 / RATE, np.arange(len(steer))
+    last = np.maximum.accumulate(np.where(steer != 0, rows, -1))
+    known = np.maximum(last, 0)
+    before = known - SLOPE_OVER
+    steady = (before >= 0) & (steer[np.maximum(before, 0)] != 0)
+    slope = np.where(steady, (steer[known] - steer[np.maximum(before, 0)]) / (SLOPE_OVER * step), 0.0)
+    heard = last >= 0
+    return np.where(heard, steer[known], 0.0), np.where(heard, (rows - known) * step, 0.0), np.where(heard, slope, 0.0)
+
+
+def _rise(v: Array) -> Array:
+    """(..., n) slope of a line through the last rows, per s; zero where there are too few."""
+    least, most = LINE
+    padded = np.concatenate([np.zeros((*v.shape[:-1], 1)), np.cumsum(v, axis=-1)], axis=-1)
+    weighted = np.concatenate([np.zeros((*v.shape[:-1], 1)), np.cumsum(v * np.arange(v.shape[-1]), axis=-1)], axis=-1)
+    stop = np.arange(1, v.shape[-1] + 1)
+    start = np.maximum(stop - most, 0)
+    count, middle = stop - start, (start + stop - 1) / 2
+    covered = weighted[..., stop] - weighted[..., start] - middle * (padded[..., stop] - padded[..., start])
+    return np.asarray(np.where(count >= least, covered / np.maximum(count * (count**2 - 1.0) / 12, 1.0), 0.0) * RATE)
 
 
 def _each(values: Array, runs: tuple[tuple[int, int], ...], change: Filter) -> Array:

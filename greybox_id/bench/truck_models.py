@@ -25,6 +25,7 @@ from ..motion_model import MotionModel, Quantities, State
 from ..parameter import Parameter, Prior
 from ..recording import Recording
 from ..shorthands import Array
+from .truck_inputs import HELD_FOR
 
 GROUP = "truck"
 
@@ -73,6 +74,8 @@ OF_EFFECTS: Belief = {
     "alpha2_lag": (0.05, 0.03, 0.0, 0.5),
     "rest_share": (0.8, 0.1, -1.0, 3.0),
     "rest_offset": (0.0015, 0.0005, -0.01, 0.01),
+    **{f"share_{name}": (0.0, 0.3, -3.0, 3.0) for name in (*HELD_FOR, "sliding")},
+    "share_turning": (0.0, 0.05, -1.0, 1.0),
     "bank": (0.0, 0.015, -0.3, 0.3),
 }
 """Rough, from trials on the training trajectories."""
@@ -201,6 +204,35 @@ second_angle = effect(
 )  # fmt: skip
 
 
+SHARES = {f"share_{name}": name for name in (*HELD_FOR, "sliding", "turning")}
+"""Parameter -> what it is a share of."""
+
+
+def _held(model: MotionModel) -> MotionModel:
+    def steer(alpha1: Symbol, q: Quantities) -> Symbol:
+        return alpha1 + sum(getattr(q.p, share) * getattr(q.u, name) for share, name in SHARES.items())
+
+    return _reading(model, *SHARES.values()).altered(steer=steer)
+
+
+def with_held_angle(recording: Recording, model: MotionModel) -> Recording:
+    """A recording whose angle is what a model with `held_angle` makes of it."""
+    held = sum(float(model[share].array) * recording[name] for share, name in SHARES.items())
+    return recording.with_signals(steer=recording["steer"] + held)
+
+
+held_angle = effect(
+    GROUP, "share_held", "1", 0.0, (-3.0, 3.0), "of what alpha1 read last, what stands for it while it rests, for 1 s",
+    touches=("steer",), apply=_held, typical=0.3,
+    others=(
+        Parameter("share_held_short", "1", 0.0, (-3.0, 3.0), about="the same, for 0.2 s"),
+        Parameter("share_held_long", "1", 0.0, (-3.0, 3.0), about="the same, for 5 s"),
+        Parameter("share_sliding", "1", 0.0, (-3.0, 3.0), about="of how far it would have come at the slope it had"),
+        Parameter("share_turning", "s", 0.0, (-1.0, 1.0), about="of its slope, while it does not rest"),
+    ),
+)  # fmt: skip
+
+
 def bank_map(centres: Array) -> Effect:
     """Bank of the road over position: bumps about (n, 2) centres, left side up for who drives along the straights."""
 
@@ -233,4 +265,5 @@ ONE_ANGLE = (
     LEVER_ARM, EFFECTS["yaw_rate_bias"], v_y_bias, v_y_lead, lasting_v_y,
     EFFECTS["tyre_relaxation"], stiffness_transfer, roll,
 )  # fmt: skip
+CAUSAL_ANGLE = (*ONE_ANGLE, held_angle)
 BOTH_ANGLES = (*ONE_ANGLE, EFFECTS["steering_offset"], second_angle)

@@ -176,7 +176,7 @@ def about(cell: NetworkCell, recordings: Mapping[str, Recording], seed: int) -> 
         told |= {"taught": cell.taught}
     return {
         **told, "units": cell.units, "horizon": cell.horizon, "seed": seed, "version": __version__,
-        **{split: _hash(recordings[split]) for split in ("train", "val")},
+        **{split: hashed(recordings[split]) for split in ("train", "val")},
     }  # fmt: skip
 
 
@@ -214,7 +214,8 @@ def _errors(model: HybridModel, found: Sequence[Array], recording: Recording) ->
     return np.array(every)
 
 
-def _hash(recording: Recording) -> str:
+def hashed(recording: Recording) -> str:
+    """Of what networks read of a recording."""
     found = hashlib.sha256(repr(recording.runs).encode())
     for name in ("v_y", "yaw_rate", "v_x", "steer"):
         found.update(np.ascontiguousarray(recording[name], dtype=float).tobytes())

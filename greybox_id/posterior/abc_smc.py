@@ -25,6 +25,8 @@ from ..shorthands import Array
 from .density import PosteriorDensity
 
 Distance = Literal["pooled", "trajectories"]
+Away = Callable[[Array], Array]
+"""(n, d) particles -> (n,) distances, infinite where a simulation is not finite."""
 TARGETS = (0.75, 0.65, 0.55, 0.45, 0.35, 0.25, 0.15, 0.05, 0.025, 0.01)
 """Acceptance of the populations after the first, as published."""
 PILOT = 1000
@@ -158,7 +160,7 @@ class Distances:
         return np.asarray(np.where(np.isfinite(found), found, np.inf))
 
 
-def first(distances: Distances, priors: Sequence[ParticlePrior], count: int, seed: int) -> ParticleSet:
+def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: int) -> ParticleSet:
     """Drawn from the priors, so many of which the model is finite.
 
     Raises
@@ -217,7 +219,7 @@ class PerturbationKernel:
         return np.asarray(logsumexp(logs[None] - 0.5 * np.maximum(squares, 0.0), axis=1))
 
 
-def begin(distances: Distances, source: ParticleSet, priors: Sequence[ParticlePrior], seed: int) -> Growing:
+def begin(distances: Away, source: ParticleSet, priors: Sequence[ParticlePrior], seed: int) -> Growing:
     """Set the next threshold: trial particles, of which the target's share are to be nearer."""
     target = TARGETS[source.number]
     count = max(PILOT, round(FEWEST_ACCEPTED / target))
@@ -228,7 +230,7 @@ def begin(distances: Distances, source: ParticleSet, priors: Sequence[ParticlePr
 
 
 def grow(
-    distances: Distances, growing: Growing, priors: Sequence[ParticlePrior], seed: int, until: Callable[[Growing], bool]
+    distances: Away, growing: Growing, priors: Sequence[ParticlePrior], seed: int, until: Callable[[Growing], bool]
 ) -> ParticleSet | Growing:
     """Fill a population batch by batch; as far as it got where `until`, called after each batch, says so."""
     source, kernel = growing.source, PerturbationKernel(growing.source, priors)

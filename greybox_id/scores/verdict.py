@@ -16,6 +16,7 @@ import numpy as np
 from ..checks import check
 from ..checks.finding import Finding, Severity
 from ..fit import SURPRISING, Fit
+from ..hybrid_model import HybridModel
 from ..model import Model
 from ..motion_model import MotionModel
 from ..provenance import DataRecord
@@ -145,6 +146,8 @@ def _found(fit: Fit) -> Iterator[Reason]:
             yield Reason(WITH_CARE, f"The optimum is not confirmed ({stage.status}); there are no intervals.")
         elif stage.certificate is None and fit.how.get("solver") == "gauss-newton":
             yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (solver auto asks it).")
+        elif stage.confirmed and isinstance(fit.model, HybridModel):
+            yield Reason(USABLE, "Training was stopped where the held-out error was least.")
         elif stage.confirmed:
             yield Reason(USABLE, "The optimum is confirmed.")
         if len(stage.starts) > 2:

@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 from calling import greybox, refused
 from json_pages import PAGE, agree
-from scipy.signal import lfilter
+from made_up_truck import truck_file
 
 from greybox_id.bench import truck as bench
 from greybox_id.bench.kept import KeptBench
-from greybox_id.bench.truck import TruckOptions, _redrawn, _spread, truck_tables
+from greybox_id.bench.truck import GreyBoxRun, TruckOptions, _redrawn, _spread, truck_tables
+from greybox_id.bench.truck_grey_boxes import CANDIDATES
 from greybox_id.bench.truck_inputs import Chunks, by_speed, chunks, raw, splits
 from greybox_id.errors import BadInput
 from greybox_id.fitting import networks, pretraining
@@ -49,6 +50,17 @@ def test_a_split_by_speed_trains_on_slow_recordings_alone():
     assert by_speed(found, 6.0, 10.0) == {}
 
 
+def test_an_angle_is_held_by_what_train_alone_told(three):
+    own = bench.TruckSets(three).chunks(bench.ANGLE_HELD)
+    plain = bench.TruckSets(three).chunks(bench.AS_PUBLISHED)
+    for split in ("train", "val", "test"):
+        np.testing.assert_array_equal(own[split].recording["v_y"], plain[split].recording["v_y"])
+        assert np.any(own[split].recording["steer"] != plain[split].recording["steer"])
+    truck_file(three / "val.parquet", 2, 17)
+    again = bench.TruckSets(three).chunks(bench.ANGLE_HELD)
+    np.testing.assert_array_equal(again["test"].recording["steer"], own["test"].recording["steer"])
+
+
 def test_some_chunks_keep_their_rows():
     time = np.concatenate([np.arange(4.0), np.arange(3.0), np.arange(5.0)])
     whole = Recording("all", time, {"v_y": np.arange(12.0)}, runs=((0, 4), (4, 7), (7, 12)))
@@ -74,25 +86,42 @@ def test_folders_without_the_recordings_are_refused(tmp_path):
     assert "train.parquet" in refused("bench", "truck", "--data", tmp_path, "--quick")
 
 
-def truck_file(path, chunks, seed):
-    """A made-up file of the truck's kind: 200 Hz, 10 s a trajectory, signs mixed as there."""
-    rng, time, tables = np.random.default_rng(seed), np.arange(2000) / 200, []
-    for number in range(chunks):
-        steer = 0.03 * np.sin(2 * np.pi * rng.uniform(0.1, 0.4) * time + rng.uniform(0, 6)) + 0.01
-        v_x = 12.0 + rng.uniform(-3, 3) + 0.3 * np.sin(time)
-        yaw_rate = lfilter([0.02], [1, -0.98], v_x * steer / (4.8 + 0.02 * v_x**2))
-        v_y = lfilter([0.05], [1, -0.95], (1.0 - 0.02 * v_x**2) * yaw_rate)
-        noise = 0.01 * rng.standard_normal((2, 2000))
-        tables.append(
-            pd.DataFrame(
-                {
-                    "trajectory": 10 * number, "time": time, "vx": v_x, "vy": v_y + noise[0],
-                    "psidt": -yaw_rate + 0.1 * noise[1], "alpha1": -steer, "alpha2": -steer, "alpha": -steer,
-                    "long": -0.6355 + 1e-4 * time, "lat": 47.5342 + 1e-4 * time,
-                }
-            )
-        )  # fmt: skip
-    pd.concat(tables, ignore_index=True).to_parquet(path)
+def altered(folder, split, change):
+    file = folder / f"{split}.parquet"
+    change(pd.read_parquet(file)).to_parquet(file)
+
+
+@pytest.fixture
+def three(tmp_path):
+    for k, split in enumerate(("train", "val", "test")):
+        truck_file(tmp_path / f"{split}.parquet", 2, k)
+    return tmp_path
+
+
+def test_a_model_whose_inputs_were_not_recorded_is_left_out(three):
+    said, (causal, both) = [], (CANDIDATES[2], CANDIDATES[4])
+    altered(three, "test", lambda table: table.drop(columns=["alpha2", "long", "lat"]))
+    assert {row["split"] for row in GreyBoxRun.of(causal, three, False).rows} == {"train", "val", "test"}
+    assert {row["split"] for row in GreyBoxRun.of(both, three, False, said.append).rows} == {"train", "val"}
+    assert said == ["best with both angles is left out: test has no alpha2"]
+    altered(three, "val", lambda table: table.drop(columns=["alpha2"]))
+    assert GreyBoxRun.of(both, three, False, said.append) is None
+    assert said[1:] == ["best with both angles is left out: val has no alpha2"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda table: table.iloc[::2], "number 1 lasts 10 s at 100 Hz"),
+        (lambda table: table[table["time"] < 8.0], "number 1 lasts 8 s at 200 Hz"),
+        (lambda table: table.assign(vy=table["vy"].where(table["time"] > 1.0)), "no reading of v_y in 42 of 400 rows"),
+        (lambda table: table.drop(columns=["alpha1"]), "alpha1"),
+    ],
+)
+def test_what_the_metric_cannot_be_taken_of_is_a_sentence(three, change, words):
+    altered(three, "test", lambda table: change(table).reset_index(drop=True))
+    with pytest.raises(BadInput, match=words):
+        splits(three, raw, by_recording=False)
 
 
 @pytest.fixture
@@ -122,11 +151,16 @@ def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
         found.append(truck_tables(made_up, TruckOptions(quick=True)))
     one, other = map(told_but_for_time, found)
     assert [row for row in one if row["split"] != "test"] == told_but_for_time(without)
-    assert len([row for row in one if row["split"] == "test"]) == 4
+    assert len([row for row in one if row["split"] == "test"]) == 5
     for before, after in zip(one, other, strict=True):
         assert (before == after) == (before["split"] != "test")
     for name in ("identified", "learning_curves", "lessons"):
         assert found[0][name] == found[1][name] == without[name]
+    beside = [own for own in without["comparisons"] if own["against"] == bench.CANDIDATES[1].name]
+    assert {own["model"] for own in beside if not own["by_recording"]} == {
+        bench.CANDIDATES[0].name, "MLP, 4 x 2, 1 s", "MLP, transfer learning, 4 x 2, 1 s",
+        "bicycle and MLP, 4 x 2, 1 s, angle held",
+    }  # fmt: skip
     pairs = [[own for own in each["comparisons"] if own["split"] != "test"] for each in (without, *found)]
     assert pairs[0] == pairs[1] == pairs[2] != []
 
@@ -148,9 +182,9 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
         truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", tmp_path / "kept"))
     assert len(json.loads(file.read_text())["trainings"]) == 2
     nothing = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file, minutes=0.0))
-    assert (count, nothing["left_out"]) == (3, 4)
+    assert (count, nothing["left_out"]) == (3, 5)
     found = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
-    assert (count, found["left_out"]) == (7, 0)
+    assert (count, found["left_out"]) == (8, 0)
     again = truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
     whole = truck_tables(made_up, TruckOptions(quick=True))
     assert told_but_for_time(again) == told_but_for_time(found) == told_but_for_time(whole)
@@ -159,7 +193,7 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
     truck_file(made_up / "train.parquet", 4, 9)  # other data: nothing that is kept is of them
     before = count
     truck_tables(made_up, TruckOptions(quick=True), kept=KeptBench("truck", file))
-    assert count == before + 6
+    assert count == before + 7
 
 
 def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
