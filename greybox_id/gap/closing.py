@@ -79,7 +79,7 @@ def closure(
     then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, there)
     first = then
     if after is not before:
-        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, there | then.values, then.trust)
+        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, {**there, **then.values}, then.trust)
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
     good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
