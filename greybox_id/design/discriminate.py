@@ -44,8 +44,9 @@ DRAWS, AVERAGED = 24, 8
 """Draws of what is uncertain that must keep to limits, of each rival; those over which separations are averaged."""
 LATE = 0.5
 """s at the beginning in which a late sensor may read nothing yet."""
-STEPS = 2
-"""Gauss-Newton steps in which a wrong explanation adapts, at last; one while searching."""
+STEPS, SETTLED = 8, 0.1
+"""Gauss-Newton steps in which explanations adapt, at most, and nats below which another one is not worth it; one step
+while searching."""
 FARTHEST = 2.5
 LIKELY = 0.05
 """Explanations that are less probable are no rivals."""
@@ -68,10 +69,21 @@ class Rival:
 
 
 def ambiguous(gap: Gap) -> tuple[str, ...]:
-    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none."""
+    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none.
+
+    Effects that no recording like this one tells apart, or that stay likely beside one that is not sure.
+    """
     for own in gap.ranking if gap.gap_detected else ():
-        others = [name for name in own.indistinguishable_from if name != own.effect]
-        if others and own.probability >= LIKELY:
+        if own.probability < LIKELY:
+            continue
+        alike = [name for name in own.indistinguishable_from if name != own.effect]
+        likely = [
+            other.effect
+            for other in gap.ranking
+            if other.effect != own.effect and other.probability >= LIKELY and own.probability < 1.0 - LIKELY
+            and not {own.effect, other.effect} <= set(gap.applied)
+        ]  # fmt: skip
+        if others := tuple(dict.fromkeys([*likely, *alike])):
             return (own.effect, *others)
     return ()
 
@@ -173,7 +185,7 @@ def detecting(
     rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
     must_fit(asked)
     bench = _Bench(gap, [_without(rivals[0]), *rivals], asked)
-    found = bench.search(lambda plan, rough: bench.shown(plan, rough=rough), say)
+    found = bench.search(bench.shown, say)
     separation = bench.seen(found.plan)
     impossible = tuple(
         f"No manoeuvre that was found in {asked.arena.words} shows {own.pair[0]} at its usual size "
@@ -215,8 +227,12 @@ class _Bench:
         self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
         self.searching: PlanSearch
 
-    def search(self, worth: Callable[[PlannedMotion, bool], float], say: Callable[[str], None]) -> FoundPlan:
+    def search(self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None]) -> FoundPlan:
         """The best plan; all rivals keep to the limits."""
+
+        def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
+            return [of_one(plan, rough) for plan in plans]
+
         asked = self.asked
         self.searching = PlanSearch(
             self.courses[0], self.vehicle, asked.limits, asked.arena, asked.duration, self.samples[0], worth,
@@ -231,15 +247,18 @@ class _Bench:
     def worth(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the worst pair comes apart, a little for the others."""
         pairs = list(combinations(range(len(self.rivals)), 2))
-        told = [self._apart(plan, i, j, self.rivals[i].p, 1, rough=rough) for i, j in pairs]
+        told = [self._apart(plan, i, j, self.rivals[i].p, 1 if rough else STEPS, rough=rough) for i, j in pairs]
         if not rough:
-            back = [self._apart(plan, j, i, self.rivals[j].p, 1) for i, j in pairs]
+            back = [self._apart(plan, j, i, self.rivals[j].p, STEPS) for i, j in pairs]
             told = [min(a, b) for a, b in zip(told, back, strict=True)]
         return _soft(told)
 
-    def shown(self, plan: PlannedMotion, *, rough: bool) -> float:
+    def shown(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the least visible effect shows; the first rival is nothing."""
-        return _soft([self._apart(plan, j, 0, self.rivals[j].p, 1, rough=rough) for j in range(1, len(self.rivals))])
+        steps = 1 if rough else STEPS
+        return _soft(
+            [self._apart(plan, j, 0, self.rivals[j].p, steps, rough=rough) for j in range(1, len(self.rivals))]
+        )
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
@@ -281,7 +300,7 @@ class _Bench:
         lost = self._cost(recording, wrong, wide, steps, every)
         if np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]]):
             return max(lost, 0.0)
-        return max(lost - self._cost(recording, true, p, 1, every), 0.0)
+        return max(lost - self._cost(recording, true, p, steps, every), 0.0)
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
@@ -308,6 +327,8 @@ class _Bench:
                 scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
                 step[moving] = -scale * np.linalg.lstsq(H * np.outer(scale, scale), scale * g, rcond=1e-11)[0]
                 told = max(best + 0.5 * float(g @ step[moving]), 0.0)
+                if best - told < SETTLED:
+                    break
             elif best < inf:  # too far: what the derivative told does not hold there
                 step, told = 0.3 * step, best
             else:
