@@ -246,61 +246,63 @@ class _Bench:
 
     def worth(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the worst pair comes apart, a little for the others."""
-        pairs = list(combinations(range(len(self.rivals)), 2))
-        told = [self._apart(plan, i, j, self.rivals[i].p, 1 if rough else STEPS, rough=rough) for i, j in pairs]
-        if not rough:
-            back = [self._apart(plan, j, i, self.rivals[j].p, STEPS) for i, j in pairs]
-            told = [min(a, b) for a, b in zip(told, back, strict=True)]
-        return _soft(told)
+        every, told = range(len(self.rivals)), dict[tuple[int, int], float]()
+        for i in every:
+            others = [j for j in every if (j > i if rough else j != i)]
+            for j, nats in zip(others, self._apart(plan, i, others, self.rivals[i].p, rough=rough), strict=True):
+                pair = (min(i, j), max(i, j))
+                told[pair] = min(nats, told.get(pair, inf))
+        return _soft(list(told.values()))
 
     def shown(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the least visible effect shows; the first rival is nothing."""
-        steps = 1 if rough else STEPS
-        return _soft(
-            [self._apart(plan, j, 0, self.rivals[j].p, steps, rough=rough) for j in range(1, len(self.rivals))]
-        )
+        return _soft([self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))])
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
-        found = []
-        for i, j in combinations(range(len(self.rivals)), 2):
-            both = [
-                [self.asked.repeat * self._apart(plan, a, b, p, STEPS) for p in self.samples[a][:AVERAGED]]
-                for a, b in ((i, j), (j, i))
-            ]
-            found.append(_separation((self.rivals[i].name, self.rivals[j].name), min(both, key=np.mean)))
-        return tuple(found)
+        every, told = range(len(self.rivals)), dict[tuple[int, int], Array]()
+        for i in every:
+            others = [j for j in every if j != i]
+            nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
+            told |= {(i, j): self.asked.repeat * own for j, own in zip(others, nats.T, strict=True)}
+        return tuple(
+            _separation((self.rivals[i].name, self.rivals[j].name), min(told[i, j], told[j, i], key=np.mean))
+            for i, j in combinations(every, 2)
+        )
 
     def seen(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every effect against nothing."""
         return tuple(
             _separation(
                 (own.name, "nothing"),
-                [self.asked.repeat * self._apart(plan, j, 0, p, STEPS) for p in self.samples[j][:AVERAGED]],
+                [self.asked.repeat * self._apart(plan, j, [0], p)[0] for p in self.samples[j][:AVERAGED]],
             )
             for j, own in enumerate(self.rivals)
             if j > 0
         )
 
-    def _apart(self, plan: PlannedMotion, true: int, wrong: int, p: Array, steps: int, *, rough: bool = False) -> float:
-        """Nats that the wrong rival loses on readings of the true one at p, after it has adapted.
+    def _apart(
+        self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
+    ) -> list[float]:
+        """Nats that wrong rivals lose on readings of the true one at p, after all of them have adapted.
 
         Parameters
         ----------
-        steps : Gauss-Newton steps in which it does.
-        rough : whether some of the rows may stand for all, and delays that are no rivals be left out.
+        rough : whether some of the rows may stand for all, delays that are no rivals be left out, and one step do.
         """
-        every = max(1, round(self.asked.rate / ROUGH_RATE)) if rough else 1
+        every, steps = (max(1, round(self.asked.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
         p = self.held[true].of(p) if rough else p
         recording = self._readings(plan, true, p, every)
         if recording is None:
-            return 0.0
-        wide = self.rivals[wrong].p.copy()
-        wide[self.shared[wrong]] = p[self.shared[true]]
-        lost = self._cost(recording, wrong, wide, steps, every)
-        if np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]]):
-            return max(lost, 0.0)
-        return max(lost - self._cost(recording, true, p, steps, every), 0.0)
+            return [0.0] * len(wrong)
+        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]])
+        own = self._cost(recording, true, p, steps, every) if drawn else 0.0
+        found = []
+        for other in wrong:
+            wide = self.rivals[other].p.copy()
+            wide[self.shared[other]] = p[self.shared[true]]
+            found.append(max(self._cost(recording, other, wide, steps, every) - own, 0.0))
+        return found
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
