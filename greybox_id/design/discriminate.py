@@ -44,10 +44,10 @@ DRAWS, AVERAGED = 24, 8
 """Draws of what is uncertain that must keep to limits, of each rival; those over which separations are averaged."""
 LATE = 0.5
 """s at the beginning in which a late sensor may read nothing yet."""
-STEPS, SETTLED = 8, 0.1
-"""Gauss-Newton steps in which explanations adapt, at most, and nats below which another one is not worth it; one step
-while searching."""
-FARTHEST = 2.5
+STEPS, SETTLED = 16, 0.1
+"""Steps (Gauss-Newton, damped where one leads too far) in which explanations adapt, at most, and nats below which
+another one is not worth it; one step while searching."""
+FARTHEST, NORMAL_95 = 2.5, 1.96
 LIKELY = 0.05
 """Explanations that are less probable are no rivals."""
 
@@ -61,11 +61,13 @@ class Rival:
     name : its effect.
     model : with the effect free and all tolerances that are stated.
     p : (parameters,) of it.
+    sd : of the effect's magnitude, as far as the diagnosis knows it.
     """
 
     name: str
     model: MotionModel
     p: Array
+    sd: float = 0.0
 
 
 def ambiguous(gap: Gap) -> tuple[str, ...]:
@@ -311,32 +313,38 @@ class _Bench:
         white = self.whitening[rival].of(recording, p, every)
         low, high = problem.bounds
         x = at = problem.unknowns(p)
-        best, told, step = inf, inf, np.zeros(len(x))
+        best, told, damping = inf, inf, 0.0
+        H = g = scale = moving = np.zeros(0)
         for _ in range(steps + 1):
             ((rows, own_e, own_J),) = by_interval(problem, x)
             value = inf
             if np.all(np.isfinite(own_e)) and np.all(np.isfinite(own_J)):
-                moving = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
-                e = np.zeros((len(recording), len(ones), 1 + len(moving)))
-                e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, moving]
-                both = white(e).reshape(-1, 1 + len(moving))
-                r, W = both[:, 0], both[:, 1:]
-                value = 0.5 * float(r @ r) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
+                there = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
+                e = np.zeros((len(recording), len(ones), 1 + len(there)))
+                e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, there]
+                both = white(e).reshape(-1, 1 + len(there))
+                value = 0.5 * float(both[:, 0] @ both[:, 0]) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
             if isfinite(value) and value < best:
-                best, at, step = value, x, np.zeros(len(x))
+                settled = best - value < SETTLED
+                best, at, moving, damping = value, x, there, 0.1 * damping
+                W = both[:, 1:]
                 H = W.T @ W + problem.believed[np.ix_(moving, moving)]
-                g = W.T @ r + problem.pull_of_priors(x)[moving]
+                g = W.T @ both[:, 0] + problem.pull_of_priors(x)[moving]
                 scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-                step[moving] = -scale * np.linalg.lstsq(H * np.outer(scale, scale), scale * g, rcond=1e-11)[0]
-                told = max(best + 0.5 * float(g @ step[moving]), 0.0)
-                if best - told < SETTLED:
+                if settled:
                     break
-            elif best < inf:  # too far: what the derivative told does not hold there
-                step, told = 0.3 * step, best
+            elif best < inf:  # too far: what the derivative told does not hold there (Levenberg's damping)
+                damping = max(10.0 * damping, 0.1)
             else:
                 break
+            damped = H * np.outer(scale, scale) + damping * np.eye(len(H))
+            step = np.zeros(len(x))
+            step[moving] = -scale * np.linalg.lstsq(damped, scale * g, rcond=1e-11)[0]
+            told = max(best + 0.5 * float(g @ step[moving]), 0.0) if damping == 0.0 else best
+            if damping == 0.0 and best - told < SETTLED:
+                break
             x = np.clip(at + step, low, high)
-        return told if isfinite(told) else 0.0
+        return min(told, best) if isfinite(best) else 0.0
 
     def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
         """What sensors would read if a rival were true, commands as planned; one row of so many."""
@@ -378,6 +386,7 @@ def _rival(
 ) -> Rival:  # fmt: skip
     """The model with one of the effects at its magnitude, free; and the others that are applied in any case."""
     found = {own.effect: own.magnitude for own in gap.ranking}
+    spans = {own.effect: own.interval[1] - own.interval[0] for own in gap.ranking}
     for other in gap.applied:
         if other not in among and other in effects and other not in model.effects and other in found:
             model = model + effects[other].at(found[other])
@@ -395,7 +404,8 @@ def _rival(
         replace(own, fixed=True) for own in model.parameters if own.name != name and not own.fixed and own.prior is None
     ]
     model = model.with_parameters(*held)
-    return Rival(name, model, model.values)
+    sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
+    return Rival(name, model, model.values, sd if isfinite(sd) else 0.0)
 
 
 def _without(rival: Rival) -> Rival:
@@ -407,12 +417,12 @@ def _without(rival: Rival) -> Rival:
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
-    """(count, parameters) of what is stated with a tolerance, the stated values first."""
+    """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
     rng = np.random.default_rng((seed, 907))
     found, start = np.tile(rival.p, (count, 1)), 0
     for own in rival.model.parameters:
-        if own.shape == () and not own.fixed and own.prior is not None:
-            sd = float(np.max(np.asarray(own.prior.sd)))
+        if own.shape == () and not own.fixed and (own.prior is not None or own.name == rival.name):
+            sd = rival.sd if own.prior is None else float(np.max(np.asarray(own.prior.sd)))
             moved = found[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
             found[1:, start] = np.clip(moved, *own.bounds)
         start += own.size

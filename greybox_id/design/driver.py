@@ -130,8 +130,8 @@ def vehicle_of(model: MotionModel) -> Handling:
 def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
     """The model with its driver, its place on the ground, and what limits ask about as outputs; without sensors.
 
-    Its inputs are steering and drive as planned, and what is planned of speed and path. The driver's numbers are its last
-    parameters, so that equations, and what is compiled of them, are alike for all drivers.
+    Its inputs are steering and drive as planned, and what is planned of speed and path. The driver's numbers are its
+    last parameters, so that equations, and what is compiled of them, are alike for all drivers.
     """
     numbers = {one.name: f"driver_{one.name}" for one in fields(PlanDriver)}
 
