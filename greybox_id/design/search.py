@@ -23,6 +23,18 @@ Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
 SKETCHED, TRIED, MENDED = 2400, 240, 3
 """Chains drawn at random and sketched as if tyres did not slip; those that are simulated as they lie best in the arena;
 rounds in which those that break limits are made gentler or slower."""
+STANDARD: Sequence[tuple[tuple[str, float, float, float], ...]] = (
+    (("straight", 0.0, 0.0, 0.5), ("straight", 0.0, 1.0, 1.5)),
+    (("straight", 0.0, 1.0, 1.0), ("straight", 0.0, 0.0, 1.5), ("straight", 0.0, 1.0, 1.0)),
+    (("steps", 0.6, 1.0, 1.0),),
+    (("sweep", 0.7, 1.0, 1.0),),
+    (("spiral", 1.0, 1.0, 1.0), ("spiral", -1.0, 1.0, 1.0)),
+    (("straight", 0.0, 1.0, 1.0), ("turn", 0.7, 0.0, 1.0), ("turn", -0.7, 1.0, 1.0)),
+)
+"""What test drivers drive (accelerating, braking and coasting, steps, a slalom that grows faster, spirals, braking and
+accelerating in turns), which random chains seldom hit: shape, amplitude, share of the fastest speed, duration."""
+PACES = (0.35, 0.65, 1.0)
+"""Shares of the fastest speed at which these are tried."""
 SKETCH_RATE = 5.0
 """Rows a second of sketches."""
 REFINED, GENERATIONS, HEAT = 3, 40, 10
@@ -190,7 +202,7 @@ class PlanSearch:
             inside = own[room[own] <= 0]
             most = self._times(TRIED // MOST_PHASES)
             chosen += (inside if len(inside) >= most else own[np.argsort(room[own], kind="stable")])[:most].tolist()
-        found = self._made([drawn[k] for k in chosen])
+        found = self._made([*(drawn[k] for k in chosen), *self._standard()])
         for _ in range(MENDED):
             wrong = [k for k, own in enumerate(found) if own.broken > 0]
             mended = self._made([self._mended(found[k]) for k in wrong])
@@ -198,6 +210,20 @@ class PlanSearch:
                 if other.broken < found[k].broken:
                     found[k] = other
         return found
+
+    def _standard(self) -> list[tuple[tuple[Phase, ...], float]]:
+        slow, fast = self.speeds
+        return [
+            (
+                tuple(
+                    Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
+                    for shape, amplitude, share, duration in chain
+                ),
+                self.duration,
+            )
+            for chain in STANDARD
+            for pace in PACES
+        ]
 
     def _times(self, usual: int) -> int:
         return max(2, round(usual * self.effort))
