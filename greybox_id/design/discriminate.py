@@ -82,7 +82,8 @@ def ambiguous(gap: Gap) -> tuple[str, ...]:
         likely = [
             other.effect
             for other in gap.ranking
-            if other.effect != own.effect and other.probability >= LIKELY and own.probability < 1.0 - LIKELY
+            if other.effect != own.effect and other.probability >= LIKELY
+            and max(own.probability, other.probability) < 1.0 - LIKELY
             and not {own.effect, other.effect} <= set(gap.applied)
         ]  # fmt: skip
         if others := tuple(dict.fromkeys([*likely, *alike])):
@@ -138,7 +139,7 @@ def discriminating(
     rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
     must_fit(asked)
     bench = _Bench(gap, rivals, asked)
-    found = bench.search(bench.worth, say)
+    found = bench.search(bench.worth, say, CLEARLY)
     separation = bench.separations(found.plan)
     worst = min(own.nats for own in separation)
     said = [f"To tell {rivals[0].name} from {', '.join(own.name for own in rivals[1:])}."]
@@ -187,7 +188,7 @@ def detecting(
     rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
     must_fit(asked)
     bench = _Bench(gap, [_without(rivals[0]), *rivals], asked)
-    found = bench.search(bench.shown, say)
+    found = bench.search(bench.shown, say, ENOUGH)
     separation = bench.seen(found.plan)
     impossible = tuple(
         f"No manoeuvre that was found in {asked.arena.words} shows {own.pair[0]} at its usual size "
@@ -197,7 +198,7 @@ def detecting(
     )
     shown: tuple[str, ...] = (f"To show {', '.join(chosen)} at usual sizes.",)
     if len(wanted) > len(chosen):
-        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them with ‹parameters›.")
+        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them as parameters.")
     return finished(
         "detect", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
         criterion={"name": "t", "parameters": list(chosen), "before": 0.0, "after": min(o.nats for o in separation)},
@@ -229,8 +230,10 @@ class _Bench:
         self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
         self.searching: PlanSearch
 
-    def search(self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None]) -> FoundPlan:
-        """The best plan; all rivals keep to the limits."""
+    def search(
+        self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None], enough: float
+    ) -> FoundPlan:
+        """The best plan, or one that is worth enough; all rivals keep to the limits."""
 
         def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
             return [of_one(plan, rough) for plan in plans]
@@ -239,7 +242,7 @@ class _Bench:
         self.searching = PlanSearch(
             self.courses[0], self.vehicle, asked.limits, asked.arena, asked.duration, self.samples[0], worth,
             asked.seed, follow=asked.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
-            enough=CLEARLY, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
+            enough=enough, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
         )  # fmt: skip
         found, nearest = self.searching.best(say)
         if found is None:
@@ -257,8 +260,9 @@ class _Bench:
         return _soft(list(told.values()))
 
     def shown(self, plan: PlannedMotion, rough: bool) -> float:
-        """Nats by which the least visible effect shows; the first rival is nothing."""
-        return _soft([self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))])
+        """Nats by which effects show against the first rival, nothing; more than is needed of one does not count."""
+        told = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
+        return float(np.mean(np.minimum(told, ENOUGH)))
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""

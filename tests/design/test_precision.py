@@ -100,6 +100,21 @@ def test_model_error_takes_information_away_and_a_few_rows_stand_for_all(fit, co
     assert np.sqrt(np.diag(np.linalg.inv(few)))[at] == pytest.approx(beside[at], rel=0.1)
 
 
+def test_several_plans_at_once_tell_what_each_of_them_does(fit, course):
+    information = Information(fit, known_by(fit))
+    plans = [
+        plan_of(course, fit, Phase("sine", 0.9, 0.5, 14.0, 1.0)),
+        plan_of(course, fit, Phase("turn", 0.7, 0.0, 12.0, 1.0), duration=7.0),
+    ]
+    for rough in (False, True):
+        both = information.told(plans, fit.model.values, rough=rough)
+        for plan, own in zip(plans, both, strict=True):
+            (alone,) = information.told([plan], fit.model.values, rough=rough)
+            scale = np.sqrt(np.outer(np.diag(alone.H), np.diag(alone.H)))
+            assert own.H / scale == pytest.approx(alone.H / scale, abs=1e-3)
+            assert own.S / scale == pytest.approx(alone.S / scale, rel=1e-2, abs=1e-3)
+
+
 def test_what_a_manoeuvre_adds_little_to_is_said_with_how_little(fit):
     (sentence,) = _hardly(fit.model, {"I_z": (13.8, 13.5), "B_f": (1.0, 0.5), "D_f": (np.inf, np.inf)})
     assert "little to I_z: its standard deviation falls by 2.2 %" in sentence
