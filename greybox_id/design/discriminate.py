@@ -266,11 +266,11 @@ class _Bench:
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
-        every, told = range(len(self.rivals)), dict[tuple[int, int], Array]()
+        every, told = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
         for i in every:
             others = [j for j in every if j != i]
             nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
-            told |= {(i, j): self.asked.repeat * own for j, own in zip(others, nats.T, strict=True)}
+            told |= {(i, j): (self.asked.repeat * own).tolist() for j, own in zip(others, nats.T, strict=True)}
         return tuple(
             _separation((self.rivals[i].name, self.rivals[j].name), min(told[i, j], told[j, i], key=np.mean))
             for i, j in combinations(every, 2)
@@ -318,7 +318,7 @@ class _Bench:
         low, high = problem.bounds
         x = at = problem.unknowns(p)
         best, told, damping = inf, inf, 0.0
-        H = g = scale = moving = np.zeros(0)
+        H, g, scale, moving = np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp)
         for _ in range(steps + 1):
             ((rows, own_e, own_J),) = by_interval(problem, x)
             value = inf

@@ -182,8 +182,8 @@ class Information:
         ])  # fmt: skip
         H[~good] = 0.0
         G[np.repeat(~good, np.diff(edges))] = 0.0
-        starts = [np.array([own.start for own in problem.intervals if own.run == k]) for k in range(len(plans))]
-        scatter = self.scatter.of(recordings, p, G, starts, every)
+        begun = [np.array([own.start for own in problem.intervals if own.run == k]) for k in range(len(plans))]
+        scatter = self.scatter.of(recordings, p, G, begun, every)
         return [Scores(own, own + more) for own, more in zip(H, scatter, strict=True)]
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:

@@ -141,8 +141,20 @@ class ForceScatter:
         found = []
         for a, b in zip(first[:-1], first[1:], strict=True):
             c, d = about.pointer[a], about.pointer[b]
-            parts = (own[a:b] for own in (about.A, about.B, about.C, about.D, scale, fade, begins))
-            found.append(_shaken(*parts, about.pointer[a : b + 1] - c, about.channel[c:d], told[c:d]))
+            found.append(
+                _shaken(
+                    about.A[a:b],
+                    about.B[a:b],
+                    about.C[a:b],
+                    about.D[a:b],
+                    scale[a:b],
+                    fade[a:b],
+                    begins[a:b],
+                    about.pointer[a : b + 1] - c,
+                    about.channel[c:d],
+                    told[c:d],
+                )
+            )
         return np.stack(found)
 
 
