@@ -346,7 +346,8 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
 
     def over(one: Any, other: Any) -> list[float]:
         """Geometric mean of a ratio, its relative standard error over vehicles, and how many there are."""
-        logs = np.log(one / other)[np.isfinite(one) & np.isfinite(other)]
+        there = np.isfinite(one) & np.isfinite(other)
+        logs = np.log(one[there] / other[there])
         if len(logs) < 2:
             return []
         return [float(np.exp(np.mean(logs))), float(np.std(logs, ddof=1) / np.sqrt(len(logs))), len(logs)]

@@ -124,7 +124,7 @@ class PlanSearch:
         tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda own: -own.worth)
         kept, most = list[FoundPlan](), -np.inf
         for own in tried:
-            if own.worth <= most:  # gentler, it is worth less still
+            if kept and own.worth <= most:  # gentler, it is worth less still
                 break
             made = self.sure(own)
             if made is not None:
