@@ -18,9 +18,13 @@ from greybox_id.racing.world import OWN, World
 from greybox_id.racing.worlds import world
 
 
-def driven(own: World, seen: np.ndarray) -> np.ndarray:
+def driven(own: World) -> np.ndarray:
     """Actions of a simple driver: along the curvature ahead, back to the line, at the speed that is wanted."""
-    places, top = (own.size - OWN) // 2, float(np.max(own.track.speed))
+    seen = own.observe()
+    if own.rules.observation == "lidar":
+        motion, commands = own.z[:, own._plane], seen[:, -2:]
+        seen = own.seen(motion, own.z[:, -3:], commands)  # of what a lidar shows this driver makes nothing
+    places, top = (seen.shape[1] - OWN) // 2, float(np.max(own.track.speed))
     steer = 0.35 * seen[:, OWN + 1] / own.track.half_width - 0.35 * seen[:, 3] - 0.8 * seen[:, 4]
     speed = 2 * (0.95 * top * seen[:, OWN + places + 2] - 0.5) / (top - 0.5) - 1
     return np.stack([steer / 0.419, speed], axis=1)
@@ -35,18 +39,19 @@ def main() -> None:
     arguments.add_argument("--json", action="store_true")
     given = arguments.parse_args()
     found = {}
-    for randomise in ("none", "hand"):
-        own = world(given.lanes, randomise=randomise, action="speed")
-        own.step(driven(own, own.observe()))
+    kinds = {"none": {}, "hand": {"randomise": "hand"}, "lidar": {"observation": "lidar", "noise": True}}
+    for name, options in kinds.items():
+        own = world(given.lanes, action="speed", **options)
+        own.step(driven(own))
+        periods = given.periods // 10 if name == "lidar" else given.periods
         clock, ended = time.process_time(), 0
-        for _ in range(given.periods):
-            actions = driven(own, own.observe())
-            _, over, cut = own.step(actions)
+        for _ in range(periods):
+            _, over, cut = own.step(driven(own))
             ended += int(np.sum(over))
             if np.any(over | cut):
                 own.reset(over | cut)
         seconds = time.process_time() - clock
-        found[randomise] = {"steps_per_cpu_second": given.lanes * given.periods / seconds, "crashes": ended}
+        found[name] = {"steps_per_cpu_second": given.lanes * periods / seconds, "crashes": ended}
     own = world(64, randomise="hand", action="speed", reward="path", noise=True)
     clock = time.process_time()
     steps = learn(own, given.learned).policy.about["steps"]

@@ -46,15 +46,16 @@ def main() -> None:
         "--bench", type=Path, required=True, help="folder of greybox bench loop, of whose drivers rows are"
     )
     parser.add_argument("--case", type=int, action="append", required=True, help="as of greybox bench loop")
+    parser.add_argument("--vehicle", type=int, default=FIRST_VEHICLE, help="as of greybox bench loop")
     parser.add_argument("--rows", type=int, default=5_000, help="that models are made of")
     parser.add_argument("--until", type=float, default=float("inf"), help="m along the track, where a lap is too long")
     parser.add_argument("--arm", action="append", choices=ARMS, help="those that are driven, all unless said")
     asked = parser.parse_args()
     found = []
     for number in asked.case:
-        forms = ("nominal", "other")[number % 2]
-        own = Scene(number, FIRST_VEHICLE, forms, exact=forms == "nominal")
-        folder = asked.bench / f"case_{number}_vehicle_{FIRST_VEHICLE}_seed_0"
+        forms = ("nominal", "other")[(number + asked.vehicle - FIRST_VEHICLE) % 2]
+        own = Scene(number, asked.vehicle, forms, exact=forms == "nominal")
+        folder = asked.bench / f"case_{number}_vehicle_{asked.vehicle}_seed_0"
         driver = read_learned((folder / "driver.json").read_bytes(), folder)
         units = world_of(motion_model_of(own.vehicle), own.vehicle, 1, CAPS[0])
         rows = last_rows(driven(own, Hands(units, driver.policy.act), asked.rows, 0).recordings, asked.rows)

@@ -48,7 +48,7 @@ def learn_policy(
     effects : that the model has besides, if it is named: "steering_delay=30ms".
     track : a CSV file of a closed middle line; None: a track scaled to the vehicle.
     half_width : m, of a track whose file states none.
-    randomise : what differs from episode to episode: "none", "hand" (friction, mass, delay), or a posterior.
+    randomise : what differs from episode to episode: "none", "hand" (friction, mass, delay), draws, a fit or a gap.
     start : what was learned before and is to be tuned, or its file; None: from nothing.
     like : the vehicle that `start` was learned with, whose track and units stay; None: they are `vehicle`'s.
     lanes : vehicles side by side.

@@ -42,25 +42,18 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
     """Every bar, what was measured, on how many cases, and whether it is met; None where it was not measured."""
     known = [own for own in cases if not own["outside"]]
     outside = [own for own in cases if own["outside"]]
-    removes = _measured(known, lambda own: removed(own, "named"))
-    points = _measured(known, lambda own: _less(removed(own, "named"), removed(own, "actuator_net")))
     crashes, laps = _crashes("named", known)
     true_crashes, true_laps = _crashes(ORACLE, known)
     beside = _measured(outside, _wrong)
     points_outside = _measured(outside, lambda own: _less(saved(own, "named_residual"), saved(own, "actuator_net")))
     errs = _measured(known, lambda own: _over(_error(own, "named"), _error(own, "actuator_net")))
     few = _measured(known, _with_few_rows)
-    closer = _measured(known, lambda own: _less(saved(own, "named"), saved(own, "actuator_net")))
-    higher = sum(one > 0 for one in closer)  # also where the truth helps too little for a share of it
     rate, true_rate = _share(crashes, laps), _share(true_crashes, true_laps)
-    sign = float(binomtest(higher, len(closer), alternative="greater").pvalue) if closer else None
     allowed = None if rate is None or true_rate is None else max(0.05, true_rate + 0.03)
     return [
-        _bar("named: share of the excess path error removed, median", "at least", 0.8, _median(removes), len(removes)),
-        _bar("the same less actuator_net's, median", "at least", 0.25, _median(points), len(points)),
-        _bar("sign test that named drives closer to the path than actuator_net, p", "below", 0.01, sign, len(closer)),
+        *_nearer(known, "first"),
+        *_nearer(known, "last"),
         _bar("named at the last cap: crashes over laps begun", "at most", allowed or 0.05, rate, laps + crashes),
-        _bar("named: path error over the base's, same cap", "at most", 0.6, *_driven(known, "path_error_rms", "first")),
         _bar("named: lap time over the base's, same cap", "at most", 1.0, *_driven(known, "lap_time", "first")),
         _bar("named: lap time at the last cap over the base's at the first", "at most", 0.95,
              *_driven(known, "lap_time", "last")),
@@ -75,17 +68,35 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def removed(case: Case, arm: str) -> Number:
-    """(E_base - E_arm) / (E_base - E_oracle) of the path error at the first cap; None where the truth helps little."""
-    base, own, true = (_driving(case, name, "path_error_rms", "first") for name in (BASE, arm, ORACLE))
+def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
+    """How near to the path is driven, at the first cap or the last."""
+    removes = _measured(cases, lambda own: removed(own, "named", when))
+    points = _measured(cases, lambda own: _less(removed(own, "named", when), removed(own, "actuator_net", when)))
+    closer = _measured(cases, lambda own: _less(saved(own, "named", when), saved(own, "actuator_net", when)))
+    higher = sum(one > 0 for one in closer)  # also where the truth helps too little for a share of it
+    sign = float(binomtest(higher, len(closer), alternative="greater").pvalue) if closer else None
+    over = _measured(cases, lambda own: _less(1.0, saved(own, "named", when)))
+    return [
+        _bar(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, _median(removes),
+             len(removes)),
+        _bar(f"{when} cap: the same less actuator_net's, median", "at least", 0.25, _median(points), len(points)),
+        _bar(f"{when} cap: sign test that named drives closer to the path than actuator_net, p", "below", 0.01, sign,
+             len(closer)),
+        _bar(f"{when} cap, named: path error over the base's, median", "at most", 0.6, _median(over), len(over)),
+    ]  # fmt: skip
+
+
+def removed(case: Case, arm: str, when: str = "first") -> Number:
+    """(E_base - E_arm) / (E_base - E_oracle) of path errors at the first or last cap; None where truth helps little."""
+    base, own, true = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm, ORACLE))
     if base is None or own is None or true is None or base - true < EXCESS * base:
         return None
     return (base - own) / (base - true)
 
 
-def saved(case: Case, arm: str) -> Number:
-    """(E_base - E_arm) / E_base of the path error at the first cap."""
-    base, own = (_driving(case, name, "path_error_rms", "first") for name in (BASE, arm))
+def saved(case: Case, arm: str, when: str = "first") -> Number:
+    """(E_base - E_arm) / E_base of the path error at the first or last cap."""
+    base, own = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm))
     return None if base is None or own is None else (base - own) / base
 
 
@@ -95,6 +106,7 @@ def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
     low, high = wilson(crashes, laps + crashes) if laps + crashes else (None, None)
     medians: dict[str, Number] = {
         "removed": _median(_measured(done, lambda own: removed(own, name))),
+        "removed_last": _median(_measured(done, lambda own: removed(own, name, "last"))),
         "saved": _median(_measured(done, lambda own: saved(own, name))),
         "model_error": _median(_measured(done, lambda own: _error(own, name))),
         "cpu_seconds": _median(_measured(done, lambda own: float(sum(own["arms"][name]["cpu_seconds"].values())))),
@@ -184,8 +196,8 @@ def _with_few_rows(case: Case) -> Number:
 def tables(found: Mapping[str, Any]) -> list[Any]:
     """Parts to print: an arm a row, then bar by bar."""
     arms = plain_table(
-        "arm", "cases", "path error, mm", "p95, mm", "removed", "lap, s", "at the last cap: mm", "lap, s", "crashes",
-        "model, rad/s", "CPU s",
+        "arm", "cases", "path error, mm", "p95, mm", "removed", "lap, s", "at the last cap: mm", "removed", "lap, s",
+        "crashes", "model, rad/s", "CPU s",
     )  # fmt: skip
     for row in found["table"]:
         low, high = row["crash_rate_interval"]
@@ -193,7 +205,8 @@ def tables(found: Mapping[str, Any]) -> list[Any]:
         arms.add_row(
             row["arm"], str(row["cases"]), _mm(row["path_error_rms_first"]), _mm(row["path_error_p95_first"]),
             _number(row["removed"], "{:.0%}"), _number(row["lap_time_first"]), _mm(row["path_error_rms_last"]),
-            _number(row["lap_time_last"]), f"{row['crashes_last']} in {row['laps_last']} laps{interval}",
+            _number(row["removed_last"], "{:.0%}"), _number(row["lap_time_last"]),
+            f"{row['crashes_last']} in {row['laps_last']} laps{interval}",
             _number(row["model_error"], "{:.4f}"), _number(row["cpu_seconds"], "{:.1f}"),
         )  # fmt: skip
     bars = plain_table("bar", "wanted", "measured", "on", "")

@@ -106,11 +106,21 @@ def truck_command(
     "--case", "cases", type=click.IntRange(0, 7), multiple=True, help="One of those of loop demo; all of them."
 )
 @click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="That is compared; all of them.")
+@click.option(
+    "--cycles", type=click.IntRange(1, 3), help="Of driving and learning; the cap rises with each: 3, quick 1."
+)
 @click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")
 @json_option
 def loop_command(
-    out: Path, quick: bool, cases: tuple[int, ...], arms: tuple[str, ...], vehicles: int, seeds: int, as_json: bool
+    out: Path,
+    quick: bool,
+    cases: tuple[int, ...],
+    arms: tuple[str, ...],
+    cycles: int | None,
+    vehicles: int,
+    seeds: int,
+    as_json: bool,
 ) -> None:
     """Black box against name: drivers that learn on networks or on what is named drive the same changed cars.
 
@@ -124,7 +134,9 @@ def loop_command(
     from ..bench.loop_report import tables
 
     with progress() as say:
-        found = loop_tables(out, quick=quick, cases=cases, arms=arms, vehicles=vehicles, seeds=seeds, say=say)
+        found = loop_tables(
+            out, quick=quick, cases=cases, arms=arms, cycles=cycles, vehicles=vehicles, seeds=seeds, say=say
+        )
     if as_json:
         print_json(found)
     else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from math import inf, isinf, pi
+from math import exp, inf, isinf, log, pi
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..memory_model import MemoryModel
 from ..parameter import Parameter
 from .calibration import CAL
 
+TINY = 1e-300
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
@@ -38,6 +39,7 @@ class Axis:
     shift : whether it moves instants.
     gradual : whether its derivative at the null tells about it.
     narrow : whether it is a zone of indifference, of which no more is believed than its derivative tells.
+    relative : whether the coordinate is the logarithm of the value.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Axis:
     shift: bool = False
     gradual: bool = True
     narrow: bool = False
+    relative: bool = False
 
     @property
     def abrupt(self) -> bool:
@@ -64,13 +67,29 @@ class Axis:
 
     def value(self, coordinate: float) -> float:
         """The parameter's value."""
+        if self.relative:
+            return exp(coordinate)
         if not self.inverse:
             return coordinate
         return inf if coordinate <= 0 else 1 / coordinate
 
     def coordinate(self, value: float) -> float:
         """The coordinate at which the parameter has this value."""
+        if self.relative:
+            return log(max(value, TINY))
         return 1 / value if self.inverse else value
+
+    def relatively(self) -> Axis:
+        """The same belief in shares of its mean, where the parameter is positive: 5 m, give or take 20 %, is never 0 m.
+
+        A length of 5 m ± 1 m that is 5 cm, or no inertia, would else cost as little as one that is twice as large.
+        """
+        if self.inverse or not (self.low >= 0 and self.mean > 0):
+            return self
+        new = replace(self, relative=True)
+        null, low, high, mean = (new.coordinate(own) for own in (self.null, self.low, self.high, self.mean))
+        sd = self.sd / self.mean
+        return replace(new, null=null, low=low, high=high, mean=mean, sd=sd, scale=sd)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ for a gap that closed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ..errors import BadInput
 from ..recording import Recording
 from ..shorthands import Array
 from ..signals import unit_of
-from ..statistics import resampled
+from ..statistics import correlation_time, resampled, robust_sd
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
 from .blocks import blocks
@@ -42,10 +42,14 @@ class Misfit:
     ----------
     e : (N, channels) prediction minus reading.
     charge : what the tolerances cost, twice their negative log-belief.
+    trust : as how many readings one counted.
+    values : parameter -> where the tolerances are.
     """
 
     e: Array
     charge: float
+    trust: float = 1.0
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 def closure(
@@ -71,8 +75,11 @@ def closure(
     as_it_stands : the model whose errors over horizons these are, with tolerances elsewhere; None takes `after`.
     """
     stands = as_it_stands or after
-    first, bench = refitted_tolerances(before, recordings, vehicle, effects, stands, sd)
-    then = first if after is before else refitted_tolerances(after, recordings, vehicle, effects, stands, sd)[0]
+    there = {own.name: float(own.array) for own in stands.parameters if own.shape == ()}
+    then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, there)
+    first = then
+    if after is not before:
+        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, there | then.values, then.trust)
     noise, told = stated_noise(bench, vehicle, then.e)
     sd = noise if told or sd is None else sd
     good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
@@ -91,16 +98,19 @@ def refitted_tolerances(
     recordings: Sequence[Recording],
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
-    stands: Diagnosed | None = None,
     sd: Array | None = None,
+    there: Mapping[str, float] | None = None,
+    trust: float | None = None,
 ) -> tuple[Misfit, FreeRuns]:
     """Errors of a model whose tolerances are refitted to recordings.
 
     Parameters
     ----------
-    model, recordings, vehicle, effects : as of `closure`.
-    stands : another model; tolerances are refitted from where it has them, too, and the better of both counts.
-    sd : as of `closure`.
+    model, recordings, vehicle, effects, sd : as of `closure`.
+    there : values of parameters; tolerances are refitted from there, too, and the better of both counts.
+    trust : as how many readings one counts, as beside another model that this one is compared with; None: as many as
+        what is left allows. Errors that noise does not explain are alike for a while: taken for noise, they would press
+        every tolerance to where it reaches.
     """
     examined = excerpt(recordings)
     prepared = prepare_plain(model, examined, effects, vehicle)
@@ -111,20 +121,32 @@ def refitted_tolerances(
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
     noise, told = stated_noise(bench, vehicle, start)
     sd = noise if told or sd is None else sd
-    search = Search(bench, own, white_noise(sd, sound(start, fresh(bench), bench.rows), bench.rows), CAL.trusts[0])
+    good = sound(start, fresh(bench), bench.rows)
+    search = Search(bench, own, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
-    found = search.at_means()
-    for trust in CAL.trusts if own else CAL.trusts[-1:]:
-        search.trusting(trust)
-        if again := refit(search, [search.start_of(found)]):  # none where derivatives leave the range of numbers
-            found = settled(search, again[0])
-    if stands is not None and search.moving:
-        there = search.at_values({p.name: float(p.array) for p in stands.parameters if p.shape == ()})
-        search.about(there)
-        found = min([found, *(settled(search, own) for own in refit(search, [search.start_of(there)]))], key=by_cost)
+    starts = [search.at_means(), *([search.at_values(there)] if there and search.moving else [])]
+    found, most = starts[0], 1.0
+    for step in CAL.trusts if own else CAL.trusts[-1:]:
+        search.trusting(min(step, most))
+        tried = list[Hypothesis]()
+        for begin in starts:
+            if begin is not starts[0]:
+                search.about(begin)
+            tried += [settled(search, each) for each in refit(search, [search.start_of(begin)])]
+        if tried:  # none where derivatives leave the range of numbers
+            found = min(tried, key=by_cost)
+            starts, most = [found], _worth(found.e / sd, good) if trust is None else trust
     if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
         return Misfit(start, 0.0), bench
-    return misfit(search, found), bench
+    return replace(misfit(search, found), trust=search.trust, values=search.values(found)), bench
+
+
+def _worth(e: Array, good: NDArray[np.bool_]) -> float:
+    """As how many readings one counts: noise is new in each, what is beyond noise is alike for its correlation time."""
+    if not np.any(good):
+        return 1.0
+    beyond = robust_sd(e[good]) ** 2 - 1.0  # spins are few, and not the rule
+    return 1.0 / (1.0 + beyond * correlation_time(np.where(good, e, 0.0))) if beyond > 0 else 1.0
 
 
 def misfit(search: Search, found: Hypothesis) -> Misfit:

@@ -22,7 +22,7 @@ from .axes import Axis
 from .budget import Set, budget, subsets
 from .calibration import CAL
 from .closed_model import closed_model, moved, with_effects
-from .closing import Misfit, left_open, misfit, plain, refitted_tolerances
+from .closing import left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
 from .evidence import p_value, probability
 from .examining import TINY, Examined, at_their_best, examine
@@ -180,13 +180,17 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
     if held_out:
         tell(f"sharing out the gap among {listed(names)} on {listed([own.name for own in held_out])}, held out")
         full = with_effects(found, found.best)
-        misfits, bench = dict[Set, Misfit](), found.bench
-        for own in subsets(names):
-            model = full if len(own) == len(names) else with_effects(found, found.best, own)
+        there = found.selection.search.values(found.best)
+        whole, bench = refitted_tolerances(full, held_out, found.vehicle, found.effects, found.sd, there)
+        misfits = {frozenset(names): whole}
+        for own in subsets(names)[:-1]:
+            model = with_effects(found, found.best, own)
             try:
-                misfits[own], bench = refitted_tolerances(model, held_out, found.vehicle, found.effects, full, found.sd)
+                misfits[own], _ = refitted_tolerances(
+                    model, held_out, found.vehicle, found.effects, found.sd, whole.values, whole.trust
+                )
             except BadInput:  # some effects without the others may leave the range of numbers
-                if not own or len(own) == len(names):
+                if not own:
                     raise
                 misfits[own] = misfits[frozenset()]
         good = plain(misfits[frozenset(names)].e, fresh(bench), bench)

@@ -31,7 +31,7 @@ def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
     mix : (axes, axes) derivative of the parameters' coordinates by those of the axes.
     """
     places = {axis.name: k for k, axis in enumerate(axes)}
-    found, mix = list(axes), np.eye(len(axes))
+    found, mix = [axis.relatively() for axis in axes], np.eye(len(axes))
     for axle in "fr":
         names = [f"{letter}_{axle}" for letter in "BCE"]
         if not all(name in places for name in names):
@@ -43,7 +43,8 @@ def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
         for k in own:
             found[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
-            found[peak] = replace(axes[peak], sd=float(np.hypot(axes[peak].sd, CAL.peak_off * axes[peak].mean)))
+            off = float(np.hypot(axes[peak].sd, CAL.peak_off * axes[peak].mean))
+            found[peak] = replace(axes[peak], sd=off).relatively()
     return tuple(found), mix
 
 

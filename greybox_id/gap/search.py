@@ -23,6 +23,9 @@ from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
 
+FAR = 1e100
+"""What derivatives count as at most: of so large ones squares are still numbers."""
+
 
 class Search:
     """What hypotheses about one bench are weighed by.
@@ -70,13 +73,16 @@ class Search:
         _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
         before, first, count = self._by, len(self.moving), len(self.shifts)
         self._by = np.empty((*J.shape[:2], first + 2 * count + S.shape[2]))
-        self._by[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ self._mix).reshape(J.shape)
+        by_coordinate = self._mix * np.array([p[axis.index] if axis.relative else 1.0 for axis in self.moving])[:, None]
+        self._by[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ by_coordinate).reshape(J.shape)
         self._by[:, :, first + 2 * count :] = S
         self._secants(p, [delays or not axis.shift for axis in self.shifts], self._by[:, :, first : first + 2 * count])
         for k, axis in enumerate(self.shifts):
             if axis.shift and not delays:
                 same = [first + k, first + count + k]
                 self._by[:, :, same] = before[:, :, same]
+        if not abs(np.sum(self._by)) < FAR:  # where the vehicle spins, derivatives grow beyond all numbers
+            np.clip(np.nan_to_num(self._by, copy=False), -FAR, FAR, out=self._by)
         self._whiten()
 
     @contextmanager
@@ -181,6 +187,11 @@ class Search:
         theta = means + np.linalg.solve(self._mix, np.array(there) - means) if count else means
         return replace(believed, theta=np.clip(theta, self.low[:count], self.high[:count]))
 
+    def values(self, hypothesis: Hypothesis) -> dict[str, float]:
+        """Where parameters are that moving nuisances move."""
+        p = self.vector(hypothesis)
+        return {axis.name: float(p[axis.index]) for axis in self.moving}
+
     # ---- vectors
 
     def vector(self, hypothesis: Hypothesis) -> Array:
@@ -204,7 +215,7 @@ class Search:
         """The coordinate at which a hypothesis has an axis."""
         for own, coordinate in zip(self.moving, hypothesis.theta, strict=True):
             if own.index == axis.index:
-                return float(coordinate)
+                return axis.coordinate(own.value(float(coordinate)))
         for own, at in zip(self.shifts, self.expanded, strict=True):
             if own.index == axis.index:
                 return float(at)
@@ -228,9 +239,10 @@ class Search:
         """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
         believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
         return any(
-            abs(at - believed[axis.index].mean) <= CAL.tolerated_sd * believed[axis.index].sd
+            abs(own.coordinate(axis.value(float(at))) - own.mean) <= CAL.tolerated_sd * own.sd
             for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
-            if axis.index in believed
+            for own in [believed.get(axis.index)]
+            if own is not None
         )
 
     def reached(self, here: Array, there: Array) -> Array:

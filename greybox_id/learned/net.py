@@ -2,19 +2,21 @@
 
 It reads the last steps of commands and motion and says the next one, in place of tyres and actuators. Source of the
 variant `paper`: "Online dynamics model learning and policy fine-tuning for autonomous racing"; `abstract` is what that
-paper's abstract says in place of its section on methods. ELU: Clevert, Unterthiner & Hochreiter, ICLR 2016.
+paper's abstract says in place of its section on methods.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..files import write_atomically
+from ..racing.network import Perceptron, elu
 from ..racing.policy import sizes_of
 from ..saved import Kind
 from ..shorthands import Array
@@ -76,12 +78,6 @@ def unpacked(q: Array, sizes: Sequence[int]) -> tuple[list[Array], list[Array]]:
     return weights, biases
 
 
-def elu(h: Array) -> Array:
-    """h above zero, exp(h) - 1 below."""
-    found: Array = np.maximum(h, 0.0) + (np.exp(np.minimum(h, 0.0)) - 1.0)
-    return found
-
-
 class SquaredError:
     """Half the mean squared error of a network on rows, and its gradient.
 
@@ -92,30 +88,25 @@ class SquaredError:
     """
 
     def __init__(self, sizes: Sequence[int], x: Array, y: Array) -> None:
-        self._sizes, self._x, self._y = sizes, np.ascontiguousarray(x), y
+        self._x, self._y = np.ascontiguousarray(x), y
+        start = np.zeros(sum((a + 1) * b for a, b in pairwise(sizes)))
+        self._net = Perceptron(*unpacked(start, sizes), activation="elu")
 
     def __call__(self, q: Array) -> tuple[float, Array]:
         """Loss and gradient at packed weights."""
-        weights, biases = unpacked(q, self._sizes)
-        *seen, error = self._through(weights, biases)
-        back = error / error.size
-        W_by, b_by = list(weights), list(biases)
-        for k in range(len(weights) - 1, -1, -1):
-            W_by[k], b_by[k] = seen[k].T @ back, back.sum(axis=0)
-            if k:
-                back = (back @ weights[k].T) * (1.0 + np.minimum(seen[k], 0.0))  # an ELU's slope is its value plus 1
-        return 0.5 * float(np.sum(error**2)) / error.size, packed(W_by, b_by)
+        *layers, error = self._through(q)
+        slope = self._net.backward(layers, error / error.size).copy()
+        return 0.5 * float(np.sum(error**2)) / error.size, slope
 
     def errors(self, q: Array) -> Array:
         """(n, out) what the network says, less what it should."""
-        return self._through(*unpacked(q, self._sizes))[-1]
+        return self._through(q)[-1]
 
-    def _through(self, weights: Sequence[Array], biases: Sequence[Array]) -> list[Array]:
+    def _through(self, q: Array) -> list[Array]:
         """What each layer reads, and the errors of the last one."""
-        seen = [self._x]
-        for W, b in zip(weights[:-1], biases[:-1], strict=True):
-            seen.append(elu(seen[-1] @ W + b))
-        return [*seen, seen[-1] @ weights[-1] + biases[-1] - self._y]
+        self._net.vector[:] = q
+        *layers, said = self._net.forward(self._x)
+        return [*layers, said - self._y]
 
 
 DRIVE = "drive"

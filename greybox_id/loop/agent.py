@@ -4,7 +4,7 @@ DIR/agent.json         what is asked for, what was driven and learned; what it i
 DIR/vehicle.toml       as stated
 DIR/base.json          the driver before any data
 DIR/policy.json        in force
-DIR/rows_1.csv         what was driven, as it was sent
+DIR/rows/              what was driven, see `buffer`
 DIR/log.jsonl          every event
 """
 
@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..datasets.read import read
 from ..datasets.vehicle_file import parse_vehicle
 from ..errors import BadInput, near_or_all
-from ..exam.make import write_recording
 from ..files import held
 from ..json_data import plain
 from ..models.registry import motion_model_of
@@ -28,8 +27,9 @@ from ..racing.policy import Policy
 from ..recording import Recording
 from ..shorthands import Say
 from .adapting import foretold
+from .buffer import RowBuffer
 from .client import Client, Unanswered
-from .demo import CAP, Underway, Watched, joined
+from .demo import CAP, Underway, Watched
 from .protocol import ARMS
 from .safety import Cap
 from .scene import DrivenRows, Scene, driven, effect_words
@@ -146,9 +146,12 @@ def agent(
 class _Agent(Underway):
     def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
         self.client, self.options = client, options
-        fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0}
+        fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0,
+                 "part": 0}  # fmt: skip
         scene = Scene(options.case)
         super().__init__(folder / "agent.json", "agent", vars(options), fresh | {"twin": None}, scene, say)
+        self.buffer = RowBuffer(self.folder / "rows")
+        self.buffer.forget(self.state["part"])
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
     def run(self) -> AgentOutcome:
@@ -197,7 +200,16 @@ class _Agent(Underway):
     def _event(self, kind: str, **more: Any) -> None:
         """An event: written down, and shown at the server."""
         self.log.write(kind, **more)
-        self._asked(lambda: self.client.post(f"{self._path}/events", {"events": [plain({"kind": kind, **more})]}))
+        self._show([plain({"kind": kind, **more})])
+
+    def _show(self, events: Sequence[Mapping[str, Any]]) -> None:
+        """Let the server's page show events; without a server nobody sees them."""
+        with suppress(Unanswered):
+            self.client.post(f"{self._path}/events", {"events": events})
+
+    def _send(self) -> None:
+        """Send the rows that the server does not have."""
+        self.buffer.send(lambda body: self.client.post(f"{self._path}/rows", body))
 
     def _shown(self, drive: DrivenRows, told: Mapping[str, Any]) -> None:
         """Telemetry for the server's page."""
@@ -207,10 +219,10 @@ class _Agent(Underway):
             if own.recording is not None
             for v_x, e_y in zip(own.recording["v_x"][::SHOWN], own.e_y[::SHOWN], strict=False)  # less before a crash
         ]
-        self._asked(lambda: self.client.post(f"{self._path}/events", {"events": events}))
+        self._show(events)
 
     def _drive(self, seat: Seat, good: Policy) -> str:
-        """Drive and send the rows; why it is time to learn, "" where it is not."""
+        """Drive and send the rows, which wait where nobody answers; why it is time to learn, "" where it is not."""
         k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
         driven_at, units = cap.share, self.units(cap.share)
         expected = self._expected(seat.now.policy, driven_at)
@@ -219,10 +231,12 @@ class _Agent(Underway):
         drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
         self.count(drive, cap, drive=k)
         recordings = drive.recordings
-        if recordings:
-            file = self.folder / f"rows_{k}.csv"
-            write_recording(joined(recordings), file)
-            self._asked(lambda: self.client.post(f"{self._path}/rows", file.read_bytes()))
+        for own in recordings:
+            self.buffer.add(own, seat.now.sha, driven_at)
+        try:
+            self._send()
+        except Unanswered as error:
+            self.log.write("rows wait", reason=str(error))
         told = {
             "rows": drive.rows,
             "cap": driven_at,
@@ -236,7 +250,7 @@ class _Agent(Underway):
         self._shown(drive, told)
         self._event("drive", number=k, **told)
         self.state["drives"].append(told)
-        self.state["cap"], self.state["clean"] = cap.share, cap.clean
+        self.state["cap"], self.state["clean"], self.state["part"] = cap.share, cap.clean, self.buffer.last
         rows = sum(own["rows"] for own in self.state["drives"])
         counts = RowCounts(last=self.state["learned_at"])
         reason = counts.due(rows)
@@ -251,6 +265,7 @@ class _Agent(Underway):
         own, k = self.options, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
         self._event("trigger", training=k, reason=reason)
+        self._asked(self._send)
         wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
                   "cap": self.state["cap"]}  # fmt: skip
         job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
@@ -266,7 +281,7 @@ class _Agent(Underway):
             if not refused:
                 self._hello(sha, body)
                 self.state["foretold"] = result["foretold"]
-                self.state["twin"] = {"vehicle": result["vehicle"], "drives": len(self.state["drives"])}
+                self.state["twin"] = {"vehicle": result["vehicle"], "part": self.buffer.last}
                 cap = Cap(self.state["cap"], clean=self.state["clean"])
                 cap.next_cycle()
                 self.state["cap"], self.state["clean"] = cap.share, cap.clean
@@ -324,10 +339,9 @@ class _Agent(Underway):
         if made["vehicle"] is None:
             return None
         if self._known[0] != made:
-            files = [self.folder / f"rows_{k}.csv" for k in range(1, made["drives"] + 1)]
             model = motion_model_of(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
             try:
-                self._known = (made, InnovationBand.of(model, [read(own) for own in files if own.is_file()]))
+                self._known = (made, InnovationBand.of(model, self.buffer.recordings(made["part"])))
             except BadInput as error:
                 self.log.write("no band", reason=str(error))
                 self._known = (made, None)

@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
 from ..api.diagnosing import diagnose
 from ..api.fitting import fit
 from ..errors import BadInput, near_or_all
-from ..gap.closed_vehicle import NORMAL, closed_vehicle, fitted_vehicle
+from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from ..gap.gap import Gap
 from ..kinds import must_be
 from ..learned.injection import injected
@@ -20,7 +17,7 @@ from ..learned.training import train_actuator_net
 from ..models.effects import EFFECTS
 from ..models.registry import motion_model_of, with_effects
 from ..motion_model import MotionModel
-from ..racing.draws import Draws, by_hand, nothing_drawn, of_posterior
+from ..racing.draws import Draws, by_hand, nothing_drawn, of_gap
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .protocol import ARMS
@@ -31,10 +28,6 @@ MEMBERS = 5
 """Networks that say what a model is off by: as many as are customary for an ensemble."""
 UNNAMED = 0.5
 """Probability that something is unnamed beyond which networks are set beside what was named."""
-DRAWN = 256
-"""Draws of what was named, within its uncertainty."""
-WIDEST = 3.0
-"""Standard deviations that a draw may be off: beyond, nulls and limits of effects are crossed."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +121,7 @@ def named(vehicle: Vehicle, recordings: Sequence[Recording]) -> Twin:
         return found
     applied = {name: float(gap.closed[name].array) for name in gap.applied}
     found = replace(found, vehicle=closed_vehicle(vehicle, gap), model=gap.closed, applied=applied)
-    return replace(found, draws=randomised(found))
+    return replace(found, draws=of_gap(gap, unseen=False))
 
 
 def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
@@ -144,21 +137,3 @@ def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
         for own in gap.ranking
         if own.effect in gap.applied or own.probability > 0.5
     )
-
-
-def randomised(found: Twin) -> Draws:
-    """Draws of what was applied, as likely and as uncertain as it is: what is learned does not hang on a number."""
-    generator = np.random.default_rng(0)
-    columns = {}
-    for own in found.named:
-        name = str(own["effect"])
-        if name not in found.applied or found.model[name].shape != ():
-            continue
-        low, high = own["interval"]
-        sd = (high - low) / (2 * NORMAL)
-        off = np.clip(generator.standard_normal(DRAWN), -WIDEST, WIDEST) * (sd if np.isfinite(sd) else 0.0)
-        low, high = (own_bound if own_bound is not None else np.nan for own_bound in found.model[name].bounds)
-        there, null = generator.random(DRAWN) < own["probability"], found.model[name].null
-        assert null is not None
-        columns[name] = np.where(there, np.fmax(np.fmin(found.applied[name] + off, high), low), null)
-    return of_posterior(pd.DataFrame(columns), "what was applied") if columns else nothing_drawn()

@@ -35,6 +35,7 @@ from ..motion_model import MotionModel
 from ..recording import Recording
 from ..toml_file import parse_toml
 from ..vehicle import Vehicle
+from .buffer import continued
 from .protocol import ARMS, digest_of
 from .state import of_bytes
 from .swap import drivers_policy
@@ -255,9 +256,9 @@ class ServerStore:
         return vehicle_of(file.read_text("utf-8"))
 
     def recordings(self, session: str, rows: Sequence[str]) -> list[Recording]:
-        """Rows as they are diagnosed, by their SHA-256."""
+        """Rows as they are diagnosed, by their SHA-256; parts of one drive as one."""
         files = {own.stem: own for own in self._rows(session)}
-        return [read(files[sha]) for sha in rows]
+        return continued([read(files[sha]) for sha in rows])
 
     def _rows(self, session: str) -> list[Path]:
         """Files of rows, in the order in which they came."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -11,8 +11,14 @@ import numpy as np
 import pandas as pd
 
 from ..errors import BadInput, near_or_all
+from ..fit import Fit
+from ..gap.closed_vehicle import NORMAL
+from ..gap.gap import Gap
+from ..models.effects import EFFECTS
 from ..models.registry import with_effects
 from ..motion_model import MotionModel
+from ..parameter import Parameter
+from ..shorthands import Array
 
 HAND = {"grip_scale": (0.67, 1.24), "mass_change": (0.86, 1.12), "steering_delay": (0.0, 0.03)}
 """Ranges as published for a 1:10 car: friction 0.7 to 1.3 of nominally 1.05, 3.2 to 4.2 kg of 3.74, delays of up to
@@ -22,8 +28,12 @@ WEIGHT = "weight"
 """Column of a posterior that says how much a draw counts."""
 ASIDE = ("chain", "log_posterior", "distance", "draw")
 """Columns of a posterior that are no parameters."""
+DRAWN = 256
+"""Draws that are made of what is known within its uncertainty."""
+WIDEST = 3.0
+"""Standard deviations that a draw may be off: beyond, nulls and limits of effects are crossed."""
 
-Randomisation: TypeAlias = "str | Path | pd.DataFrame"
+Randomisation: TypeAlias = "str | Path | pd.DataFrame | Fit | Gap"
 
 
 @dataclass(frozen=True)
@@ -97,13 +107,81 @@ def of_posterior(frame: pd.DataFrame, named: str) -> Draws:
     return Draws(names, draw, {}, *late)
 
 
+def of_fit(fit: Fit) -> Draws:
+    """Parameters that were fitted, as uncertain together as the fit's covariance says.
+
+    Raises
+    ------
+    BadInput : it keeps no covariance, or nothing of it was fitted with one.
+    """
+    free, at = dict[int, Parameter](), 0
+    for own in fit.model.parameters:
+        if own.shape == () and not own.fixed:
+            free[at] = own
+        at += own.array.size
+    held = np.full((at, at), np.nan) if fit.covariance is None else fit.covariance
+    free = {k: own for k, own in free.items() if np.isfinite(held[k, k])}
+    if not free:
+        raise BadInput("randomise: this fit keeps no covariance of its parameters, from which they could be drawn.")
+    variances, directions = np.linalg.eigh(held[np.ix_(list(free), list(free))])
+    off = _normal(np.random.default_rng(0), (DRAWN, len(free))) * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
+    columns = {own.name: _bounded(own, own.array + off[:, k]) for k, own in enumerate(free.values())}
+    return of_posterior(pd.DataFrame(columns), "randomise")
+
+
+def of_gap(gap: Gap, *, unseen: bool = True) -> Draws:
+    """What a diagnosis says: applied effects, as likely and as uncertain as they are, and others that may be there.
+
+    Parameters
+    ----------
+    gap : with the closed model, whose effects these are.
+    unseen : whether effects are drawn too whose usual size the recordings would not have shown (`Gap.limits`): evenly,
+        as large as would not show, and no larger than is usual.
+    """
+    generator, columns, added = np.random.default_rng(0), dict[str, Array](), dict[str, float]()
+    for own in gap.ranking:
+        if own.effect not in gap.applied or not isinstance(gap.closed, MotionModel):
+            continue
+        parameter, low, high = gap.closed[own.effect], *own.interval
+        sd = (high - low) / (2 * NORMAL)
+        off = _normal(generator, DRAWN) * (sd if np.isfinite(sd) else 0.0)
+        there = generator.random(DRAWN) < own.probability
+        columns[own.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
+    for name, limit in gap.limits.items() if unseen else ():
+        if limit.share <= 1.0 or name not in EFFECTS or not np.isfinite(null := _null(EFFECTS[name].parameter)):
+            continue  # what is only felt beyond a size, as rates and forces are limited, is not told by derivatives
+        most = min(limit.size, abs(limit.typical - null))
+        columns[name] = _bounded(EFFECTS[name].parameter, null + most * generator.uniform(-1.0, 1.0, DRAWN))
+        added[name] = null
+    found = of_posterior(pd.DataFrame(columns), "randomise") if columns else nothing_drawn()
+    return replace(found, effects=added)
+
+
+def _normal(generator: np.random.Generator, shape: int | tuple[int, int]) -> Array:
+    return np.clip(generator.standard_normal(shape), -WIDEST, WIDEST)
+
+
+def _null(parameter: Parameter) -> float:
+    assert parameter.null is not None
+    return parameter.null
+
+
+def _bounded(parameter: Parameter, values: Array) -> Array:
+    low, high = (np.nan if own is None else own for own in parameter.bounds)
+    return np.asarray(np.fmax(np.fmin(values, high), low))
+
+
 def draws(asked: Randomisation) -> Draws:
-    """What is to be drawn: "none", "hand", or a table of draws, a frame or the Parquet file of one.
+    """What is to be drawn: "none", "hand", a fit, a gap, or a table of draws, a frame or the Parquet file of one.
 
     Raises
     ------
     BadInput : there is no such randomisation or file, or it holds no draws.
     """
+    if isinstance(asked, Gap):
+        return of_gap(asked)
+    if isinstance(asked, Fit):
+        return of_fit(asked)
     if isinstance(asked, pd.DataFrame):
         return of_posterior(asked, "randomise")
     if asked in ("none", "hand"):

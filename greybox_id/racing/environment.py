@@ -36,7 +36,7 @@ class TrackEnv(gymnasium.Env[Observations, Array]):
         if render_mode is not None:
             raise BadInput("A track draws nothing: render_mode is None.")
         self.world = world(1, **options)
-        self.observation_space, self.action_space = _spaces(self.world)
+        self.observation_space, self.action_space = spaces_of(self.world)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,7 +71,7 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
             raise BadInput("A track draws nothing: render_mode is None.")
         self.num_envs = num_envs
         self.world = world(num_envs, **options)
-        self.single_observation_space, self.single_action_space = _spaces(self.world)
+        self.single_observation_space, self.single_action_space = spaces_of(self.world)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._over = np.zeros(num_envs, dtype=bool)
@@ -98,5 +98,6 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         return self.world.observe(), reward, ended, cut, dict(self.world.told())
 
 
-def _spaces(own: World) -> tuple[Any, Any]:
+def spaces_of(own: World) -> tuple[Any, Any]:
+    """Of what is seen, and of what is done."""
     return spaces.Box(-LARGEST, LARGEST, (own.size,), np.float32), spaces.Box(-1.0, 1.0, (2,), np.float32)

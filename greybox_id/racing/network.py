@@ -1,14 +1,17 @@
-"""Networks of layers of tanh in single precision, with their gradients written out."""
+"""Networks of layers of tanh, or of ELU (Clevert, Unterthiner & Hochreiter, ICLR 2016), with their gradients."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
+Numbers = NDArray[Any]
+"""In single or double precision, as the weights are."""
 
 FIRST, SECOND, SMALL = 0.9, 0.999, 1e-5
 """How long Adam remembers gradients and their squares, and what keeps its division finite (Kingma and Ba, 2015; the
@@ -16,12 +19,13 @@ last as reinforcement learning has it)."""
 
 
 class Perceptron:
-    """Layers of tanh, the last one linear; all numbers lie in one vector.
+    """Layers of tanh or ELU, the last one linear; all numbers lie in one vector, weights before biases of each layer.
 
     Parameters
     ----------
     weights : of the layers, (in, out) each.
     biases : of the layers, (out,) each.
+    activation : of all layers but the last.
 
     Attributes
     ----------
@@ -29,24 +33,27 @@ class Perceptron:
     weights, biases : views of it.
     """
 
-    def __init__(self, weights: Sequence[Floats], biases: Sequence[Floats]) -> None:
+    def __init__(
+        self, weights: Sequence[Numbers], biases: Sequence[Numbers], activation: Literal["tanh", "elu"] = "tanh"
+    ) -> None:
         pieces = [own for layer in zip(weights, biases, strict=True) for own in layer]
-        self.vector: Floats = np.concatenate([np.ravel(own) for own in pieces]).astype(np.float32)
+        self.vector: Numbers = np.concatenate([np.ravel(own) for own in pieces])
+        self._tanh = activation == "tanh"
         self._shapes = [own.shape for own in pieces]
         self.weights, self.biases = self._viewed(self.vector)
         self._gradient = np.zeros_like(self.vector)
         self._by_weights, self._by_biases = self._viewed(self._gradient)
 
-    def forward(self, x: Floats) -> list[Floats]:
+    def forward(self, x: Numbers) -> list[Numbers]:
         """What the layers give for (N, in): x, then (N, out) of each."""
         layers = [x]
         for W, b in zip(self.weights, self.biases, strict=True):
             z = layers[-1] @ W
             z += b
-            layers.append(z if b is self.biases[-1] else np.tanh(z, out=z))
+            layers.append(z if b is self.biases[-1] else np.tanh(z, out=z) if self._tanh else elu(z))
         return layers
 
-    def backward(self, layers: Sequence[Floats], by_last: Floats) -> Floats:
+    def backward(self, layers: Sequence[Numbers], by_last: Numbers) -> Numbers:
         """(n,) the gradient by the vector, of one by the last layer's results, (N, out); valid until the next call."""
         along = by_last
         for k in reversed(range(len(self.weights))):
@@ -54,13 +61,20 @@ class Perceptron:
             np.sum(along, axis=0, out=self._by_biases[k])
             if k:
                 along = along @ self.weights[k].T
-                along *= 1.0 - layers[k] * layers[k]
+                # the slope of an ELU is its value plus 1
+                along *= 1.0 - layers[k] * layers[k] if self._tanh else 1.0 + np.minimum(layers[k], 0.0)
         return self._gradient
 
-    def _viewed(self, vector: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+    def _viewed(self, vector: Numbers) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
         ends = np.cumsum([int(np.prod(own)) for own in self._shapes])
         pieces = [own.reshape(shape) for own, shape in zip(np.split(vector, ends[:-1]), self._shapes, strict=True)]
         return tuple(pieces[0::2]), tuple(pieces[1::2])
+
+
+def elu(h: Numbers) -> Numbers:
+    """h above zero, exp(h) - 1 below."""
+    found: Numbers = np.maximum(h, 0.0) + (np.exp(np.minimum(h, 0.0)) - 1.0)
+    return found
 
 
 def drawn(sizes: Sequence[int], last: float, generator: np.random.Generator) -> Perceptron:

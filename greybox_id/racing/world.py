@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from ..shorthands import Array, Mask
 from .draws import Draws, nothing_drawn
 from .stage import PLANE, Period, stage
 from .track import RaceTrack, Usage, track
+
+if TYPE_CHECKING:
+    from .lidar import Lidar
 
 Places = NDArray[np.intp]
 Observations = NDArray[np.float32]
@@ -51,6 +55,11 @@ REACHED = 10.0
 AT_ONCE = 2
 """Commands that are kept where none is late: the newest and the one before it."""
 ACTIONS, REWARDS = ("drive", "speed"), ("progress", "path", "cth")
+OBSERVATIONS = ("track", "lidar")
+MOST_MEMORY, REMEMBERED = 50, 3
+"""Periods that drivers remember at most, a second; numbers of each: steering, yaw rate and v_x."""
+BESIDE_RANGES = 4
+"""Numbers that are seen beside ranges: v_x, yaw rate and the last actions."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +76,10 @@ class Rules:
         hasty or beyond the grip, so that neither haste nor a shorter way is paid for;
         "cth": 0.2 v cos(e_psi) - 0.1 |e_y| - 0.5 |change of steering| - 0.5 (1 - wall / 0.3 m) + 0.01, a lap 10. A
         crash is -10 in all.
-    noise : whether v_x, v_y and yaw rate are seen with the vehicle's sensor noise.
+    observation : "track": motion, place and the track ahead; "lidar": ranges of 108 beams over 10 m, v_x, yaw rate and
+        the last commands.
+    memory : past periods of steering, yaw rate and v_x that are seen besides, the last one first.
+    noise : whether v_x, v_y and yaw rate are seen with the vehicle's sensor noise, ranges with a lidar's.
     speed_cap : m/s; wanted speeds beyond are driven at it, and the speed that is seen of the track is at most that.
     follow : weight of what is beside the path in "path": with 10 a tenth of the half width costs as much as a tenth of
         the speed, with 100 a hundredth as much as a hundredth.
@@ -80,6 +92,8 @@ class Rules:
     period: float = 0.02
     action: str = "drive"
     reward: str = "progress"
+    observation: str = "track"
+    memory: int = 0
     noise: bool = False
     follow: float = 10.0
     speed_cap: float = np.inf
@@ -89,9 +103,11 @@ class Rules:
     laps: int = 3
 
     def __post_init__(self) -> None:
-        for name, own, known in (("action", self.action, ACTIONS), ("reward", self.reward, REWARDS)):
-            if own not in known:
+        for name, known in (("action", ACTIONS), ("reward", REWARDS), ("observation", OBSERVATIONS)):
+            if (own := getattr(self, name)) not in known:
                 raise BadInput(f"There is no {name} {own!r}.{near_or_all(str(own), known)}")
+        if not isinstance(self.memory, int) or not 0 <= self.memory <= MOST_MEMORY:
+            raise BadInput(f"memory: a whole number from 0 to {MOST_MEMORY} is needed, not {self.memory!r}.")
         for name in ("period", "follow", "speed_cap", "usage_cap", "seconds", "laps"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"{name}: a number above zero is needed, not {getattr(self, name)!r}.")
@@ -150,6 +166,8 @@ class World:
     _strength: Array
     _pace: Array
     _noise: Array
+    _past: Array
+    _ranges: Array
     _sight: Array
     _unseen: Array
 
@@ -197,7 +215,13 @@ class World:
         self._turning = self.limits.grip / float(np.min(self.track.speed))
         if like is not None:
             self._drives, self._per_drive, self._turning = like._drives, like._per_drive, like._turning
-        self.size = OWN + 2 * len(AHEAD)
+        self._lidar: Lidar | None = None
+        if self.rules.observation == "lidar":
+            from .lidar import Lidar  # its compiler takes a second to import
+
+            self._lidar = Lidar(self.track)
+        self.size = len(SEEN) if self._lidar is None else self._lidar.beams + BESIDE_RANGES
+        self.size += REMEMBERED * self.rules.memory
         self.lanes = [np.random.default_rng(k) for k in range(lanes)]
         self._begun(lanes)
 
@@ -227,17 +251,22 @@ class World:
             if seeds is not None and seeds[k] is not None:
                 self.lanes[k] = np.random.default_rng(seeds[k])
             self._begin(k)
+        self._scan(which)
 
     def observe(self) -> Observations:
-        """(L, size) what drivers see: speeds, place, last commands, and curvature and speed of the track ahead."""
+        """(L, size) what drivers see, see `Rules.observation`, and what they remember."""
         motion = self._read()
-        if self.rules.noise:
-            rows = self._period % self._noise.shape[1]
-            motion = motion + self._noise[np.arange(len(rows)), rows]
-        return self.seen(motion, self.z[:, -3:], self._last)
+        if self._lidar is None:
+            seen = self.seen(motion, self.z[:, -3:], self._last)
+        else:
+            own = motion[:, [0, 2]] / [self._top, self._turning]
+            seen = _within(np.concatenate([self._ranges, own, self._last], axis=1))
+        if self.rules.memory:
+            seen = np.concatenate([seen, _within(self._past.reshape(len(seen), -1))], axis=1)
+        return seen
 
     def seen(self, motion: Array, place: Array, last: Array) -> Observations:
-        """(L, size) what drivers see of any vehicle on the track.
+        """(L, 27) what drivers see of any vehicle on the track: speeds, place, last actions, and the track ahead.
 
         Parameters
         ----------
@@ -246,7 +275,7 @@ class World:
         last : (L, 2) the last actions.
         """
         s, e_y, e_psi = place.T
-        seen = np.empty((len(place), self.size), dtype=np.float32)
+        seen = np.empty((len(place), len(SEEN)), dtype=np.float32)
         seen[:, :3] = motion / [self._top, self._top, self._turning]
         seen[:, 3] = e_y / self.track.half_width
         seen[:, 4] = np.sin(e_psi)
@@ -255,7 +284,7 @@ class World:
         middle = OWN + len(AHEAD)
         seen[:, OWN:middle], speed = self._ahead(places)
         seen[:, middle:] = np.minimum(self._pace[:, None] * speed, self.rules.speed_cap / self._top)
-        return np.clip(seen, -LARGEST, LARGEST, out=seen)
+        return _within(seen)
 
     def step(self, actions: Array, still: Mask | None = None) -> tuple[Array, Mask, Mask]:
         """Drive a period.
@@ -274,6 +303,10 @@ class World:
         moving: Mask = np.ones(len(self.z), dtype=np.bool_) if still is None else ~still
         given = np.clip(np.nan_to_num(np.asarray(actions, dtype=float), nan=0.0), -1.0, 1.0)
         before = self.z
+        if self.rules.memory:
+            now = self._remembered(given[:, 0], self._read())
+            past = np.concatenate([now[:, None], self._past[:, :-1]], axis=1)
+            self._past = np.where(moving[:, None, None], past, self._past)
         with np.errstate(all="ignore"):  # vehicles that go astray end their episode
             after = self.stage.advance(before, self._acting(given, moving), self._bend(before), self._p)
             lost = ~np.all(np.isfinite(after), axis=1)
@@ -285,6 +318,7 @@ class World:
             reward, ended, lapped = self._judged(before, self.z, given, lost)
         self._last = np.where(moving[:, None], given, self._last)
         self._period += moving
+        self._scan(moving)
         cut = (self._period * self.rules.period >= self.rules.seconds - 1e-9) | (lapped >= self.rules.laps)
         return np.where(moving, reward, 0.0), ended & moving, cut & ~ended & moving
 
@@ -323,6 +357,8 @@ class World:
         self._strength, (low, high) = np.zeros(lanes), self.rules.shares
         self._pace = np.full(1 if low == high else lanes, np.sqrt(high / USAGE))  # one for all where none is drawn
         self._noise = np.zeros((lanes, periods if self.rules.noise else 1, len(PLANE)))
+        self._past = np.zeros((lanes, self.rules.memory, REMEMBERED))
+        self._ranges = np.zeros((lanes, 0 if self._lidar is None else self._lidar.beams))
         self.reset(np.ones(lanes, dtype=bool))
 
     def _begin(self, k: int) -> None:
@@ -348,6 +384,21 @@ class World:
         self._period[k], self._halted[k] = 0, 0.0
         if self.rules.noise:
             self._noise[k] = generator.normal(size=self._noise.shape[1:]) * self._sd
+        self._past[k] = self._remembered(np.zeros(1), self.z[k : k + 1, self._plane])  # it has driven straight on
+
+    def _scan(self, which: Mask) -> None:
+        """Let lidars look around."""
+        if self._lidar is None:
+            return
+        lanes = np.flatnonzero(which)
+        found = self._lidar.scan(self.z[lanes, -3:])
+        if self.rules.noise:
+            found = self._lidar.noisy(found, [self.lanes[k] for k in lanes])
+        self._ranges[lanes] = found / self._lidar.range
+
+    def _remembered(self, steering: Array, motion: Array) -> Array:
+        """(L, 3) what drivers keep in mind of a period."""
+        return np.stack([steering, motion[:, 2] / self._turning, motion[:, 0] / self._top], axis=1)
 
     def _acting(self, given: Array, moving: Mask) -> Array:
         """(L, inputs) what acts over the period, of the commands that are on their way."""
@@ -359,10 +410,13 @@ class World:
         return between(moved, self._delay / self.rules.period)
 
     def _read(self) -> Array:
-        """(L, 3) motion as sensors read it now: late by fractions of a period too."""
-        if not self._sight.shape[1]:
-            return np.asarray(self.z[:, self._plane])
-        return between(self._sight, self._unseen / self.rules.period)
+        """(L, 3) motion as sensors read it now: late by fractions of a period too, and with their noise."""
+        late = bool(self._sight.shape[1])
+        motion = between(self._sight, self._unseen / self.rules.period) if late else self.z[:, self._plane]
+        if self.rules.noise:
+            rows = self._period % self._noise.shape[1]
+            motion = motion + self._noise[np.arange(len(rows)), rows]
+        return np.asarray(motion)
 
     def _driven(self, action: Array, v_x: Array, s: Array) -> Array:
         """What drives, in its unit."""
@@ -424,6 +478,11 @@ class World:
         reward -= HASTY * np.sum((given - self._last) ** 2, axis=1)
         reward -= BEYOND * (np.hypot(along, across) > LIMIT * self._strength)
         return np.where(ended, CRASH, reward), ended, laps
+
+
+def _within(seen: NDArray[Any]) -> Observations:
+    found: Observations = np.clip(seen, -LARGEST, LARGEST).astype(np.float32, copy=False)
+    return found
 
 
 def between(held: Array, late: Array) -> Array:

@@ -51,7 +51,7 @@ def world(
     effects : that it has besides, as the command line writes them: "steering_delay=30ms".
     track : a CSV file of a closed middle line (x, y, widths to both sides, m); None: that of the examples.
     half_width : m, of a track whose file states none.
-    randomise : what differs from episode to episode: "none", "hand" (friction, mass, delay), or a posterior.
+    randomise : what differs from episode to episode: "none", "hand" (friction, mass, delay), draws, a fit or a gap.
     like : a world whose track and units are this one's as well: that in which a policy was learned.
     rules : see `Rules`.
 

@@ -40,23 +40,29 @@ def bar(cases, begins):
 def test_bars_are_met_missed_or_not_measured():
     good = case(base=arm(0.1), actuator_net=arm(0.08, model=0.2), named=arm(0.052, model=0.02), oracle=arm(0.05))
     assert removed(good, "named") == pytest.approx(0.96)
-    assert bar([good], "named: share of the excess")["met"]
-    assert bar([good], "the same less")["measured"] == pytest.approx(0.56)
-    assert bar([good], "named: path error")["measured"] == pytest.approx(0.52)
+    for when in ("first", "last"):
+        assert bar([good], f"{when} cap, named: share of the excess")["met"]
+        assert bar([good], f"{when} cap: the same less")["measured"] == pytest.approx(0.56)
+        assert bar([good], f"{when} cap, named: path error")["measured"] == pytest.approx(0.52)
     assert bar([good], "named: model's")["met"]
-    assert bar([good] * 7, "sign test")["met"]
-    assert bar([good] * 6, "sign test")["met"] is False
+    assert bar([good] * 7, "first cap: sign test")["met"]
+    assert bar([good] * 6, "first cap: sign test")["met"] is False
+    good["arms"]["named"]["last"] = driven(0.09)
+    assert bar([good], "first cap, named: share")["met"]
+    assert bar([good], "last cap, named: share")["measured"] == pytest.approx(0.2)
+    assert bar([good] * 7, "last cap: sign test")["met"] is False
+    good["arms"]["named"]["last"] = driven(0.052, 18.0)
     assert bar([good], "named: lap time at the last")["met"]
     assert bar([good], "there, named_residual")["met"] is None
     assert bar([good], "named with 2000")["met"] is None
     bad = case(base=arm(0.1), actuator_net=arm(0.06), named=arm(0.09, last=19.5), oracle=arm(0.05))
     bad["arms"]["named"]["last"]["crashes"] = 2
     for begins in (
-        "named: share",
-        "the same less",
+        "first cap, named: share",
+        "last cap: the same less",
         "named: crashes",
         "named at the last",
-        "named: path",
+        "first cap, named: path",
         "named: model",
     ):
         found = [own for own in bars([bad]) if own["bar"].startswith(begins)]
@@ -117,3 +123,5 @@ def test_what_is_wrong_is_a_sentence(tmp_path):
     assert "something else" in refused("bench", "loop", "--quick", "--out", tmp_path)
     with pytest.raises(bench.BadInput, match="no arm 'nmaed'"):
         bench.loop_tables(tmp_path / "out", arms=["nmaed"])
+    with pytest.raises(bench.BadInput, match="from 1 to 3 is needed, not 4"):
+        bench.loop_tables(tmp_path / "out", cycles=4)

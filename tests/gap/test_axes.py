@@ -1,6 +1,6 @@
 """Directions in which parameters move: finite where a magnitude is not, beliefs as stated, what jumps told apart."""
 
-from math import inf
+from math import exp, inf
 
 import pytest
 from gap_cases import CAR, axis, nominal
@@ -103,3 +103,19 @@ def test_what_is_stated_with_an_sd_is_believed_and_nothing_else():
     assert (own["accel_bias_x"].mean, own["accel_bias_x"].sd) == (0.02, 0.01)
     assert own["steering_lag"].mean == 0.0
     assert {name for name in stated if own[name].abrupt} == {"steering_lag", "steering_delay"}
+
+
+@given(st.floats(1e-3, 1e6), st.floats(1e-3, 0.5), st.floats(-3.0, 3.0))
+def test_a_tolerance_of_a_positive_number_is_a_share_of_it(mean, share, off):
+    own = axis(0, null=mean, sd=share * mean, low=0.0, high=2e6).relatively()
+    assert own.relative
+    assert own.value(own.mean) == pytest.approx(mean)
+    assert own.value(own.mean + off * own.sd) == pytest.approx(mean * exp(off * share))
+    assert own.coordinate(own.value(off)) == pytest.approx(off, abs=1e-9)
+    assert own.coordinate(0.0) < own.mean - 100 * own.sd  # nothing is zero by a tolerance
+    assert own.low < own.mean < own.high
+
+
+def test_what_may_be_zero_or_negative_is_tolerated_as_it_is_stated():
+    for own in (axis(0, sd=0.1), axis(0, sd=0.1, low=0.0), axis(0, null=2.0, sd=0.1, inverse=True, low=0.0)):
+        assert own.relatively() is own

@@ -7,7 +7,7 @@ from gap_cases import CAR, GivenBench, axis, linear_bench, search_on
 
 from greybox_id.errors import BadInput
 from greybox_id.gap.bench import Bench
-from greybox_id.gap.closing import Misfit, closed_by, closure, left_open, misfit
+from greybox_id.gap.closing import Misfit, closed_by, closure, left_open, misfit, refitted_tolerances
 from greybox_id.gap.refit import refit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -165,3 +165,20 @@ def test_readings_that_do_not_count_do_not():
     assert np.isfinite(found.closed)
     assert found.after == pytest.approx(1.0, abs=0.1)
     np.testing.assert_array_equal(np.isfinite(found.closed_interval), True)
+
+
+def test_what_noise_does_not_explain_does_not_press_tolerances_to_where_they_reach():
+    exact = {name: own.value for name, own in CAR.values.items()}
+    known = {p.name: exact[p.name] for p in build("lateral", None, {}, CAR).parameters if p.name in exact}
+    own = [driven("lateral", 1, 12.0, 0, {"steering_lag": 0.15, "tyre_relaxation": 0.8}, values=known)]
+    tolerant = Vehicle(
+        "car", CAR.values, {name: Stated(sd=0.01) for name in ("steering_ratio", "yaw_rate_scale")}, NOISE
+    )
+    model = build("lateral", None, {}, tolerant)
+    found, _ = refitted_tolerances(model, own, tolerant, EFFECTS)
+    trusting, _ = refitted_tolerances(model, own, tolerant, EFFECTS, trust=1.0)
+    assert found.trust < 0.2
+    assert found.charge < 0.2 * trusting.charge
+    assert np.sum(trusting.e**2) <= np.sum(found.e**2)
+    true = build("lateral", None, {"steering_lag": 0.15, "tyre_relaxation": 0.8}, tolerant)
+    assert refitted_tolerances(true, own, tolerant, EFFECTS)[0].trust > 0.8

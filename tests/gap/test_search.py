@@ -172,3 +172,32 @@ def test_tolerances_begin_where_another_model_has_them():
     far = search.at_values({"B_f": 90.0}).theta
     assert np.all((far >= search.low[:3]) & (far <= search.high[:3]))
     np.testing.assert_array_equal(search.at_values({}).theta, search.at_means().theta)
+
+
+def test_tolerances_of_positive_numbers_move_by_shares_and_are_differentiated_so():
+    X = smooth_columns(2)
+    own = axis(0, null=2.0, sd=0.4, low=0.0)
+    search = search_on(linear_bench(X, [3.0, 0.0], SD), SD, [own])
+    at = search.at_values({"p_0": 2.5})
+    assert search.moved(at.theta)[0] == pytest.approx(2.5)
+    assert search.values(at)["p_0"] == pytest.approx(2.5)
+    assert search.where(at, axis(0)) == pytest.approx(2.5)  # as an effect's own coordinate
+    search.about(at)
+    h = 1e-6
+    one, other = search.residuals([search.moved(at.theta + step) for step in (h, -h)])
+    np.testing.assert_allclose(
+        search.white[:, 0], search.weighed((one - other)[:, :, None] / (2 * h)).ravel(), rtol=1e-6
+    )
+    (found,) = refit(search, [search.start_of(at)])
+    found = settled(search, found)
+    assert search.moved(found.theta)[0] == pytest.approx(3.0, rel=0.02)
+    assert search.charge(found) == pytest.approx((np.log(search.moved(found.theta)[0] / 2.0) / 0.2) ** 2)
+
+
+def test_derivatives_beyond_all_numbers_leave_squares_finite():
+    X = smooth_columns(2)
+    bench = linear_bench(X, [1.0, 0.0], SD)
+    exact = bench.linearise
+    bench.linearise = lambda p, columns: (exact(p, columns)[0], np.full((len(X), 2, 1), np.inf), exact(p, columns)[2])
+    search = search_on(bench, SD, [axis(0, sd=0.1)])
+    assert np.all(np.isfinite(search.gram))

@@ -91,7 +91,7 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
         last = found.drives[-1]
         assert last["path_error_foretold"] == pytest.approx({0.48: 0.024, 0.6: 0.03}[round(last["cap"], 2)])
     assert training["reason"] == "it is time"
-    assert canned.rows() == [(tmp_path / "car" / f"rows_{k}.csv").read_bytes() for k in (1, 2, 3)]
+    assert canned.rows() == [(tmp_path / "car" / "rows" / f"rows_00000{k}.csv").read_bytes() for k in (1, 2, 3)]
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "car" / "log.jsonl").read_text().splitlines()]
     assert kinds.count("swap") == (not refused_because)
     assert found.withheld == Scene(0).effects
@@ -101,10 +101,14 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
 
 
 @pytest.mark.usefixtures("_small")
-def test_a_server_that_is_silent_for_a_moment_is_asked_again(tmp_path, monkeypatch):
-    canned = Canned({"crashes": 0, "path_error": 0.02, "path_error_before": 0.03}, silent=2)
+def test_rows_wait_while_nobody_answers_and_a_server_that_is_silent_for_a_moment_is_asked_again(tmp_path, monkeypatch):
+    canned = Canned({"crashes": 0, "path_error": 0.02, "path_error_before": 0.03}, silent=3)
     assert len(driven_with(canned, tmp_path / "car", monkeypatch).drives) == 3
-    assert len(canned.rows()) == 5
+    first, second, third = ((tmp_path / "car" / "rows" / f"rows_00000{k}.csv").read_bytes() for k in (1, 2, 3))
+    # after each of two drives, when it is time to learn, and half a second later
+    assert canned.rows() == [first, first, first, first, second, third]
+    kinds = [json.loads(line)["kind"] for line in (tmp_path / "car" / "log.jsonl").read_text().splitlines()]
+    assert kinds.count("rows wait") == 2
     monkeypatch.setattr(room, "PATIENCE", 0.0)
     with pytest.raises(Unanswered):
         driven_with(Canned({}, silent=10**6), tmp_path / "other", monkeypatch)
@@ -127,7 +131,7 @@ def test_an_agent_that_a_kill_interrupts_carries_on_and_drives_better(tmp_path):
         process = subprocess.Popen(
             [sys.executable, "-c", START.format(sys.path), *call], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        while not (tmp_path / "car" / "rows_1.csv").exists():
+        while not (tmp_path / "car" / "rows" / "rows_000001.csv").exists():
             assert process.poll() is None
             time.sleep(0.05)
         process.send_signal(signal.SIGKILL)

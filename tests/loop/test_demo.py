@@ -13,12 +13,11 @@ from hand import by_hand
 from serving import START
 
 from greybox_id.loop.adapting import world_of
-from greybox_id.loop.arms import Twin, randomised
 from greybox_id.loop.demo import Watched
 from greybox_id.loop.safety import Cap, Log
 from greybox_id.loop.scene import CASES, Hands, Scene, driven, effect_words
 from greybox_id.loop.swap import Seat
-from greybox_id.models.registry import motion_model_of, with_effects
+from greybox_id.models.registry import motion_model_of
 from greybox_id.racing.learner import shipped_learned
 
 SCENE = Scene(1)
@@ -85,23 +84,6 @@ def test_a_command_that_comes_too_late_is_braking(units, tmp_path):
     before, late = given[100], given[101]
     assert late["steer"] == before["steer"]
     assert late[channel] < before[channel]
-
-
-def test_what_was_applied_is_drawn_within_its_interval():
-    model = motion_model_of(SCENE.vehicle)
-    closed = with_effects(model, {"steering_lag": 0.05})
-    named = {"effect": "steering_lag", "interval": [0.04, 0.06], "magnitude": 0.05, "probability": 1.0}
-
-    def drawn_of(own):
-        found = randomised(Twin(SCENE.vehicle, closed, named=(own,), applied={"steering_lag": 0.05}))
-        return [found.draw(np.random.default_rng(k))["steering_lag"] for k in range(400)]
-
-    drawn = drawn_of(named)
-    assert np.mean(drawn) == pytest.approx(0.05, abs=0.001)
-    assert np.std(drawn) == pytest.approx(0.0051, rel=0.2)
-    assert min(drawn) >= 0.0
-    unlikely = drawn_of({**named, "probability": 0.9})
-    assert np.mean(np.equal(unlikely, 0.0)) == pytest.approx(0.1, abs=0.05)  # at its null: not there
 
 
 @pytest.mark.parametrize("case", range(len(CASES)))

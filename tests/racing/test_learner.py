@@ -28,16 +28,10 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 SMALL = Settings(rollout=16, epochs=2, batch=64)
 
 
-def network(seed=0, sizes=(5, 8, 7, 2)):
+def network(seed=0, sizes=(5, 8, 7, 2), activation="tanh"):
     """In double precision, so that finite differences mean something."""
     own = drawn(sizes, 1.0, np.random.default_rng(seed))
-    double = Perceptron.__new__(Perceptron)
-    double.vector = own.vector.astype(float)
-    double._shapes = own._shapes
-    double.weights, double.biases = double._viewed(double.vector)
-    double._gradient = np.zeros_like(double.vector)
-    double._by_weights, double._by_biases = double._viewed(double._gradient)
-    return double
+    return Perceptron(*([part.astype(float) for part in parts] for parts in (own.weights, own.biases)), activation)
 
 
 def differences(loss, vector, step=1e-6):
@@ -58,8 +52,9 @@ def batch(seed=1, count=40):
     return [generator.normal(size=(count, 5)), generator.normal(size=(count, 2)), generator.normal(size=count)]
 
 
-def test_gradients_of_a_network_are_its_finite_differences():
-    own, (seen, done, _) = network(), batch()
+@pytest.mark.parametrize("activation", ["tanh", "elu"])
+def test_gradients_of_a_network_are_its_finite_differences(activation):
+    own, (seen, done, _) = network(activation=activation), batch()
 
     def loss():
         return float(0.5 * np.sum((own.forward(seen)[-1] - done) ** 2))

@@ -236,3 +236,24 @@ def test_the_reward_of_the_path_is_one_for_who_drives_it_as_fast_as_is_shown():
 def test_a_share_that_is_none_is_refused(usage):
     with pytest.raises(BadInput, match="usage"):
         Rules(usage=usage)
+
+
+def test_drivers_remember_periods_that_they_saw():
+    plain, own = (world(2, noise=True, action="speed", memory=n) for n in (0, 3))
+    for one in (plain, own):
+        one.reset(np.ones(2, dtype=bool), [1, 2])
+    assert own.size == plain.size + 9
+    start = own.observe()[:, -9:].reshape(2, 3, 3)
+    assert np.all(start[:, :, :2] == 0.0)
+    assert np.allclose(start[:, :, 2], own.z[:, [0]] / own.units["speed"])  # it has driven straight on
+    known = []
+    for k in range(4):
+        seen = plain.observe()
+        assert np.array_equal(own.observe()[:, :27], seen)
+        known.insert(0, np.stack([np.full(2, 0.1 * k), seen[:, 2], seen[:, 0]], axis=1))
+        for one in (plain, own):
+            one.step(np.tile([0.1 * k, 0.3], (2, 1)))
+    past = own.observe()[:, -9:].reshape(2, 3, 3)
+    assert np.allclose(past, np.stack(known[:3], axis=1), atol=1e-6)
+    with pytest.raises(BadInput, match="memory: a whole number from 0 to 50"):
+        Rules(memory=-1)
