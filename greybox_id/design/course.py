@@ -83,7 +83,8 @@ class PlanCourse:
         """(K, n, told) motion with each of (K, parameters) of the undriven model, by a driver or with none at all."""
         P = np.atleast_2d(P)
         u = np.column_stack([plan.steer, plan.drive, *(plan.of(name) for name in ("v_x", "x", "y", "yaw"))])
-        full = self._parameters(np.column_stack([P, np.zeros(len(P))]), 1.0 if follow else 0.0)
+        of_driver = np.tile(self.model.values[P.shape[1] :], (len(P), 1))
+        full = self._parameters(np.column_stack([P, of_driver]), 1.0 if follow else 0.0)
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
     def _forward(self, own: AskedDrive) -> Array:

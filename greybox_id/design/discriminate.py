@@ -44,9 +44,10 @@ DRAWS, AVERAGED = 24, 8
 """Draws of what is uncertain that must keep to limits, of each rival; those over which separations are averaged."""
 LATE = 0.5
 """s at the beginning in which a late sensor may read nothing yet."""
-STEPS = 2
-"""Gauss-Newton steps in which a wrong explanation adapts, at last; one while searching."""
-FARTHEST = 2.5
+STEPS, SETTLED = 16, 0.1
+"""Steps (Gauss-Newton, damped where one leads too far) in which explanations adapt, at most, and nats below which
+another one is not worth it; one step while searching."""
+FARTHEST, NORMAL_95 = 2.5, 1.96
 LIKELY = 0.05
 """Explanations that are less probable are no rivals."""
 
@@ -60,18 +61,32 @@ class Rival:
     name : its effect.
     model : with the effect free and all tolerances that are stated.
     p : (parameters,) of it.
+    sd : of the effect's magnitude, as far as the diagnosis knows it.
     """
 
     name: str
     model: MotionModel
     p: Array
+    sd: float = 0.0
 
 
 def ambiguous(gap: Gap) -> tuple[str, ...]:
-    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none."""
+    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none.
+
+    Effects that no recording like this one tells apart, or that stay likely beside one that is not sure.
+    """
     for own in gap.ranking if gap.gap_detected else ():
-        others = [name for name in own.indistinguishable_from if name != own.effect]
-        if others and own.probability >= LIKELY:
+        if own.probability < LIKELY:
+            continue
+        alike = [name for name in own.indistinguishable_from if name != own.effect]
+        likely = [
+            other.effect
+            for other in gap.ranking
+            if other.effect != own.effect and other.probability >= LIKELY
+            and max(own.probability, other.probability) < 1.0 - LIKELY
+            and not {own.effect, other.effect} <= set(gap.applied)
+        ]  # fmt: skip
+        if others := tuple(dict.fromkeys([*likely, *alike])):
             return (own.effect, *others)
     return ()
 
@@ -124,7 +139,7 @@ def discriminating(
     rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
     must_fit(asked)
     bench = _Bench(gap, rivals, asked)
-    found = bench.search(bench.worth, say)
+    found = bench.search(bench.worth, say, CLEARLY)
     separation = bench.separations(found.plan)
     worst = min(own.nats for own in separation)
     said = [f"To tell {rivals[0].name} from {', '.join(own.name for own in rivals[1:])}."]
@@ -173,7 +188,7 @@ def detecting(
     rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
     must_fit(asked)
     bench = _Bench(gap, [_without(rivals[0]), *rivals], asked)
-    found = bench.search(lambda plan, rough: bench.shown(plan, rough=rough), say)
+    found = bench.search(bench.shown, say, ENOUGH)
     separation = bench.seen(found.plan)
     impossible = tuple(
         f"No manoeuvre that was found in {asked.arena.words} shows {own.pair[0]} at its usual size "
@@ -183,7 +198,7 @@ def detecting(
     )
     shown: tuple[str, ...] = (f"To show {', '.join(chosen)} at usual sizes.",)
     if len(wanted) > len(chosen):
-        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them with ‹parameters›.")
+        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them as parameters.")
     return finished(
         "detect", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
         criterion={"name": "t", "parameters": list(chosen), "before": 0.0, "after": min(o.nats for o in separation)},
@@ -215,13 +230,19 @@ class _Bench:
         self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
         self.searching: PlanSearch
 
-    def search(self, worth: Callable[[PlannedMotion, bool], float], say: Callable[[str], None]) -> FoundPlan:
-        """The best plan; all rivals keep to the limits."""
+    def search(
+        self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None], enough: float
+    ) -> FoundPlan:
+        """The best plan, or one that is worth enough; all rivals keep to the limits."""
+
+        def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
+            return [of_one(plan, rough) for plan in plans]
+
         asked = self.asked
         self.searching = PlanSearch(
             self.courses[0], self.vehicle, asked.limits, asked.arena, asked.duration, self.samples[0], worth,
             asked.seed, follow=asked.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
-            enough=CLEARLY, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
+            enough=enough, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
         )  # fmt: skip
         found, nearest = self.searching.best(say)
         if found is None:
@@ -230,58 +251,64 @@ class _Bench:
 
     def worth(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the worst pair comes apart, a little for the others."""
-        pairs = list(combinations(range(len(self.rivals)), 2))
-        told = [self._apart(plan, i, j, self.rivals[i].p, 1, rough=rough) for i, j in pairs]
-        if not rough:
-            back = [self._apart(plan, j, i, self.rivals[j].p, 1) for i, j in pairs]
-            told = [min(a, b) for a, b in zip(told, back, strict=True)]
-        return _soft(told)
+        every, told = range(len(self.rivals)), dict[tuple[int, int], float]()
+        for i in every:
+            others = [j for j in every if (j > i if rough else j != i)]
+            for j, nats in zip(others, self._apart(plan, i, others, self.rivals[i].p, rough=rough), strict=True):
+                pair = (min(i, j), max(i, j))
+                told[pair] = min(nats, told.get(pair, inf))
+        return _soft(list(told.values()))
 
-    def shown(self, plan: PlannedMotion, *, rough: bool) -> float:
-        """Nats by which the least visible effect shows; the first rival is nothing."""
-        return _soft([self._apart(plan, j, 0, self.rivals[j].p, 1, rough=rough) for j in range(1, len(self.rivals))])
+    def shown(self, plan: PlannedMotion, rough: bool) -> float:
+        """Nats by which effects show against the first rival, nothing; more than is needed of one does not count."""
+        told = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
+        return float(np.mean(np.minimum(told, ENOUGH)))
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
-        found = []
-        for i, j in combinations(range(len(self.rivals)), 2):
-            both = [
-                [self.asked.repeat * self._apart(plan, a, b, p, STEPS) for p in self.samples[a][:AVERAGED]]
-                for a, b in ((i, j), (j, i))
-            ]
-            found.append(_separation((self.rivals[i].name, self.rivals[j].name), min(both, key=np.mean)))
-        return tuple(found)
+        every, told = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
+        for i in every:
+            others = [j for j in every if j != i]
+            nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
+            told |= {(i, j): (self.asked.repeat * own).tolist() for j, own in zip(others, nats.T, strict=True)}
+        return tuple(
+            _separation((self.rivals[i].name, self.rivals[j].name), min(told[i, j], told[j, i], key=np.mean))
+            for i, j in combinations(every, 2)
+        )
 
     def seen(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every effect against nothing."""
         return tuple(
             _separation(
                 (own.name, "nothing"),
-                [self.asked.repeat * self._apart(plan, j, 0, p, STEPS) for p in self.samples[j][:AVERAGED]],
+                [self.asked.repeat * self._apart(plan, j, [0], p)[0] for p in self.samples[j][:AVERAGED]],
             )
             for j, own in enumerate(self.rivals)
             if j > 0
         )
 
-    def _apart(self, plan: PlannedMotion, true: int, wrong: int, p: Array, steps: int, *, rough: bool = False) -> float:
-        """Nats that the wrong rival loses on readings of the true one at p, after it has adapted.
+    def _apart(
+        self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
+    ) -> list[float]:
+        """Nats that wrong rivals lose on readings of the true one at p, after all of them have adapted.
 
         Parameters
         ----------
-        steps : Gauss-Newton steps in which it does.
-        rough : whether some of the rows may stand for all, and delays that are no rivals be left out.
+        rough : whether some of the rows may stand for all, delays that are no rivals be left out, and one step do.
         """
-        every = max(1, round(self.asked.rate / ROUGH_RATE)) if rough else 1
+        every, steps = (max(1, round(self.asked.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
         p = self.held[true].of(p) if rough else p
         recording = self._readings(plan, true, p, every)
         if recording is None:
-            return 0.0
-        wide = self.rivals[wrong].p.copy()
-        wide[self.shared[wrong]] = p[self.shared[true]]
-        lost = self._cost(recording, wrong, wide, steps, every)
-        if np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]]):
-            return max(lost, 0.0)
-        return max(lost - self._cost(recording, true, p, 1, every), 0.0)
+            return [0.0] * len(wrong)
+        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]])
+        own = self._cost(recording, true, p, steps, every) if drawn else 0.0
+        found = []
+        for other in wrong:
+            wide = self.rivals[other].p.copy()
+            wide[self.shared[other]] = p[self.shared[true]]
+            found.append(max(self._cost(recording, other, wide, steps, every) - own, 0.0))
+        return found
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
@@ -290,30 +317,38 @@ class _Bench:
         white = self.whitening[rival].of(recording, p, every)
         low, high = problem.bounds
         x = at = problem.unknowns(p)
-        best, told, step = inf, inf, np.zeros(len(x))
+        best, told, damping = inf, inf, 0.0
+        H, g, scale, moving = np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp)
         for _ in range(steps + 1):
             ((rows, own_e, own_J),) = by_interval(problem, x)
             value = inf
             if np.all(np.isfinite(own_e)) and np.all(np.isfinite(own_J)):
-                moving = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
-                e = np.zeros((len(recording), len(ones), 1 + len(moving)))
-                e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, moving]
-                both = white(e).reshape(-1, 1 + len(moving))
-                r, W = both[:, 0], both[:, 1:]
-                value = 0.5 * float(r @ r) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
+                there = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
+                e = np.zeros((len(recording), len(ones), 1 + len(there)))
+                e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, there]
+                both = white(e).reshape(-1, 1 + len(there))
+                value = 0.5 * float(both[:, 0] @ both[:, 0]) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
             if isfinite(value) and value < best:
-                best, at, step = value, x, np.zeros(len(x))
+                settled = best - value < SETTLED
+                best, at, moving, damping = value, x, there, 0.1 * damping
+                W = both[:, 1:]
                 H = W.T @ W + problem.believed[np.ix_(moving, moving)]
-                g = W.T @ r + problem.pull_of_priors(x)[moving]
+                g = W.T @ both[:, 0] + problem.pull_of_priors(x)[moving]
                 scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-                step[moving] = -scale * np.linalg.lstsq(H * np.outer(scale, scale), scale * g, rcond=1e-11)[0]
-                told = max(best + 0.5 * float(g @ step[moving]), 0.0)
-            elif best < inf:  # too far: what the derivative told does not hold there
-                step, told = 0.3 * step, best
+                if settled:
+                    break
+            elif best < inf:  # too far: what the derivative told does not hold there (Levenberg's damping)
+                damping = max(10.0 * damping, 0.1)
             else:
                 break
+            damped = H * np.outer(scale, scale) + damping * np.eye(len(H))
+            step = np.zeros(len(x))
+            step[moving] = -scale * np.linalg.lstsq(damped, scale * g, rcond=1e-11)[0]
+            told = max(best + 0.5 * float(g @ step[moving]), 0.0) if damping == 0.0 else best
+            if damping == 0.0 and best - told < SETTLED:
+                break
             x = np.clip(at + step, low, high)
-        return told if isfinite(told) else 0.0
+        return min(told, best) if isfinite(best) else 0.0
 
     def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
         """What sensors would read if a rival were true, commands as planned; one row of so many."""
@@ -355,6 +390,7 @@ def _rival(
 ) -> Rival:  # fmt: skip
     """The model with one of the effects at its magnitude, free; and the others that are applied in any case."""
     found = {own.effect: own.magnitude for own in gap.ranking}
+    spans = {own.effect: own.interval[1] - own.interval[0] for own in gap.ranking}
     for other in gap.applied:
         if other not in among and other in effects and other not in model.effects and other in found:
             model = model + effects[other].at(found[other])
@@ -372,7 +408,8 @@ def _rival(
         replace(own, fixed=True) for own in model.parameters if own.name != name and not own.fixed and own.prior is None
     ]
     model = model.with_parameters(*held)
-    return Rival(name, model, model.values)
+    sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
+    return Rival(name, model, model.values, sd if isfinite(sd) else 0.0)
 
 
 def _without(rival: Rival) -> Rival:
@@ -384,12 +421,12 @@ def _without(rival: Rival) -> Rival:
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
-    """(count, parameters) of what is stated with a tolerance, the stated values first."""
+    """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
     rng = np.random.default_rng((seed, 907))
     found, start = np.tile(rival.p, (count, 1)), 0
     for own in rival.model.parameters:
-        if own.shape == () and not own.fixed and own.prior is not None:
-            sd = float(np.max(np.asarray(own.prior.sd)))
+        if own.shape == () and not own.fixed and (own.prior is not None or own.name == rival.name):
+            sd = rival.sd if own.prior is None else float(np.max(np.asarray(own.prior.sd)))
             moved = found[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
             found[1:, start] = np.clip(moved, *own.bounds)
         start += own.size

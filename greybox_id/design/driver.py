@@ -8,7 +8,7 @@ same few lines are equations in CasADi, with which plans are made, and numbers, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import sqrt
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
@@ -130,24 +130,33 @@ def vehicle_of(model: MotionModel) -> Handling:
 def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
     """The model with its driver, its place on the ground, and what limits ask about as outputs; without sensors.
 
-    Its inputs are steering and drive as planned, and what is planned of speed and path.
+    Its inputs are steering and drive as planned, and what is planned of speed and path. The driver's numbers are its
+    last parameters, so that equations, and what is compiled of them, are alike for all drivers.
     """
+    numbers = {one.name: f"driver_{one.name}" for one in fields(PlanDriver)}
+
+    def of(q: Quantities) -> PlanDriver:
+        return PlanDriver(**{name: getattr(q.p, parameter) for name, parameter in numbers.items()})
 
     def places(q: Quantities) -> Mapping[str, Symbol]:
         c, s = cs.cos(q.x.yaw), cs.sin(q.x.yaw)
         return {"x": c * q.x.v_x - s * q.x.v_y, "y": s * q.x.v_x + c * q.x.v_y, "yaw": q.x.yaw_rate}
 
     def drive(value: Symbol, q: Quantities) -> Symbol:
-        return driver._drive(value, q.u.v_x_planned, q.x.v_x, cs)
+        return of(q)._drive(value, q.u.v_x_planned, q.x.v_x, cs)
 
     def steer(value: Symbol, q: Quantities) -> Symbol:
         u, x = q.u, q.x
-        back = driver._back(u.x_planned, u.y_planned, u.yaw_planned, u.v_x_planned, x.x, x.y, x.yaw, cs)
+        back = of(q)._back(u.x_planned, u.y_planned, u.yaw_planned, u.v_x_planned, x.x, x.y, x.yaw, cs)
         return value + getattr(q.p, PATH) * back
 
     follows = Parameter(PATH, "1", 0.0, (0.0, 1.0), fixed=True, about="whether the driver follows the planned path")
+    own = [
+        Parameter(parameter, "1", getattr(driver, name), fixed=True, about=f"{name} of the driver")
+        for name, parameter in numbers.items()
+    ]
     units = (("x", "m"), ("y", "m"), ("yaw", "rad"))
-    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(follows)
+    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(follows, *own)
     return replace(
         added,
         inputs=(*added.inputs, *PLANNED),

@@ -130,33 +130,41 @@ class Information:
         self.rough_simulator.kernel.prepare()
         self.scatter = ForceScatter(self.model, self.noise)
 
-    def of(self, plan: PlannedMotion, P: Array, *, rough: bool = False) -> Array:
+    def of(self, plan: PlannedMotion, P: Array) -> Array:
         """(K, q, q) information of a plan on the free numbers, its starts accounted for; zero where it is not finite.
 
         Parameters
         ----------
         plan : commands and the motion that is expected.
         P : (K, parameters) where to linearise.
+        """
+        return np.stack([self.told([plan], p)[0].information for p in P])
+
+    def told(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Scores]:
+        """What each plan tells of the free numbers, as the fit counts residuals and as they scatter.
+
+        Parameters
+        ----------
+        plans : commands and the motion that is expected; several cost little more than one, as lanes of one simulation.
+        p : (parameters,) where to linearise.
         rough : whether some of the rows may stand for all, and delays be left out.
         """
-        return np.stack([self.told(plan, p, rough=rough).information for p in P])
-
-    def told(self, plan: PlannedMotion, p: Array, *, rough: bool = False) -> Scores:
-        """What a plan tells of the free numbers, as the fit counts residuals and as they scatter."""
-        every = max(1, round(1.0 / (plan.time[1] - plan.time[0]) / ROUGH_RATE)) if rough else 1
+        step = plans[0].time[1] - plans[0].time[0]
+        every = max(1, round(1.0 / step / ROUGH_RATE)) if rough else 1
         p, simulator = (self.rough.of(p), self.rough_simulator) if rough else (p, self.simulator)
-        recording = self.recording(plan, every)
+        recordings = [self.recording(plan, every) for plan in plans]
         problem = MotionProblem(
-            simulator, [recording], noise=self.noise / np.sqrt(every), horizon=self.how.get("horizon"),
+            simulator, recordings, noise=self.noise / np.sqrt(every), horizon=self.how.get("horizon"),
             starts=self.how.get("start_from", "free"), about=p,
         )  # fmt: skip
         x = problem.unknowns(p)
-        index, q = problem.parameters.index[0][self.known.places], len(self.known.places)
-        H, G = np.zeros((q, q)), np.zeros((*problem.target.shape, q))
+        q = len(self.known.places)
+        H, G = np.zeros((len(plans), q, q)), np.zeros((*problem.target.shape, q))
         loose = problem.free.copy()
-        loose[problem.parameters.index[0]] = False
+        loose[np.concatenate(problem.parameters.index)] = False
         for k, (rows, _, J) in enumerate(by_interval(problem, x)):
-            own = problem.layout.index[k]
+            run, own = problem.intervals[k].run, problem.layout.index[k]
+            index = problem.parameters.index[run][self.known.places]
             places = np.array([np.flatnonzero(own == place)[0] for place in index])
             by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[own])]
             flat = by_start.reshape(-1, by_start.shape[2])
@@ -165,12 +173,18 @@ class Information:
                 inner = flat.T @ flat + problem.believed[np.ix_(starts, starts)]
                 pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
                 by = by - (flat @ pull).reshape(by.shape)
-            H += by.reshape(-1, q).T @ by.reshape(-1, q)
+            H[run] += by.reshape(-1, q).T @ by.reshape(-1, q)
             G[rows] += by * problem.weight[rows][:, :, None]
-        if not (np.all(np.isfinite(H)) and np.all(np.isfinite(G))):
-            return Scores(np.zeros((q, q)), np.zeros((q, q)))
-        starts = np.array([own.start for own in problem.intervals])
-        return Scores(H, H + self.scatter.of(recording, p, G, starts, every))
+        edges = np.cumsum([0, *(len(recording) for recording in recordings)])
+        good = np.array([
+            bool(np.all(np.isfinite(own)) and np.all(np.isfinite(G[a:b])))
+            for own, a, b in zip(H, edges[:-1], edges[1:], strict=True)
+        ])  # fmt: skip
+        H[~good] = 0.0
+        G[np.repeat(~good, np.diff(edges))] = 0.0
+        begun = [np.array([own.start for own in problem.intervals if own.run == k]) for k in range(len(plans))]
+        scatter = self.scatter.of(recordings, p, G, begun, every)
+        return [Scores(own, own + more) for own, more in zip(H, scatter, strict=True)]
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
         """The recording that a plan is expected to give, without noise; one row of so many."""

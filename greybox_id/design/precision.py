@@ -88,13 +88,15 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     course = PlanCourse(model, driver_of(model, asked.limits), asked.rate, asked.limits.speed_min)
     information = Information(fit, known, wanted)
 
-    def worth(plan: PlannedMotion, rough: bool) -> float:
-        P = samples[: 1 if rough else AVERAGED]
+    def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
         told = [
-            criterion(known.precision + asked.repeat * F, known, wanted, kind)
-            for F in information.of(plan, P, rough=rough)
+            [
+                criterion(known.precision + asked.repeat * own.information, known, wanted, kind)
+                for own in information.told(plans, p, rough=rough)
+            ]
+            for p in samples[: 1 if rough else AVERAGED]
         ]
-        return float(np.median(told))
+        return [float(value) for value in np.median(told, axis=0)]
 
     must_fit(asked)
     search = PlanSearch(

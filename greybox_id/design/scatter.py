@@ -9,7 +9,7 @@ the inverse of that, H S^-1 H.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,35 +111,51 @@ class ForceScatter:
         self.simulator.kernel.prepare()
         self.sizes: ForceSizes | None = None
 
-    def of(self, recording: Recording, p: Array, G: Array, starts: Index, every: int = 1) -> Array:
-        """(q, q) covariance of the sum over all readings of G times what the forces make of them.
+    def of(self, recordings: Sequence[Recording], p: Array, G: Array, starts: Sequence[Index], every: int = 1) -> Array:
+        """(recordings, q, q) covariance of each one's sum over its readings of G times what the forces make of them.
 
         Parameters
         ----------
-        recording : commands, and readings that are expected.
+        recordings : commands, and readings that are expected; one unbroken run each, N rows in all.
         p : (parameters,) of the model where to linearise.
         G : (N, outputs, q).
-        starts : rows at which predictions start afresh.
+        starts : of each recording, rows at which predictions start afresh.
         every : so many readings stand behind each.
         """
         noise = self.noise / np.sqrt(every)
         if not knows_unknown_forces(self.model):
-            return np.zeros((G.shape[2], G.shape[2]))
+            return np.zeros((len(recordings), G.shape[2], G.shape[2]))
         own = np.concatenate([p, np.zeros(self.model.size - len(p))])
-        bench = Bench(self.model, [recording], self.simulator)
+        bench = Bench(self.model, recordings, self.simulator)
         self.sizes = self.sizes or ForceSizes(bench)
         about = linearised(bench, own, noise, self.sizes)
-        begins = about.first
-        if len(starts) > 1:
-            ((plan, _),) = bench.trajectory(own)
-            begins = np.isin(np.arange(len(about.first)), plan.row_segment[starts])
+        first = np.append(np.flatnonzero(about.first), len(about.first))
+        begins = about.first.copy()
+        if any(len(rows) > 1 for rows in starts):
+            for (plan, _), rows, a in zip(bench.trajectory(own), starts, first, strict=False):
+                begins[a + plan.row_segment[rows]] = True
         floor = np.where(about.axis == 0, 0.5, 1.0) * CAL.floor * about.mass
         scale = np.hypot(floor, CAL.form * about.force)
         fade = np.exp(-about.length / CAL.memory)
         told = np.ascontiguousarray(G[about.row, about.channel])
-        return np.asarray(
-            _shaken(about.A, about.B, about.C, about.D, scale, fade, begins, about.pointer, about.channel, told)
-        )
+        found = []
+        for a, b in zip(first[:-1], first[1:], strict=True):
+            c, d = about.pointer[a], about.pointer[b]
+            found.append(
+                _shaken(
+                    about.A[a:b],
+                    about.B[a:b],
+                    about.C[a:b],
+                    about.D[a:b],
+                    scale[a:b],
+                    fade[a:b],
+                    begins[a:b],
+                    about.pointer[a : b + 1] - c,
+                    about.channel[c:d],
+                    told[c:d],
+                )
+            )
+        return np.stack(found)
 
 
 class Whitening:

@@ -7,7 +7,6 @@ limits, nominally and for the draws of what is uncertain.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,16 +17,31 @@ from .course import AT, PlanCourse, PlannedMotion, strain
 from .limits import DriveLimits
 from .primitives import SHAPES, Handling, Phase, asked
 
-Worth = Callable[[PlannedMotion, bool], float]
-"""(plan, whether roughly is enough) -> what it is worth, in nats: more is better."""
+Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
+"""(plans, whether roughly is enough) -> what each is worth, in nats: more is better."""
 
 SKETCHED, TRIED, MENDED = 2400, 240, 3
 """Chains drawn at random and sketched as if tyres did not slip; those that are simulated as they lie best in the arena;
 rounds in which those that break limits are made gentler or slower."""
+STANDARD: Sequence[tuple[tuple[str, float, float, float], ...]] = (
+    (("straight", 0.0, 0.0, 0.5), ("straight", 0.0, 1.0, 1.5)),
+    (("straight", 0.0, 1.0, 1.0), ("straight", 0.0, 0.0, 1.5), ("straight", 0.0, 1.0, 1.0)),
+    (("steps", 0.6, 1.0, 1.0),),
+    (("sweep", 0.7, 1.0, 1.0),),
+    (("spiral", 1.0, 1.0, 1.0), ("spiral", -1.0, 1.0, 1.0)),
+    (("straight", 0.0, 1.0, 1.0), ("turn", 0.7, 0.0, 1.0), ("turn", -0.7, 1.0, 1.0)),
+)
+"""What test drivers drive (accelerating, braking and coasting, steps, a slalom that grows faster, spirals, braking and
+accelerating in turns), which random chains seldom hit: shape, amplitude, share of the fastest speed, duration."""
+PACES = (0.35, 0.65, 1.0)
+"""Shares of the fastest speed at which these are tried."""
 SKETCH_RATE = 5.0
 """Rows a second of sketches."""
-REFINED, GENERATIONS = 3, 40
-"""Chains that are refined, and generations of each."""
+REFINED, GENERATIONS, HEAT = 3, 40, 10
+"""Chains that are refined, generations of the best of them, and generations after which it is chosen."""
+SETTLED = 0.1
+"""Nats that the best plan must have gained in a heat for another one: 1 % of each of five standard deviations; draws of
+the same posterior differ by more."""
 MOST_PHASES = 4
 AT_ONCE = 8
 """Plans that are simulated at once: the lanes of the kernel."""
@@ -67,10 +81,6 @@ class FoundPlan:
     broken: float
 
 
-class _EnoughError(Exception):
-    """A plan is worth enough."""
-
-
 class PlanSearch:
     """Searches for a plan.
 
@@ -106,30 +116,31 @@ class PlanSearch:
         say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits")
         if not inside:
             gentlest = min(drawn, key=lambda own: own.broken)
-            refined = self._refined(gentlest)
-            if refined is None:
+            refined = self._refined([gentlest])
+            if not refined:
                 return None, gentlest
-            inside = [refined]
-        scored = sorted((self._scored(own, rough=True) for own in inside), key=lambda own: -own.worth)
-        found = list[FoundPlan]()
-        for start in _unlike(scored)[:REFINED]:
-            best = self._refined(start)
-            found += [] if best is None else [best]
-            if best is not None and best.worth >= self.enough:
+            inside = refined
+        scored = sorted(self._scored(inside, rough=True), key=lambda own: -own.worth)
+        tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda own: -own.worth)
+        kept, most = list[FoundPlan](), -np.inf
+        for own in tried:
+            if kept and own.worth <= most:  # gentler, it is worth less still
                 break
-        tried = [*found, *scored[:SURE]]
-        kept = [own for own in map(self.sure, tried) if own is not None]
+            made = self.sure(own)
+            if made is not None:
+                kept.append(made)
+                most = max(most, self._scored([made], rough=True)[0].worth)
         if not kept:
             return None, tried[0]
-        best = max(kept, key=lambda own: own.worth)
+        best = max(self._scored(kept), key=lambda own: own.worth)
         return best, best
 
     def sure(self, found: FoundPlan) -> FoundPlan | None:
         """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
         for _ in range(GENTLER):
-            kept, guilty = self._holding(found, self.samples)
+            kept, guilty = self._holding(found, self.samples, NEEDED)
             if found.broken <= 0 and kept >= NEEDED:
-                return self._scored(found)
+                return found
             calmer = tuple(
                 replace(
                     own,
@@ -148,20 +159,30 @@ class PlanSearch:
         """Share of the parameters with which a plan keeps to all limits."""
         return self._holding(found, P)[0]
 
-    def _holding(self, found: FoundPlan, P: Array) -> tuple[float, frozenset[int]]:
-        """That share, and the phases in which limits are broken first; all of them where the arena is left."""
+    def _holding(self, found: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
+        """That share, and the phases in which limits are broken first; all of them where the arena is left.
+
+        Parameters
+        ----------
+        least : share below which it does not matter how many more do.
+        """
         shares, guilty, last = [], set[int](), len(found.phases) - 1  # the stop is the last phase's
         each = [found.plan.phase == k for k in np.unique(found.plan.phase)]
         for course, own in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
-            y = course.driven(found.plan, own, follow=self.follow)
-            out = np.array([self._outside(found.placement, motion) for motion in y])
-            broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
-            within = ~np.any(broken, axis=0)
-            shares.append(float(np.mean(within & (out <= 0.0))))
-            first = np.argmax(broken[:, ~within], axis=0)
-            guilty |= {min(int(found.plan.phase[np.argmax(each[k])]), last) for k in first}
-            if np.any(within & (out > 0.0)):
-                guilty |= set(range(last + 1))
+            held = 0
+            for a in range(0, len(own), AT_ONCE):
+                y = course.driven(found.plan, own[a : a + AT_ONCE], follow=self.follow)
+                out = np.array([self._outside(found.placement, motion) for motion in y])
+                broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
+                within = ~np.any(broken, axis=0)
+                held += int(np.sum(within & (out <= 0.0)))
+                first = np.argmax(broken[:, ~within], axis=0)
+                guilty |= {min(int(found.plan.phase[np.argmax(each[k])]), last) for k in first}
+                if np.any(within & (out > 0.0)):
+                    guilty |= set(range(last + 1))
+                if held + len(own[a + AT_ONCE :]) < least * len(own):
+                    return held / len(own), frozenset(guilty)
+            shares.append(held / len(own))
         return min(shares), frozenset(guilty)
 
     def _outside(self, placement: Placement, motion: Array) -> float:
@@ -181,7 +202,7 @@ class PlanSearch:
             inside = own[room[own] <= 0]
             most = self._times(TRIED // MOST_PHASES)
             chosen += (inside if len(inside) >= most else own[np.argsort(room[own], kind="stable")])[:most].tolist()
-        found = self._made([drawn[k] for k in chosen])
+        found = self._made([*(drawn[k] for k in chosen), *self._standard()])
         for _ in range(MENDED):
             wrong = [k for k, own in enumerate(found) if own.broken > 0]
             mended = self._made([self._mended(found[k]) for k in wrong])
@@ -189,6 +210,20 @@ class PlanSearch:
                 if other.broken < found[k].broken:
                     found[k] = other
         return found
+
+    def _standard(self) -> list[tuple[tuple[Phase, ...], float]]:
+        slow, fast = self.speeds
+        return [
+            (
+                tuple(
+                    Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
+                    for shape, amplitude, share, duration in chain
+                ),
+                self.duration,
+            )
+            for chain in STANDARD
+            for pace in PACES
+        ]
 
     def _times(self, usual: int) -> int:
         return max(2, round(usual * self.effort))
@@ -267,37 +302,29 @@ class PlanSearch:
         steered = np.max(np.abs(plan.steer)) / self.limits.steer_max - 1.0001
         return placement, max(worst, out, float(steered))
 
-    def _scored(self, own: FoundPlan, *, rough: bool = False) -> FoundPlan:
-        return replace(own, worth=self.worth(own.plan, rough))
+    def _scored(self, own: Sequence[FoundPlan], *, rough: bool = False) -> list[FoundPlan]:
+        found = list[FoundPlan]()
+        for first in range(0, len(own), AT_ONCE):
+            some = own[first : first + AT_ONCE]
+            worth = self.worth([one.plan for one in some], rough)
+            found += [replace(one, worth=value) for one, value in zip(some, worth, strict=True)]
+        return found
 
-    def _refined(self, start: FoundPlan) -> FoundPlan | None:
-        """A chain refined by CMA-ES in its numbers; None where it never keeps to the limits."""
-        best: FoundPlan | None = self._scored(start, rough=True) if start.broken <= 0 else None
-        few = self._hardest(start)
-
-        def cost(own: FoundPlan) -> float:
-            nonlocal best
-            if own.broken > 0:
-                return 1e3 + PENALTY * min(own.broken, 100.0)
-            own = self._scored(own, rough=True)
-            broken = 0.0
-            if best is None or not np.isfinite(best.worth) or own.worth > best.worth - 0.5:
-                broken = 1.0 - self.kept(own, few)
-                if broken <= 0.0 and (best is None or own.worth > best.worth):
-                    best = own
-            return -own.worth + PENALTY * broken
-
-        def costs(X: Array) -> list[float]:
-            if best is not None and best.worth >= self.enough:
-                raise _EnoughError
-            return [cost(own) for own in self._made(chains(X))]
-
-        def chains(X: Array) -> list[tuple[tuple[Phase, ...], float]]:
-            return [self._decoded(start, x) for x in X]
-
-        with suppress(_EnoughError):
-            _cma(costs, self._coded(start), 0.25, self._times(GENERATIONS), self.rng)
-        return best
+    def _refined(self, starts: Sequence[FoundPlan]) -> list[FoundPlan]:
+        """Chains refined by CMA-ES in their numbers: each for a heat, the best of them on; none that breaks limits."""
+        each = [_Refinement(self, start) for start in starts]
+        heat, most = self._times(HEAT), self._times(GENERATIONS)
+        for own in each:
+            own.go(heat)
+            if own.worth >= self.enough:
+                break
+        leading, before = max(each, key=lambda own: own.worth), -np.inf
+        for _ in range(heat, most, heat):
+            if before > -np.inf and leading.worth < before + SETTLED:
+                break
+            before = leading.worth
+            leading.go(heat)
+        return [own.best for own in each if own.best is not None]
 
     def _hardest(self, found: FoundPlan) -> Array:
         """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
@@ -343,49 +370,94 @@ def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
     return [best[count] for count in sorted(best, reverse=True)]
 
 
-def _cma(
-    cost: Callable[[Array], Sequence[float]], start: Array, step: float, generations: int, rng: np.random.Generator
-) -> Array:
-    """The point that CMA-ES ends at (Hansen, The CMA Evolution Strategy: A Tutorial, 2016, arXiv:1604.00772).
+class _Refinement:
+    """A chain that is being refined; `best` is None as long as it breaks limits."""
+
+    def __init__(self, search: PlanSearch, start: FoundPlan) -> None:
+        self.search, self.start = search, start
+        self.best = search._scored([start], rough=True)[0] if start.broken <= 0 else None
+        self.few = search._hardest(start)
+        self.cma = CMA(search._coded(start), 0.25, search.rng)
+
+    @property
+    def worth(self) -> float:
+        """Of the best plan that keeps to all limits."""
+        return -np.inf if self.best is None else self.best.worth
+
+    def go(self, generations: int) -> None:
+        """Refine it; until it is worth enough."""
+        for _ in range(generations):
+            if self.worth >= self.search.enough:
+                return
+            made = self.search._made([self.search._decoded(self.start, x) for x in self.cma.ask()])
+            self.cma.tell(self._costs(made))
+
+    def _costs(self, made: Sequence[FoundPlan]) -> list[float]:
+        inside = iter(self.search._scored([own for own in made if own.broken <= 0], rough=True))
+        found = []
+        for own in made:
+            if own.broken > 0:
+                found.append(1e3 + PENALTY * min(own.broken, 100.0))
+                continue
+            scored, broken = next(inside), 0.0
+            if not np.isfinite(self.worth) or scored.worth > self.worth - 0.5:
+                broken = 1.0 - self.search.kept(scored, self.few)
+                if broken <= 0.0 and scored.worth > self.worth:
+                    self.best = scored
+            found.append(-scored.worth + PENALTY * broken)
+        return found
+
+
+class CMA:
+    """CMA-ES, asked for points and told what they cost (Hansen, The CMA Evolution Strategy, 2016, arXiv:1604.00772).
 
     Parameters
     ----------
-    cost : (lambda, n) points -> what each costs.
     start : (n,).
     step : standard deviation at the start, in all coordinates.
     """
-    n = len(start)
-    count = 4 + int(3 * np.log(n)) + 4
-    mu = count // 2
-    weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
-    weights /= np.sum(weights)
-    effective = 1.0 / np.sum(weights**2)
-    c_c = (4 + effective / n) / (n + 4 + 2 * effective / n)
-    c_s = (effective + 2) / (n + effective + 5)
-    c_1 = 2 / ((n + 1.3) ** 2 + effective)
-    c_mu = min(1 - c_1, 2 * (effective - 2 + 1 / effective) / ((n + 2) ** 2 + effective))
-    damping = 1 + 2 * max(0.0, np.sqrt((effective - 1) / (n + 1)) - 1) + c_s
-    usual = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
-    mean, C, p_c, p_s = start.astype(float), np.eye(n), np.zeros(n), np.zeros(n)
-    for k in range(generations):
-        value, B = np.linalg.eigh(C)
-        D = np.sqrt(np.maximum(value, 1e-14))
-        z = rng.standard_normal((count, n))
-        if k == 0:
+
+    def __init__(self, start: Array, step: float, rng: np.random.Generator) -> None:
+        n = len(start)
+        self.mean, self.step, self.rng, self.k = start.astype(float), step, rng, 0
+        self.count = 4 + int(3 * np.log(n)) + 4
+        mu = self.count // 2
+        weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
+        self.weights = weights / np.sum(weights)
+        self.effective = float(1.0 / np.sum(self.weights**2))
+        self.C, self.p_c, self.p_s = np.eye(n), np.zeros(n), np.zeros(n)
+
+    def ask(self) -> Array:
+        """(lambda, n) points; the first of all is the start."""
+        value, self.B = np.linalg.eigh(self.C)
+        self.D = np.sqrt(np.maximum(value, 1e-14))
+        z = self.rng.standard_normal((self.count, len(self.mean)))
+        if self.k == 0:
             z[0] = 0.0
-        moved = z * D @ B.T
-        order = np.argsort(cost(mean + step * moved), kind="stable")[:mu]
-        way = weights @ moved[order]
-        mean = mean + step * way
-        p_s = (1 - c_s) * p_s + np.sqrt(c_s * (2 - c_s) * effective) * (B @ ((B.T @ way) / D))
-        long = np.linalg.norm(p_s)
-        going = long / np.sqrt(1 - (1 - c_s) ** (2 * (k + 1))) < (1.4 + 2 / (n + 1)) * usual
-        p_c = (1 - c_c) * p_c + going * np.sqrt(c_c * (2 - c_c) * effective) * way
+        self.moved = z * self.D @ self.B.T
+        return np.asarray(self.mean + self.step * self.moved)
+
+    def tell(self, costs: Sequence[float]) -> None:
+        """What each of the points costs that were asked for."""
+        n, effective, weights = len(self.mean), self.effective, self.weights
+        c_c = (4 + effective / n) / (n + 4 + 2 * effective / n)
+        c_s = (effective + 2) / (n + effective + 5)
+        c_1 = 2 / ((n + 1.3) ** 2 + effective)
+        c_mu = min(1 - c_1, 2 * (effective - 2 + 1 / effective) / ((n + 2) ** 2 + effective))
+        damping = 1 + 2 * max(0.0, np.sqrt((effective - 1) / (n + 1)) - 1) + c_s
+        usual = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
+        best = self.moved[np.argsort(costs, kind="stable")[: len(weights)]]
+        way = weights @ best
+        self.k += 1
+        self.mean = self.mean + self.step * way
+        self.p_s = (1 - c_s) * self.p_s + np.sqrt(c_s * (2 - c_s) * effective) * (self.B @ ((self.B.T @ way) / self.D))
+        long = np.linalg.norm(self.p_s)
+        going = long / np.sqrt(1 - (1 - c_s) ** (2 * self.k)) < (1.4 + 2 / (n + 1)) * usual
+        self.p_c = (1 - c_c) * self.p_c + going * np.sqrt(c_c * (2 - c_c) * effective) * way
         C = (
-            (1 - c_1 - c_mu) * C
-            + c_1 * (np.outer(p_c, p_c) + (not going) * c_c * (2 - c_c) * C)
-            + c_mu * (moved[order].T * weights) @ moved[order]
+            (1 - c_1 - c_mu) * self.C
+            + c_1 * (np.outer(self.p_c, self.p_c) + (not going) * c_c * (2 - c_c) * self.C)
+            + c_mu * (best.T * weights) @ best
         )
-        C = 0.5 * (C + C.T)
-        step *= float(np.exp((c_s / damping) * (long / usual - 1)))
-    return np.asarray(mean)
+        self.C = 0.5 * (C + C.T)
+        self.step *= float(np.exp((c_s / damping) * (long / usual - 1)))

@@ -9,6 +9,7 @@ from made_gaps import clear, none
 import greybox_id as gb
 from greybox_id.api import designing
 from greybox_id.api.designing import nominal_of
+from greybox_id.design import discriminate
 from greybox_id.design.discriminate import ENOUGH, ambiguous, parted
 from greybox_id.exam.aliases import ALWAYS_ALIKE
 from greybox_id.gap.gap import Ranked
@@ -74,6 +75,29 @@ def test_where_nothing_is_ambiguous_that_is_said(saved):
     assert gb.design(saved(none()), arena="disc:60").said[0].endswith("no gap was detected.")
     assert design.plan is None
     assert ambiguous(clear()) == ()
+
+
+def test_what_stays_likely_beside_what_is_not_sure_is_not_told_apart():
+    first = Ranked("steering_delay", 0.6, 0.06, "s", (0.05, 0.07), (), 100.0)
+    second = Ranked("steering_lag", 0.3, 0.06, "s", (0.05, 0.07), (), 99.0)
+    assert ambiguous(clear(ranking=(first, second), applied=("steering_delay",))) == ("steering_delay", "steering_lag")
+    assert ambiguous(clear(ranking=(first, second), applied=("steering_delay", "steering_lag"))) == ()
+    sure = replace(first, probability=0.97)
+    assert ambiguous(clear(ranking=(sure, second), applied=("steering_delay",))) == ()
+    unlikely = replace(second, probability=0.01)
+    assert ambiguous(clear(ranking=(first, unlikely), applied=("steering_delay",))) == ()
+
+
+def test_what_is_predicted_is_what_is_left_when_explanations_have_adapted(saved, monkeypatch):
+    """More steps than are usual change no separation: what adapts slowly would pass for what is told apart."""
+    told = []
+    for steps in (discriminate.STEPS, 4 * discriminate.STEPS):
+        monkeypatch.setattr(discriminate, "STEPS", steps)
+        gap = unsure("motor_gain", "mass_change", (1.1, 0.91))
+        design = gb.design(saved(gap), arena="disc:80", duration=5.0, rate=25.0, limits=LIMITS, effort=0.01)
+        told.append(design.separation[0])
+    assert told[0].nats == pytest.approx(told[1].nats, abs=1.0)
+    assert told[0].p10 == pytest.approx(told[1].p10, abs=1.0)
 
 
 def test_a_delay_and_a_lag_are_told_apart(saved):

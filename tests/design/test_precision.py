@@ -11,7 +11,7 @@ from greybox_id.design.information import Information, criterion, draws, known_b
 from greybox_id.design.limits import DriveLimits
 from greybox_id.design.precision import _exact, _hardly
 from greybox_id.design.primitives import SHAPES, Phase, asked
-from greybox_id.design.search import _cma
+from greybox_id.design.search import CMA
 from greybox_id.errors import BadInput
 from greybox_id.models.registry import build
 
@@ -75,7 +75,7 @@ def test_information_of_a_plan_agrees_with_a_fit_of_what_it_gives(fit, course):
     known = known_by(fit)
     plan = plan_of(course, fit, Phase("sweep", 0.7, 0.5, 14.0, 2.0), Phase("turn", 0.7, 0.0, 14.0, 1.0), duration=15.0)
     information = Information(fit, known)
-    F = information.told(plan, fit.model.values).H
+    F = information.told([plan], fit.model.values)[0].H
     rng = np.random.default_rng(2)
     recording = information.recording(plan)
     y = gb.simulate(fit, recording)
@@ -92,12 +92,27 @@ def test_model_error_takes_information_away_and_a_few_rows_stand_for_all(fit, co
     known = known_by(fit)
     information = Information(fit, known)
     plan = plan_of(course, fit, Phase("sine", 0.9, 0.5, 14.0, 1.0), Phase("turn", 0.9, 0.0, 14.0, 1.0))
-    told = information.told(plan, fit.model.values)
+    told = information.told([plan], fit.model.values)[0]
     of_noise, beside = (np.sqrt(np.diag(np.linalg.inv(F))) for F in (told.H, told.information))
     at = [known.names.index(name) for name in FIVE]
     assert np.all(beside[at] > of_noise[at])
-    few = information.of(plan, fit.model.values[None], rough=True)[0]
+    few = information.told([plan], fit.model.values, rough=True)[0].information
     assert np.sqrt(np.diag(np.linalg.inv(few)))[at] == pytest.approx(beside[at], rel=0.1)
+
+
+def test_several_plans_at_once_tell_what_each_of_them_does(fit, course):
+    information = Information(fit, known_by(fit))
+    plans = [
+        plan_of(course, fit, Phase("sine", 0.9, 0.5, 14.0, 1.0)),
+        plan_of(course, fit, Phase("turn", 0.7, 0.0, 12.0, 1.0), duration=7.0),
+    ]
+    for rough in (False, True):
+        both = information.told(plans, fit.model.values, rough=rough)
+        for plan, own in zip(plans, both, strict=True):
+            (alone,) = information.told([plan], fit.model.values, rough=rough)
+            scale = np.sqrt(np.outer(np.diag(alone.H), np.diag(alone.H)))
+            assert own.H / scale == pytest.approx(alone.H / scale, abs=1e-3)
+            assert own.S / scale == pytest.approx(alone.S / scale, rel=1e-2, abs=1e-3)
 
 
 def test_what_a_manoeuvre_adds_little_to_is_said_with_how_little(fit):
@@ -151,8 +166,10 @@ def test_cma_finds_the_bottom_of_a_bent_valley():
     def cost(X):
         return [(1 - x[0]) ** 2 + 20 * (x[1] - x[0] ** 2) ** 2 for x in X]
 
-    end = _cma(cost, np.array([-1.0, 1.0]), 0.4, 120, np.random.default_rng(3))
-    assert end == pytest.approx([1.0, 1.0], abs=0.05)
+    found = CMA(np.array([-1.0, 1.0]), 0.4, np.random.default_rng(3))
+    for _ in range(120):
+        found.tell(cost(found.ask()))
+    assert found.mean == pytest.approx([1.0, 1.0], abs=0.05)
 
 
 def test_a_design_promises_more_than_there_is_and_keeps_to_its_limits(design):
