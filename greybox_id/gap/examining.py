@@ -147,7 +147,7 @@ def examine(
     before, then = (misfit(search, freed_ways[frozenset(own.names)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, plain(then.e, good, bench), bench, tuple(own.name for own in recordings))
     scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
-    jittered, after, leaves = jitter(bench, best.e, y, sd, good, jumps), closed.after, 1.0
+    jittered, after, leaves = _sole(jitter(bench, best.e, y, sd, good, jumps)), closed.after, 1.0
     if jittered is not None:
         present = _sure(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
         scatter["timestamp_jitter"] = (jittered, present)
@@ -287,10 +287,15 @@ def _jitters(
     Where one does, a reading that comes early is not what rates tell, and delays and lags explain it a little.
     """
     y = np.where(bench.counted, base.e + bench.measured, 0.0)
-    own = jitter(bench, base.e, y, sd, good, jumps)
+    own = _sole(jitter(bench, base.e, y, sd, good, jumps))
     _, calm = steady(bench, y, sd, good)
     gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
     return own is not None and own.gain >= gain and _sure(own.gain) > CAL.present
+
+
+def _sole(own: Scatter | None) -> Scatter | None:
+    """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
+    return own if own is not None and own.left <= CAL.unnamed_noise**2 else None
 
 
 def _sure(gain: float) -> float:

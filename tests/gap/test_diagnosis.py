@@ -15,8 +15,10 @@ from greybox_id.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
 from greybox_id.gap.calibration import CAL
 from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
+from greybox_id.gap.examining import _sole
 from greybox_id.gap.gap import Unnamed
 from greybox_id.gap.model_error import believed
+from greybox_id.gap.variance import Scatter
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, StatedModelError, Vehicle
@@ -403,3 +405,10 @@ def test_what_cannot_be_told_apart_is_ranked_by_what_is_sure_of_it_together():
     )
     listed = [ranked("grip", 0.72), ranked("pitch", 0.45, "bias"), ranked("bias", 0.45, "pitch")]
     assert _of_sets(found, listed, 0.9) == pytest.approx({"pitch": 0.9, "grip": 0.72, "bias": 0.45})
+
+
+def test_jitter_that_leaves_more_than_noise_is_none():
+    own = Scatter(0.003, 0.0001, 60.0, 1.2)
+    assert _sole(own) is own
+    assert _sole(replace(own, left=2.2)) is None  # errors of a model that lasts a row or two
+    assert _sole(None) is None
