@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from math import exp, inf, isinf, log, pi
+from sys import float_info
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,6 @@ from ..memory_model import MemoryModel
 from ..parameter import Parameter
 from .calibration import CAL
 
-TINY = 1e-300
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
@@ -76,7 +76,7 @@ class Axis:
     def coordinate(self, value: float) -> float:
         """The coordinate at which the parameter has this value."""
         if self.relative:
-            return log(max(value, TINY))
+            return log(max(value, float_info.min))
         return 1 / value if self.inverse else value
 
     def relatively(self) -> Axis:

@@ -235,6 +235,9 @@ class Calibration:
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
     enough: float = _known(1.0, "nats that are worth once more", SEARCHED)
+    far: float = _known(
+        1e100, "what derivatives count as at most, where a vehicle spins: of larger ones no sums of squares"
+    )
     trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, the prior first", SEARCHED)
 
     # ---- how numbers are found

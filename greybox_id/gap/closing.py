@@ -130,8 +130,7 @@ def refitted_tolerances(
         search.trusting(min(step, most))
         tried = list[Hypothesis]()
         for begin in starts:
-            if begin is not starts[0]:
-                search.about(begin)
+            search.about(begin)
             tried += [settled(search, each) for each in refit(search, [search.start_of(begin)])]
         if tried:  # none where derivatives leave the range of numbers
             found = min(tried, key=by_cost)

@@ -23,9 +23,6 @@ from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
 
-FAR = 1e100
-"""What derivatives count as at most: of so large ones squares are still numbers."""
-
 
 class Search:
     """What hypotheses about one bench are weighed by.
@@ -81,8 +78,8 @@ class Search:
             if axis.shift and not delays:
                 same = [first + k, first + count + k]
                 self._by[:, :, same] = before[:, :, same]
-        if not abs(np.sum(self._by)) < FAR:  # where the vehicle spins, derivatives grow beyond all numbers
-            np.clip(np.nan_to_num(self._by, copy=False), -FAR, FAR, out=self._by)
+        if not abs(np.sum(self._by)) < CAL.far:  # where the vehicle spins, derivatives grow beyond all numbers
+            np.clip(np.nan_to_num(self._by, copy=False), -CAL.far, CAL.far, out=self._by)
         self._whiten()
 
     @contextmanager

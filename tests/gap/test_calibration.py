@@ -11,7 +11,7 @@ from greybox_id.exam.answers import SIZABLE
 from greybox_id.gap.calibration import CAL, provenance
 
 MATHEMATICS = {
-    "axes": {"DIRECTIONS", "SECONDS", "TINY"},  # a circle's quarters; usual values of units; a logarithm's guard
+    "axes": {"DIRECTIONS", "SECONDS"},  # a circle's quarters; usual values of units
     "closed_vehicle": {"NORMAL"},  # quantile of a normal distribution
     "diagnosis": {"NINETY_FIVE"},
     "evidence": {"NEVER"},  # guards against numbers without meaning
@@ -20,7 +20,6 @@ MATHEMATICS = {
     "innovations": {"G", "NO_GATE"},
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
-    "search": {"FAR"},  # a guard of squares
 }
 
 
