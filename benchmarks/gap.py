@@ -30,7 +30,7 @@ from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.gap.bench import Bench, Simulated
+from greybox_id.estimation.bench import Bench, Simulated
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS

@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..changes.verb import diagnose_change
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
+from ..estimation.memory_bench import must_suit
 from ..fit import Fit
-from ..gap.changed import diagnose_change
 from ..gap.closed_vehicle import fitted_vehicle
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.gap import Gap
-from ..gap.memory_bench import must_suit
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.effects import EFFECTS

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from ..changes.verb import Changed
 from ..errors import BadInput
-from ..gap.changed import Changed
 from ..gap.gap import Gap
 from ..model import Model
 from ..numbers import number, percent, pretty_unit
@@ -122,7 +122,7 @@ class ChangeResult(GapResult):
 
     Attributes
     ----------
-    change : what changed, as `greybox_id.gap.changed.Changed`.
+    change : what changed, as `greybox_id.changes.verb.Changed`.
     """
 
     change: Changed | None = field(default=None, compare=False)

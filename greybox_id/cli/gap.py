@@ -22,6 +22,7 @@ from ..api.diagnosing import (
     must_have_gaps,
     of_fit,
 )
+from ..changes.verb import Changed, diagnose_change
 from ..choices.parameters import wanted_vehicle
 from ..choices.wanted import must_be_recorded
 from ..datasets.vehicle_file import write_vehicle
@@ -31,7 +32,6 @@ from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
 from ..gap import Gap
-from ..gap.changed import Changed, diagnose_change
 from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
 from ..guard import claim, option_of

@@ -18,9 +18,9 @@ from ..effect import Effect
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..errors import BadInput, near_or_all
+from ..estimation.model_error import Amplitudes, believed
 from ..gap.advice import same_readings
 from ..gap.gap import Gap
-from ..gap.model_error import Amplitudes, believed
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array

@@ -3,8 +3,8 @@
 A fit counts residuals as if they were independent, each for as much as the correlation leaves that it has seen. What
 equations leave out lasts for moments, is as large as a share of the forces, and grows where tyres work. The sums of
 scores J'r then scatter by more than J'J, and the covariance of the estimate is H^-1 S H^-1 (as of the fit itself,
-`uncertainty.sandwich`), S = J'J + the scatter under the model error of `gap.model_error`. The information of a plan is
-the inverse of that, H S^-1 H.
+`uncertainty.sandwich`), S = J'J + the scatter under the model error of `estimation.model_error`. The information of a
+plan is the inverse of that, H S^-1 H.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.motion.trace import MotionTrace
-from ..gap.bench import Bench
-from ..gap.calibration import CAL
-from ..gap.model_error import Amplitudes, ForceSizes, linearised, model_error
-from ..gap.unknown_forces import knows_unknown_forces, with_unknown_forces
+from ..estimation.bench import Bench
+from ..estimation.calibration import CAL
+from ..estimation.model_error import Amplitudes, ForceSizes, linearised, model_error
+from ..estimation.unknown_forces import knows_unknown_forces, with_unknown_forces
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index
@@ -102,7 +102,8 @@ class ForceScatter:
 
     Notes
     -----
-    Model error is of the size that diagnoses of vehicles without a gap left (`gap.calibration`: form, floor, memory).
+    Model error is of the size that diagnoses of vehicles without a gap left (`estimation.calibration`: form, floor,
+    memory).
     """
 
     def __init__(self, model: MotionModel, noise: Array) -> None:

@@ -32,7 +32,7 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from ..errors import BadInput
-from ..gap.calibration import CAL, SEARCHED, Calibration
+from ..estimation.calibration import CAL, SEARCHED, Calibration
 from ..json_data import read_json
 from ..shorthands import Array
 from .answers import Answer, read_answer

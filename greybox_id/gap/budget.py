@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.simulation import FreeRuns
+from ..estimation.blocks import blocks
+from ..estimation.calibration import CAL
 from ..shorthands import Array
 from ..statistics import resampled
-from .blocks import blocks
-from .calibration import CAL
 from .closing import Misfit
 from .gap import Budget, Share
 

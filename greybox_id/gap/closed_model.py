@@ -10,19 +10,19 @@ import numpy as np
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis
+from ..estimation.preparing import excerpt, with_beliefs
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import MIDDLE_HALF, correlation_time
-from .calibration import CAL
 from .closing import closure, left_open
 from .examining import Examined
 from .gap import Closure, Errors, Moved
 from .horizons import between, mean_squares
-from .hypothesis import Hypothesis
-from .preparing import excerpt, with_beliefs
 
 WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
 HARMS = "with it, predictions of what was held out are worse, its parameters fitted or not"

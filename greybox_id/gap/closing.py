@@ -15,22 +15,22 @@ from numpy.typing import NDArray
 from ..effect import Effect
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..errors import BadInput
+from ..estimation.axes import nuisances, shifting
+from ..estimation.blocks import blocks
+from ..estimation.calibration import CAL
+from ..estimation.colour import sound, white_noise
+from ..estimation.hypothesis import Hypothesis, by_cost
+from ..estimation.preparing import excerpt, prepare_plain
+from ..estimation.refit import refit, settled
+from ..estimation.search import Search
+from ..estimation.stated_noise import stated_noise
 from ..recording import Recording
 from ..shorthands import Array
 from ..signals import unit_of
 from ..statistics import correlation_time, resampled, robust_sd
 from ..vehicle import Vehicle
-from .axes import nuisances, shifting
-from .blocks import blocks
-from .calibration import CAL
-from .colour import sound, white_noise
 from .gap import Closure, Errors
 from .horizons import by_horizon, diverges
-from .hypothesis import Hypothesis, by_cost
-from .preparing import excerpt, prepare_plain
-from .refit import refit, settled
-from .search import Search
-from .stated_noise import stated_noise
 from .variance import fresh
 
 

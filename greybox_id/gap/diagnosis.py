@@ -15,12 +15,13 @@ from ..checks.finding import listed
 from ..effect import Effect
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
+from ..estimation.axes import Axis
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
-from .axes import Axis
 from .budget import Set, budget, subsets
-from .calibration import CAL
 from .closed_model import closed_model, moved, with_effects
 from .closing import left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
@@ -28,7 +29,6 @@ from .evidence import p_value, probability
 from .examining import TINY, Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
-from .hypothesis import Hypothesis
 from .regimes import where
 from .selection import refitted
 from .strip import strip

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from .calibration import CAL
-from .hypothesis import Hypothesis
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis
 from .selection import Selection
 
 NEVER = 1e6

@@ -12,29 +12,29 @@ from ..checks.finding import listed
 from ..effect import Effect
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..errors import BadInput
+from ..estimation.axes import candidates, nuisances, shifting
+from ..estimation.bench import Bench
+from ..estimation.calibration import CAL
+from ..estimation.colour import Whitener, colour, sound, white_noise
+from ..estimation.hypothesis import Hypothesis
+from ..estimation.model_error import Believed, ForceSizes, ModelError, estimated, linearised, model_error
+from ..estimation.model_error import believed as believed_amplitudes
+from ..estimation.observer import PULLED
+from ..estimation.preparing import Prepared, excerpt, prepare
+from ..estimation.refit import refit
+from ..estimation.search import Search
+from ..estimation.stated_noise import stated_noise
+from ..estimation.unknown_forces import knows_unknown_forces
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
-from .axes import candidates, nuisances, shifting
-from .bench import Bench
-from .calibration import CAL
 from .closing import closed_by, misfit, plain
-from .colour import Whitener, colour, sound, white_noise
 from .evidence import Evidence, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
-from .hypothesis import Hypothesis
-from .model_error import Believed, ForceSizes, ModelError, estimated, linearised, model_error
-from .model_error import believed as believed_amplitudes
-from .observer import PULLED
 from .plainly import plainly
-from .preparing import Prepared, excerpt, prepare
-from .refit import refit
 from .regimes import signals
-from .search import Search
 from .selection import Firmly, Selection, select
-from .stated_noise import stated_noise
 from .unknown import Signs, beyond_what_may_be, signs
-from .unknown_forces import knows_unknown_forces
 from .unnamed import unnamed
 from .variance import Scatter, dropped, fresh, jitter, repeats, steady
 

@@ -8,8 +8,8 @@ from math import isfinite, nan, sqrt
 from typing import Any
 
 from ..engine.simulation import Diagnosed
+from ..estimation.calibration import CAL
 from ..shorthands import Array
-from .calibration import CAL
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""

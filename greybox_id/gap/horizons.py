@@ -9,13 +9,13 @@ import numpy as np
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed, Prediction
+from ..estimation.calibration import CAL
 from ..memory_model import MemoryModel
 from ..recording import Recording
 from ..scores.memory import predictions
 from ..scores.metrics import ASTRAY
 from ..shorthands import Array
 from ..signals import unit_of
-from .calibration import CAL
 from .gap import Errors
 
 Squares = dict[float | None, Array]

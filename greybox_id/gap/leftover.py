@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ..engine.simulation import FreeRuns
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis
+from ..estimation.search import Search
 from ..shorthands import Array
-from .calibration import CAL
-from .hypothesis import Hypothesis
-from .search import Search
 
 
 def left_gain(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:

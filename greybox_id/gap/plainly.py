@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimation.colour import Colour
+from ..estimation.hypothesis import Hypothesis
 from ..shorthands import Array
-from .colour import Colour
-from .hypothesis import Hypothesis
 from .selection import Selection
 
 

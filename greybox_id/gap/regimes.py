@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..engine.simulation import FreeRuns
+from ..estimation.calibration import CAL
+from ..estimation.clock import running
 from ..shorthands import Array
-from .calibration import CAL
-from .clock import running
 from .gap import Where
 from .shortlist import Promise
 

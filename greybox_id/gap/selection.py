@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import BadInput
+from ..estimation.axes import Candidate
+from ..estimation.calibration import CAL
+from ..estimation.colour import Whitener
+from ..estimation.hypothesis import Hypothesis, Start, by_cost
+from ..estimation.refit import refit, settled
+from ..estimation.search import Search
 from ..shorthands import Array
-from .axes import Candidate
-from .calibration import CAL
-from .colour import Whitener
-from .hypothesis import Hypothesis, Start, by_cost
-from .refit import refit, settled
-from .search import Search
 from .shortlist import Promise, from_where_best, promises
 
 

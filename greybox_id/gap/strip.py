@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..engine.simulation import FreeRuns
+from ..estimation.blocks import blocks
+from ..estimation.calibration import CAL
+from ..estimation.clock import running
 from ..shorthands import Array
 from ..statistics import welch
-from .blocks import blocks
-from .calibration import CAL
-from .clock import running
 from .gap import Strip
 
 

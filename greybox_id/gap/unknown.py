@@ -9,12 +9,12 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis
+from ..estimation.search import Search
 from ..shorthands import Array
-from .calibration import CAL
 from .constancy import varies
-from .hypothesis import Hypothesis
 from .leftover import left_gain
-from .search import Search
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..estimation.hypothesis import Hypothesis
+from ..estimation.model_error import Amplitudes
+from ..estimation.search import Search
 from .gap import Unnamed
-from .hypothesis import Hypothesis
-from .model_error import Amplitudes
-from .search import Search
 
 
 def unnamed(search: Search, best: Hypothesis, found: Amplitudes, median: Amplitudes) -> Unnamed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import inf, isfinite
 
-from .calibration import CAL
+from ..estimation.calibration import CAL
 from .examining import TINY, Examined
 from .gap import Limit
 

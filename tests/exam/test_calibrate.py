@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from greybox_id.estimation.calibration import CAL, SEARCHED, Calibration, provenance
 from greybox_id.exam.answers import Answer, write_answer
 from greybox_id.exam.calibrate import RARER, costs, curves, main, search, thresholds
-from greybox_id.gap.calibration import CAL, SEARCHED, Calibration, provenance
 
 KINDS = [("null", {}), ("single", {"steering_delay": 0.05}), ("outside", {"torque_vectoring": 0.5})]
 

@@ -6,9 +6,9 @@ from driven import driven
 from gap_cases import CAR, GivenBench, axis, linear_bench, search_on
 
 from greybox_id.errors import BadInput
-from greybox_id.gap.bench import Bench
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.refit import refit
 from greybox_id.gap.closing import Misfit, closed_by, closure, left_open, misfit, refitted_tolerances
-from greybox_id.gap.refit import refit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle

@@ -8,8 +8,9 @@ from gap_cases import axis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.gap.axes import Candidate
-from greybox_id.gap.calibration import CAL
+from greybox_id.estimation.axes import Candidate
+from greybox_id.estimation.calibration import CAL
+from greybox_id.estimation.hypothesis import Hypothesis
 from greybox_id.gap.evidence import (
     costs,
     evidence,
@@ -19,7 +20,6 @@ from greybox_id.gap.evidence import (
     probability,
     tempering,
 )
-from greybox_id.gap.hypothesis import Hypothesis
 from greybox_id.gap.selection import Selection
 
 NOTHING = np.empty(0)

@@ -6,7 +6,7 @@ import pytest
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.datasets.virtual_vehicle import Forms, drive, random_vehicle
 from greybox_id.datasets.virtual_vehicle.car import tolerances, vehicle_file_text
-from greybox_id.gap import preparing
+from greybox_id.estimation import preparing
 from greybox_id.gap.closing import refitted_tolerances
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import model_of

@@ -5,9 +5,9 @@ import pytest
 from gap_cases import GivenBench, axis, linear_bench, search_on
 from gap_cases import candidate as gradual
 
-from greybox_id.gap.axes import Candidate
-from greybox_id.gap.hypothesis import Start
-from greybox_id.gap.refit import refit
+from greybox_id.estimation.axes import Candidate
+from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.refit import refit
 from greybox_id.gap.shortlist import BETWEEN, from_where_best, promises
 
 SD = np.array([0.1, 0.1])

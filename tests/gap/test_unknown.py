@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.gap.calibration import CAL
+from greybox_id.estimation.calibration import CAL
 from greybox_id.gap.unknown import (
     Signs,
     beyond_what_may_be,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from gap_cases import CAR, lap, nominal
 
+from greybox_id.changes.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
 from greybox_id.errors import BadInput
-from greybox_id.gap.calibration import CAL
-from greybox_id.gap.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
+from greybox_id.estimation.calibration import CAL
 
 READ = ("v_x", "yaw_rate")
 ROWS = 10

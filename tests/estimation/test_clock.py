@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from greybox_id.gap.clock import running
+from greybox_id.estimation.clock import running
 
 
 def test_time_runs_on_between_recordings():

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..effect import Effect
+from ..estimation.calibration import CAL
 from ..motion_model import MotionModel
 from ..shorthands import Array
 from ..vehicle import Vehicle
 from .between_runs import Common, VaryingNumber, Weigher, common, values_of
-from .calibration import CAL
 from .innovations import FollowedRun, Follower, noise_of, plain_noise
 
 USUAL: dict[str, float] = {

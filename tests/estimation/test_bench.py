@@ -7,8 +7,8 @@ import pytest
 from driven import driven, without
 from gap_cases import CAR
 
-from greybox_id.gap.bench import Bench
-from greybox_id.gap.calibration import CAL
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.calibration import CAL
 from greybox_id.models.registry import build
 from greybox_id.recording import join
 from greybox_id.scores.prediction import simulate
@@ -164,7 +164,9 @@ def test_a_simulation_that_was_made_is_not_made_again(bench, monkeypatch):
 
 
 def test_what_was_asked_for_long_ago_is_forgotten(bench, monkeypatch):
-    monkeypatch.setattr("greybox_id.gap.bench.CAL", replace(CAL, remembered=0))  # one call's lanes are kept anyway
+    monkeypatch.setattr(
+        "greybox_id.estimation.bench.CAL", replace(CAL, remembered=0)
+    )  # one call's lanes are kept anyway
     asked = counted(bench, monkeypatch)
     many = np.array([moved(bench, "accel_bias_y", 0.01 * k) for k in range(12)])
     found = bench.simulate(many)

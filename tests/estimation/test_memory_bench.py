@@ -9,17 +9,17 @@ from memory_cases import NOISE, made
 from toys import TINY, drive, joined, scattered, tiny, without
 
 from greybox_id.errors import BadInput
+from greybox_id.estimation.axes import candidates, shifting
+from greybox_id.estimation.blocks import blocks
+from greybox_id.estimation.colour import Colour
+from greybox_id.estimation.hypothesis import Hypothesis
+from greybox_id.estimation.memory_bench import MemoryBench, must_suit
+from greybox_id.estimation.preparing import prepare
 from greybox_id.fitting import How, fit
-from greybox_id.gap.axes import candidates, shifting
-from greybox_id.gap.blocks import blocks
 from greybox_id.gap.closed_vehicle import closed_vehicle, fitted_vehicle
-from greybox_id.gap.colour import Colour
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.horizons import by_horizon
-from greybox_id.gap.hypothesis import Hypothesis
-from greybox_id.gap.memory_bench import MemoryBench, must_suit
 from greybox_id.gap.plainly import plainly
-from greybox_id.gap.preparing import prepare
 from greybox_id.gap.selection import Selection
 from greybox_id.gap.variance import jitter, repeats
 from greybox_id.models.effects import EFFECTS

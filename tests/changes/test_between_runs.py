@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.gap.between_runs import Curve, Told, VaryingNumber, common, descended, explained, values_of
+from greybox_id.changes.between_runs import Curve, Told, VaryingNumber, common, descended, explained, values_of
 
 NUMBERS = (
     VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
 
-from greybox_id.gap.axes import Candidate
-from greybox_id.gap.calibration import CAL
-from greybox_id.gap.hypothesis import Start
-from greybox_id.gap.refit import refit, settled
+from greybox_id.estimation.axes import Candidate
+from greybox_id.estimation.calibration import CAL
+from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.refit import refit, settled
 
 SD = np.array([0.1, 0.4])
 

@@ -23,6 +23,9 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from ..errors import BadInput
+from ..estimation.calibration import CAL
+from ..estimation.preparing import excerpt
+from ..estimation.unknown_forces import FORCES, with_unknown_forces
 from ..filters.filtering import filtering
 from ..filters.kernel import SigmaPoints
 from ..filters.laid import LaidRun, laid
@@ -32,9 +35,6 @@ from ..filters.tuning import noise_coordinates, tuned
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index
-from .calibration import CAL
-from .preparing import excerpt
-from .unknown_forces import FORCES, with_unknown_forces
 
 NO_GATE = 1e9
 G = 9.81

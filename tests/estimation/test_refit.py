@@ -19,10 +19,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from greybox_id.gap.axes import Candidate, candidates, shifting
-from greybox_id.gap.bench import Bench
-from greybox_id.gap.hypothesis import Start
-from greybox_id.gap.refit import bounded_step, refit
+from greybox_id.estimation.axes import Candidate, candidates, shifting
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.refit import bounded_step, refit
 from greybox_id.models.effects import EFFECTS
 
 SD = np.array([0.1, 0.4])

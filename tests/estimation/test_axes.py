@@ -7,8 +7,8 @@ from gap_cases import CAR, axis, nominal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.gap.axes import DIRECTIONS, candidates, nuisances, shifting
-from greybox_id.gap.preparing import prepare
+from greybox_id.estimation.axes import DIRECTIONS, candidates, nuisances, shifting
+from greybox_id.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
 from greybox_id.vehicle import Stated, Vehicle
 

@@ -6,12 +6,12 @@ import numpy as np
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate, simulate_lateral
 
-from greybox_id.gap.axes import Axis, Candidate
-from greybox_id.gap.bench import Bench
-from greybox_id.gap.colour import white_noise
-from greybox_id.gap.hypothesis import Start
-from greybox_id.gap.preparing import prepare_plain
-from greybox_id.gap.search import Search
+from greybox_id.estimation.axes import Axis, Candidate
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.colour import white_noise
+from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.preparing import prepare_plain
+from greybox_id.estimation.search import Search
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import BadInput
+from ..estimation.calibration import CAL
+from ..estimation.refit import bounded_step
 from ..shorthands import Array
-from .calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
-from .refit import bounded_step
 
 
 @dataclass(frozen=True)

@@ -20,16 +20,16 @@ from ..checks import Severity, check
 from ..effect import Effect
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
+from ..estimation.calibration import CAL
+from ..gap.gap import Budget, Closure, Gap, Ranked, Share, Where
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array
 from ..statistics import resampled
 from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, values_of
-from .calibration import CAL
-from .change_search import Change, changes
-from .gap import Budget, Closure, Gap, Ranked, Share, Where
 from .innovations import FollowedRun, Follower
+from .search import Change, changes
 from .usual import SPECIFIED, USUAL, acts, driven_alike, numbers_of, usual
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from gap_cases import axis
 
-from greybox_id.gap.calibration import CAL
-from greybox_id.gap.form import rough_curves
+from greybox_id.estimation.calibration import CAL
+from greybox_id.estimation.form import rough_curves
 
 CURVE = {"B_f": 9.0, "C_f": 1.45, "E_f": 0.15}
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from gap_cases import CAR, NUMBERS, lap, nominal
 
-from greybox_id.gap.axes import nuisances, shifting
-from greybox_id.gap.preparing import excerpt, prepare
+from greybox_id.estimation.axes import nuisances, shifting
+from greybox_id.estimation.preparing import excerpt, prepare
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 from greybox_id.vehicle import Stated, Vehicle

@@ -5,8 +5,8 @@ import pytest
 from driven import driven
 from gap_cases import CAR, lap, nominal
 
-from greybox_id.gap.bench import Bench
-from greybox_id.gap.observer import PULLED, SEEN, observed, with_seen
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.observer import PULLED, SEEN, observed, with_seen
 from greybox_id.models.registry import build
 from greybox_id.recording import Recording, join
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..estimation.calibration import CAL
 from ..shorthands import Array
 from .between_runs import Common, RunExplained, explained
-from .calibration import CAL
 from .innovations import FollowedRun
 from .usual import USUAL
 

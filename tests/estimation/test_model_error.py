@@ -5,9 +5,9 @@ import pytest
 from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 
-from greybox_id.gap.bench import Bench
-from greybox_id.gap.model_error import Amplitudes, ForceSizes, believed, estimated, linearised, model_error
-from greybox_id.gap.preparing import prepare_plain
+from greybox_id.estimation.bench import Bench
+from greybox_id.estimation.model_error import Amplitudes, ForceSizes, believed, estimated, linearised, model_error
+from greybox_id.estimation.preparing import prepare_plain
 from greybox_id.models.effects import EFFECTS
 from greybox_id.vehicle import StatedModelError
 
