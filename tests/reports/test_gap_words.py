@@ -131,6 +131,7 @@ def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
     assert how_far(gap, gap.gap, False) == "nothing was added to the model: the excess stays as it is on lap7"
     assert how_far(none(), none().gap, False) == "nothing to close on lap7"
+    assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
         "no effect was added to the model, its parameters went to where the recordings have them on lap7 (held out)"
     )

@@ -117,7 +117,7 @@ def whether(gap: Gap) -> str:
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
-            f"{_largest(gap)}."
+            f"{_largest(gap)}{' once parameters are moved within these' if gap.moved else ''}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
@@ -238,8 +238,12 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     chose = ", which chose " + ("it" if len(gap.applied) == 1 else "them") if gap.applied else ""
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
-        if not gap.gap_detected:
+        if not gap.gap_detected and not gap.moved:
             return f"nothing to close {place}"
+        if not gap.gap_detected:
+            return (
+                f"no effect to add; parameters went, within their tolerances, to where the recordings have them {place}"
+            )
         if gap.moved:
             return f"no effect was added to the model, its parameters went to where the recordings have them {place}"
         return f"nothing was added to the model: the excess stays as it is {place}"
