@@ -52,6 +52,8 @@ def test_intervals_have_the_unit_of_their_estimate():
 
 
 def test_whether_there_is_a_gap():
+    quiet = replace(clear(), where=replace(clear().where, channels={"yaw_rate": 1.02, "v_x": 1.0}))
+    assert "though hardly in free run" in whether(quiet)
     assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
     assert whether(none()).startswith("No gap: ")
     assert "cannot be told: no sensor noise is stated" in whether(replace(none(), noise_stated=False))

@@ -96,6 +96,8 @@ LEAST_SHARE = 0.1
 """Smaller shares of the gap are not named."""
 MOST_DOUBTS = 3
 """Doubts told before everything else; the rest is counted."""
+HARDLY = 1.05
+"""Errors that exceed noise by less, a tenth of its mean square: what need not be detected (`CAL.shows`)."""
 CONCENTRATED = 1.2
 """A regime is worth naming with shares when it holds so many times its share of the time."""
 
@@ -130,6 +132,8 @@ def _largest(gap: Gap) -> str:
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda own: channels[own])
     times = f"{number(channels[name], 2)} times its noise"
+    if gap.gap_detected and channels[name] < HARDLY and gap.applied:
+        return f", though hardly in free run: the error of {name}, the largest, is {times}"
     if gap.gap_detected:
         return f": in free run the error of {name} is {times}"
     return f"; the largest error in free run, that of {name}, is {times}"
