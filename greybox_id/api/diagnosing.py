@@ -15,7 +15,6 @@ from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.memory_bench import must_suit
 from ..fit import Fit
-from ..gap.closed_vehicle import fitted_vehicle
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.gap import Gap
 from ..memory_model import MemoryModel
@@ -29,6 +28,7 @@ from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
 from ..version import __version__
 from . import given
+from .closed_vehicle import fitted_vehicle
 from .fitting import Progress
 from .gap_result import ChangeResult, GapResult
 from .given import Columns, ModelLike, Recordings, VehicleLike

@@ -13,6 +13,7 @@ import click
 from rich.console import Console, Group
 from rich.table import Table
 
+from ..api.closed_vehicle import closed_vehicle, no_place, not_held
 from ..api.diagnosing import (
     doubted,
     made_with,
@@ -32,7 +33,6 @@ from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
 from ..gap import Gap
-from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
 from ..guard import claim, option_of
 from ..json_data import finite, plain

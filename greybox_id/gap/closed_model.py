@@ -16,13 +16,13 @@ from ..estimation.preparing import excerpt, with_beliefs
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
+from ..scores.horizons import Errors, between, mean_squares
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import MIDDLE_HALF, correlation_time
 from .closing import closure, left_open
 from .examining import Examined
-from .gap import Closure, Errors, Moved
-from .horizons import between, mean_squares
+from .gap import Closure, Moved
 
 WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
 HARMS = "with it, predictions of what was held out are worse, its parameters fitted or not"

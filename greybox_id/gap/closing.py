@@ -24,14 +24,14 @@ from ..estimation.preparing import excerpt, prepare_plain
 from ..estimation.refit import refit, settled
 from ..estimation.search import Search
 from ..estimation.stated_noise import stated_noise
+from ..estimation.variance import fresh
 from ..recording import Recording
+from ..scores.horizons import Errors, by_horizon, diverges
 from ..shorthands import Array
 from ..signals import unit_of
 from ..statistics import correlation_time, resampled, robust_sd
 from ..vehicle import Vehicle
-from .gap import Closure, Errors
-from .horizons import by_horizon, diverges
-from .variance import fresh
+from .gap import Closure
 
 
 @dataclass(frozen=True)

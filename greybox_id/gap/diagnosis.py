@@ -18,7 +18,10 @@ from ..errors import BadInput
 from ..estimation.axes import Axis
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.variance import fresh
 from ..recording import Recording
+from ..scores.horizons import by_horizon
+from ..statistics import NORMAL
 from ..vehicle import Vehicle
 from .advice import advice
 from .budget import Set, budget, subsets
@@ -28,16 +31,12 @@ from .constancy import Spread, varies
 from .evidence import p_value, probability
 from .examining import TINY, Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
-from .horizons import by_horizon
 from .regimes import where
 from .selection import refitted
 from .strip import strip
 from .unknown import unknown_probability, without_a_name
 from .unseen import limits, not_excited
-from .variance import fresh
 
-NINETY_FIVE = 2 * 1.959964
-"""Width of a 95 % interval in standard deviations."""
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -364,7 +363,7 @@ def _closes(shared: Budget | None, name: str) -> float:
     """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
     if shared is None or (own := shared.of(name)) is None:
         return 1.0
-    sd = max((own.high - own.low) / NINETY_FIVE, CAL.least_share / 10)
+    sd = max((own.high - own.low) / (2 * NORMAL), CAL.least_share / 10)
     return float(ndtr((own.share - _least_share(shared)) / sd))
 
 

@@ -25,6 +25,7 @@ from ..estimation.refit import refit
 from ..estimation.search import Search
 from ..estimation.stated_noise import stated_noise
 from ..estimation.unknown_forces import knows_unknown_forces
+from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, steady
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
@@ -36,7 +37,6 @@ from .regimes import signals
 from .selection import Firmly, Selection, select
 from .unknown import Signs, beyond_what_may_be, signs
 from .unnamed import unnamed
-from .variance import Scatter, dropped, fresh, jitter, repeats, steady
 
 TINY = 1e-12
 AT_ONCE = "sensor_latency_imu"

@@ -8,6 +8,7 @@ import pytest
 from memory_cases import NOISE, made
 from toys import TINY, drive, joined, scattered, tiny, without
 
+from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.estimation.axes import candidates, shifting
 from greybox_id.estimation.blocks import blocks
@@ -15,14 +16,13 @@ from greybox_id.estimation.colour import Colour
 from greybox_id.estimation.hypothesis import Hypothesis
 from greybox_id.estimation.memory_bench import MemoryBench, must_suit
 from greybox_id.estimation.preparing import prepare
+from greybox_id.estimation.variance import jitter, repeats
 from greybox_id.fitting import How, fit
-from greybox_id.gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.gap.diagnosis import diagnose
-from greybox_id.gap.horizons import by_horizon
 from greybox_id.gap.plainly import plainly
 from greybox_id.gap.selection import Selection
-from greybox_id.gap.variance import jitter, repeats
 from greybox_id.models.effects import EFFECTS
+from greybox_id.scores.horizons import by_horizon
 from greybox_id.scores.memory import predictions
 from greybox_id.vehicle import Stated, Vehicle
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench
 
-from greybox_id.gap.variance import coin, dropped, fresh, jitter, repeats
+from greybox_id.estimation.variance import coin, dropped, fresh, jitter, repeats
 
 DT, SD = 0.01, np.array([0.05, 0.1])
 

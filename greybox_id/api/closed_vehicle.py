@@ -11,15 +11,14 @@ import numpy as np
 
 from ..errors import BadInput
 from ..fit import Fit
+from ..gap import Gap, Ranked
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.registry import build, model_of
 from ..parameter import Parameter
+from ..statistics import NORMAL
 from ..vehicle import ChosenModel, Stated, Vehicle
-from .gap import Gap, Ranked
 
-NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations."""
 CLOSED = ", gap closed"
 """Behind the name of a vehicle."""
 BY = "greybox gap"

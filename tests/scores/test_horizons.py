@@ -7,8 +7,8 @@ from gap_cases import CAR
 
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.gap.horizons import by_horizon, diverges
 from greybox_id.models.registry import build
+from greybox_id.scores.horizons import by_horizon, diverges
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 

@@ -9,12 +9,12 @@ import pytest
 from driven import commands, driven, without
 from made_gaps import DELAY, clear, long_names
 
+from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle, not_held
 from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
 from greybox_id.datasets.vehicle_file import write_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.gap import Ranked
-from greybox_id.gap.closed_vehicle import closed_vehicle, fitted_vehicle, not_held
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.scores.prediction import simulate
