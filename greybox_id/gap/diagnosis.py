@@ -23,7 +23,7 @@ from ..recording import Recording
 from ..scores.horizons import by_horizon
 from ..statistics import NORMAL
 from ..vehicle import Vehicle
-from .advice import advice
+from .advice import advice, limits, not_excited
 from .budget import Set, budget, subsets
 from .closed_model import closed_model, moved, with_effects
 from .closing import left_open, misfit, plain, refitted_tolerances
@@ -35,7 +35,6 @@ from .regimes import where
 from .selection import refitted
 from .strip import strip
 from .unknown import unknown_probability, without_a_name
-from .unseen import limits, not_excited
 
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 

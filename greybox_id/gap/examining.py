@@ -30,13 +30,11 @@ from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
 from .closing import closed_by, misfit, plain
-from .evidence import Evidence, costs, evidence, heaviest, tempering
+from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
-from .plainly import plainly
 from .regimes import signals
 from .selection import Firmly, Selection, select
-from .unknown import Signs, beyond_what_may_be, signs
-from .unnamed import unnamed
+from .unknown import Signs, beyond_what_may_be, signs, unnamed
 
 TINY = 1e-12
 AT_ONCE = "sensor_latency_imu"
