@@ -75,12 +75,11 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     present : those of them that act, the others stand at their null or tolerance; None: all of them. The equations are
         the same whichever act, so that they share a compiled kernel.
     """
-    model, at = found.model, 0
-    for candidate in best.candidates:
-        effect, first = found.effects[candidate.effect], at
-        at += len(candidate.axes)
+    model = found.model
+    for candidate, at in best.parts:
+        effect = found.effects[candidate.effect]
         acts = present is None or candidate.effect in present
-        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[first:], strict=False)]
+        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
         if candidate.effect not in model.effects:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))
         if acts:

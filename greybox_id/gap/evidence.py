@@ -85,13 +85,14 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
 
 def price(hypothesis: Hypothesis, cost: Costs) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
-    total, at = 0.0, 0
-    for own in hypothesis.candidates:
+    total = 0.0
+    for own, at in hypothesis.parts:
         total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
         axis = own.axes[0]
-        if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < CAL.next_to_nothing * axis.scale:
+        if (axis.shift or not own.gradual) and abs(
+            hypothesis.m[at.start] - axis.null
+        ) < CAL.next_to_nothing * axis.scale:
             total += NEVER
-        at += len(own.axes)
     return total
 
 
