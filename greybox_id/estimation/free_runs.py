@@ -19,13 +19,12 @@ from ..statistics import correlation_time, robust_sd
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
 from .calibration import CAL
-from .colour import sound, white_noise
 from .hypothesis import Hypothesis, by_cost
 from .model_error import ModelError
+from .noise import sound, stated_noise, white_noise
 from .preparing import excerpt, prepare_plain
 from .refit import refit, settled
 from .search import Search
-from .stated_noise import stated_noise
 from .variance import fresh
 
 

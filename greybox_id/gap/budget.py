@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.simulation import FreeRuns
-from ..estimation.blocks import blocks
 from ..estimation.calibration import CAL
 from ..estimation.free_runs import Misfit
+from ..estimation.noise import blocks
 from ..shorthands import Array
 from ..statistics import resampled
 from .gap import Budget, Share

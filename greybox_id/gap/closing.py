@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..engine.simulation import Diagnosed, FreeRuns
-from ..estimation.blocks import blocks
 from ..estimation.calibration import CAL
 from ..estimation.free_runs import Misfit, plain, refitted_tolerances
-from ..estimation.stated_noise import stated_noise
+from ..estimation.noise import blocks, stated_noise
 from ..estimation.variance import fresh
 from ..recording import Recording
 from ..scores.horizons import Errors, by_horizon, diverges

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ..estimation.calibration import CAL
-from ..estimation.colour import Colour
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.noise import Colour
 from ..shorthands import Array
 from .selection import Selection
 

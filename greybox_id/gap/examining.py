@@ -15,15 +15,14 @@ from ..errors import BadInput
 from ..estimation.axes import candidates, nuisances, shifting
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
-from ..estimation.colour import Whitener, colour, sound, white_noise
 from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.model_error import Believed, ForceSizes, estimated, linearised, model_error
 from ..estimation.model_error import believed as believed_amplitudes
+from ..estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from ..estimation.observer import PULLED
 from ..estimation.preparing import Prepared, excerpt, prepare
 from ..estimation.search import Search
-from ..estimation.stated_noise import stated_noise
 from ..estimation.unknown_forces import knows_unknown_forces
 from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, steady
 from ..recording import Recording

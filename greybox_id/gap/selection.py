@@ -14,8 +14,8 @@ import numpy as np
 from ..errors import BadInput
 from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
-from ..estimation.colour import Whitener
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
+from ..estimation.noise import Whitener
 from ..estimation.refit import refit, settled
 from ..estimation.search import Search
 from ..shorthands import Array

@@ -9,8 +9,8 @@ from toys import TINY, drive, joined, scattered, tiny, without
 
 from greybox_id.errors import BadInput
 from greybox_id.estimation.axes import candidates, shifting
-from greybox_id.estimation.blocks import blocks
 from greybox_id.estimation.memory_bench import MemoryBench, must_suit
+from greybox_id.estimation.noise import blocks
 from greybox_id.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
 from greybox_id.scores.memory import predictions

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from greybox_id.estimation.axes import Candidate
 from greybox_id.estimation.calibration import CAL
-from greybox_id.estimation.colour import Colour
 from greybox_id.estimation.hypothesis import Hypothesis
+from greybox_id.estimation.noise import Colour
 from greybox_id.gap.evidence import (
     costs,
     evidence,
