@@ -27,12 +27,11 @@ class Signs:
     Attributes
     ----------
     left : share of the gap that is left, by how much residuals exceed stated noise.
-    excess : mean square of what is left over that of noise, less one.
-    beyond : the same over what is no gap yet, in the channel where that is most.
+    beyond : mean square of what is left over that of noise, less one, over what is no gap yet, in the channel where
+        that is most.
     structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
     spread : by which share the magnitude differs between parts of the recording.
     place : which parts, in words.
-    gain : log-likelihood that the named effects gain.
     effects : how many they are.
     over : log-likelihood that driving still explains beyond what noise alone would gain.
     together : log-likelihood that the named effects gain over the sum of what each gains alone: causes that have
@@ -40,12 +39,10 @@ class Signs:
     """
 
     left: float
-    excess: float
     beyond: float
     structure: float
     spread: float
     place: str
-    gain: float
     effects: int
     over: float = 0.0
     together: float = 1.0
@@ -77,25 +74,20 @@ def signs(
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
-    spread = 0.0
-    place = ""
+    spread, place = 0.0, ""
     known = varies(search, best, seen) if best.candidates else {}
     if best.candidates and best.names[0] in known:
         most = known[best.names[0]]
         spread, place = min(most.relative, 2.0), most.place
     left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
-    if (
-        scatter > 0 and not best.candidates and rest <= 0
-    ):  # a reading taken before its row's command looks like structure
-        over = 0.0
+    if scatter > 0 and not best.candidates and rest <= 0:
+        over = 0.0  # a reading taken before its row's command looks like structure
     return Signs(
         left,
-        float(rest),
         beyond,
         over / max(over + gain, 1e-9),
         spread,
         place,
-        gain,
         len(best.candidates),
         float(over),
         (base.cost - best.cost) / alone if alone > 0 else 1.0,

@@ -57,29 +57,29 @@ def test_what_is_not_counted_does_not_count():
 
 
 def test_a_name_that_leaves_nothing_is_the_cause():
-    assert unknown_probability(Signs(0.0, 0.0, 0.0, 0.0, 0.0, "", 100.0, 1)) < 0.05
+    assert unknown_probability(Signs(0.0, 0.0, 0.0, 0.0, "", 1)) < 0.05
 
 
 def test_what_a_name_leaves_beyond_roughness_speaks_for_something_unknown():
-    own = [unknown_probability(Signs(0.3, 0.5, b, 0.1, 0.0, "", 100.0, 1)) for b in (0.5, 1.0, 2.0, 5.0)]
+    own = [unknown_probability(Signs(0.3, b, 0.1, 0.0, "", 1)) for b in (0.5, 1.0, 2.0, 5.0)]
     assert own[0] == own[1] < own[2] < own[3]
     assert own[3] > 0.5
 
 
 def test_effects_that_explain_only_together_what_none_explains_alone_stand_in_for_something():
-    own = [Signs(0.03, 0.0, 0.5, 0.02, 0.0, "", 100.0, 2, together=own) for own in (0.7, 1.0, 1.1, 6.0)]
+    own = [Signs(0.03, 0.5, 0.02, 0.0, "", 2, together=own) for own in (0.7, 1.0, 1.1, 6.0)]
     odds = [unknown_probability(each) for each in own]
     assert odds[0] == odds[1] < odds[2] < 0.3
     assert odds[3] > 0.5
 
 
 def test_where_noise_is_not_stated_more_may_be_unknown():
-    own = Signs(0.0, 0.0, 0.0, 0.0, 0.0, "", 100.0, 3)
+    own = Signs(0.0, 0.0, 0.0, 0.0, "", 3)
     assert unknown_probability(own, told=False) > 2 * unknown_probability(own)
 
 
 def test_what_driving_still_explains_is_a_gap_of_rough_equations_where_it_gains_what_an_effect_must():
-    own = Signs(0.3, 0.1, 0.5, 1.0, 0.0, "", 0.0, 0, over=100.0)
+    own = Signs(0.3, 0.5, 1.0, 0.0, "", 0, over=100.0)
     assert without_a_name(own, 1.1 * CAL.cost_without_forces / 100.0, rough=True)
     assert not without_a_name(own, 0.9 * CAL.cost_without_forces / 100.0, rough=True)
     assert not without_a_name(own, 1.0, rough=False)
@@ -88,7 +88,7 @@ def test_what_driving_still_explains_is_a_gap_of_rough_equations_where_it_gains_
 @pytest.mark.parametrize("rough", [True, False])
 def test_errors_beyond_what_may_be_are_a_gap_where_noise_is_stated(rough):
     for beyond, gap in ((0.9, False), (1.1, True)):
-        own = Signs(0.3, 0.1, beyond, 1.0, 0.0, "", 0.0, 0)
+        own = Signs(0.3, beyond, 1.0, 0.0, "", 0)
         assert without_a_name(own, 0.1, rough) == gap
         assert not without_a_name(own, 0.1, rough, told=False)
 
