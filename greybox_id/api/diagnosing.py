@@ -11,6 +11,7 @@ from ..changes.verb import diagnose_change
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
+from ..engine.of_motion import equations_of_motion
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.memory_bench import must_suit
@@ -172,27 +173,27 @@ def made_with(
 
 
 def of_fit(fit: Fit, name: str) -> tuple[Diagnosed, Vehicle]:
-    """The model of a fit, and what it states of its vehicle, under a name. Raises `BadInput` for hybrids."""
+    """The model of a fit, and what it states of its vehicle, under a name; raises as `must_have_gaps`."""
     model = must_have_gaps(fit.model)
     with known(model):
         return model, fitted_vehicle(fit, name)
 
 
 def must_have_gaps(model: Model) -> Diagnosed:
-    """The model, where gaps of its kind are diagnosed. Raises `BadInput` for hybrids."""
-    if isinstance(model, MotionModel | MemoryModel):
-        return model
-    raise BadInput(
-        f"The gap of {model.name} is not diagnosed: it is a hybrid model, whose network takes up what the equations "
-        "lack. Name equations of motion or a model with memory."
-    )
+    """The model as it is diagnosed: a hybrid as the equations of motion that it amounts to, its weights constants.
+
+    Raises
+    ------
+    BadInput : it amounts to none, for its network has a memory or was trained by steps that are no derivative's.
+    """
+    return model if isinstance(model, MemoryModel) else equations_of_motion(model, ", whose gap could be diagnosed")
 
 
 def must_be_stated(model: Model) -> Model:
-    """The model, where it a vehicle can state its numbers. Raises `BadInput` for models with memory."""
-    if isinstance(model, MemoryModel):
+    """The model, where a vehicle can state its numbers. Raises `BadInput` for models with memory and hybrids."""
+    if not isinstance(model, MotionModel):
         raise BadInput(
-            f"{model.name} is a model with memory, whose weights no vehicle states: fit it, and name the fit (‹fit›); "
+            f"{model.name} is {model.called}, whose weights no vehicle states: fit it, and name the fit (‹fit›); "
             "or name equations of motion (‹model›): single_track or lateral."
         )
     return model

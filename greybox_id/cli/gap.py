@@ -38,7 +38,6 @@ from ..guard import claim, option_of
 from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
-from ..motion_model import MotionModel
 from ..numbers import listed, number, pretty_unit
 from ..recording import Recording
 from ..reports.gap.saved import Made, as_text
@@ -261,7 +260,7 @@ def gap(
     """  # fmt: skip
     targets = targets_of(out, report, apply)
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
-    held_by_file = isinstance(asked.model, MotionModel)
+    held_by_file = not asked.model.learnt
     if not held_by_file:
         targets = without_vehicle(targets, asked.model.name, apply)
     changed: Changed | None = None

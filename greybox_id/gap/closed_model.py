@@ -80,7 +80,7 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
         effect = found.effects[candidate.effect]
         acts = present is None or candidate.effect in present
         values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
-        if candidate.effect not in model.effects:
+        if effect.parameter.name not in model:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))
         if acts:
             names = [axis.name for axis in candidate.axes]
