@@ -149,7 +149,6 @@ class Calibration:
     lags: tuple[float, ...] = _known((0.0, 0.12, 0.4), "s at which what is left is looked at: command, lag, motion")
     settling: float = _known(0.2, "s at the beginning of a run that do not count: two lags of sensors")
     least_seconds: float = _known(1.0, "s of recordings: more than twice the longest lag of those looked at")
-    overlapping: float = _known(10.0, "windows that a row lies in: within a tenth of a horizon they err alike")
     draws: int = _known(400, "of the bootstrap: limits of 95 % scatter by a twentieth of the interval")
     around: int = _known(5, "rows about a reading that say what it should be")
     fewest_channels: int = _known(2, "channels that must repeat together: one alone may be quantised")
