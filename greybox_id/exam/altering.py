@@ -66,15 +66,15 @@ INJECTIONS: Mapping[str, Injection] = {
     "steering_ratio": Injection(lambda r, x: {"steer": r["steer"] / x}, 1.0, 0.5, True, ("steer",), False),
     "steering_offset": Injection(lambda r, x: {"steer": r["steer"] - x}, 0.0, 0.1, True, ("steer",), False),
     "yaw_rate_scale": Injection(_scaled("yaw_rate"), 1.0, 0.5, True, ("yaw_rate",)),
-    "yaw_rate_bias": Injection(_raised("yaw_rate"), 0.0, 0.2, True, ("yaw_rate",)),
-    "sensor_latency_yaw": Injection(_late("yaw_rate"), 0.0, 0.2, False, ("yaw_rate",)),
-    "sensor_latency_imu": Injection(_late("yaw_rate", "a_x", "a_y"), 0.0, 0.2, False, ("a_x", "a_y")),
+    "yaw_rate_bias": Injection(_raised("yaw_rate"), 0.0, 0.15, True, ("yaw_rate",)),
+    "sensor_latency_yaw": Injection(_late("yaw_rate"), 0.0, 0.15, False, ("yaw_rate",)),
+    "sensor_latency_imu": Injection(_late("yaw_rate", "a_x", "a_y"), 0.0, 0.15, False, ("a_x", "a_y")),
     "accel_bias_y": Injection(_raised("a_y"), 0.0, 3.0, True, ("a_y",)),
     "imu_mount_yaw": Injection(_turned, 0.0, 0.8, True, ("a_x", "a_y")),
     "velocity_lever_arm": Injection(lambda r, x: {"v_y": r["v_y"] + x * r["yaw_rate"]}, 0.0, 4.0, True,
                                     ("v_y", "yaw_rate")),
 }  # fmt: skip
-"""Farthest magnitudes are within those that diagnoses look for."""
+"""The farthest lie well within the bounds of the effects: at a bound, magnitudes are symptoms."""
 
 
 def altered(recording: Recording, name: str, magnitude: float) -> Recording:
