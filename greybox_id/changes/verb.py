@@ -30,7 +30,7 @@ from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, values_of
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
-from .usual import SPECIFIED, USUAL, acts, driven_alike, numbers_of, usual
+from .usual import GAINS, USUAL, acts, driven_alike, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def diagnose_change(
         )  # fmt: skip
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], before) > CAL.driven
-        nameless = () if filtered and driven else SPECIFIED
+        nameless = () if filtered and driven else GAINS
         scatter = USUAL | dict.fromkeys(nameless, CAL.filters)
         known = usual(Follower(full, read), numbers, before, tell, scatter)
         if not driven:  # errors of form do not cancel

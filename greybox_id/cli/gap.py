@@ -332,6 +332,18 @@ def diagnosed(
     return _found(_asked(recordings, vehicle, fit, held_out, columns, model), seed, say or _silent)
 
 
+def what_changed(
+    recordings: Sequence[str | Path],
+    since: Sequence[str | Path],
+    vehicle: str | Path | Vehicle,
+    held_out: Sequence[str | Path] = (),
+    columns: str | Path | None = None,
+) -> Changed:
+    """What `greybox gap --since` finds, without its printing; parameters and errors as of `diagnosed`."""
+    asked = _asked(recordings, vehicle, None, held_out, columns, None)
+    return _changed(asked, [read_part(file, columns or "canonical") for file in since], _silent)
+
+
 @dataclass(frozen=True)
 class _Asked:
     """What is diagnosed: the nominal model, what is stated of the vehicle, recordings."""
