@@ -47,7 +47,7 @@ class PartBench(Bench):
 
     def __init__(self, whole: Bench, index: int, rows: slice) -> None:
         vars(self).update(vars(whole))
-        self.index, self.part = index, rows
+        self.whole, self.index, self.part = whole, index, rows
         self.pieces = [piece for k, run in enumerate(self.rows) for piece in _pieces(k, run, rows)]
         self._first = np.array([piece.stage == 0 for piece in self.pieces])
         self._inside = np.array([piece.inside for piece in self.pieces])

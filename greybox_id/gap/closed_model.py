@@ -80,6 +80,7 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
         effect, first = found.effects[candidate.effect], at
         at += len(candidate.axes)
         acts = present is None or candidate.effect in present
+        acts = acts and (candidate.part is None or candidate.part.lasts)  # what comes after the recordings
         values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[first:], strict=False)]
         if candidate.effect not in model.effects:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))

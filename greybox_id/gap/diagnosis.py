@@ -300,6 +300,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         holding = [k for k, own in enumerate(tried) if name in own.names]
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
         magnitude, interval = _magnitude(found, most, name)
+        part = next(own.part for own in most.candidates if own.effect == name)
         ranked.append(
             Ranked(
                 name,
@@ -314,6 +315,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
                 reasons.get(name, ""),
+                *((None, None, "") if part is None else (part.since, part.until, part.recording)),
             )
         )
     for name, (own, present) in found.scatter.items():

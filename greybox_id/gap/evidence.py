@@ -85,6 +85,7 @@ def price(hypothesis: Hypothesis, cost: Costs) -> float:
     total, at = 0.0, 0
     for own in hypothesis.candidates:
         total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+        total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < CAL.next_to_nothing * axis.scale:
             total += NEVER

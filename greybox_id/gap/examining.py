@@ -28,6 +28,7 @@ from ..estimation.unknown_forces import knows_unknown_forces
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
+from .beginning import with_beginnings
 from .closing import closed_by, misfit, plain
 from .evidence import Evidence, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
@@ -123,6 +124,8 @@ def examine(
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
+    selection = with_beginnings(selection, own, whitener, cost)
+    search, bench = selection.search, selection.search.bench
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
@@ -178,7 +181,8 @@ def _whitener(
         if own is None:
             p = search.moved(np.array([axis.mean for axis in search.moving]))
             return model_error(linearised(bench, p, sd, sizes), prior.median, good)
-        about = linearised(bench, search.vector(own), sd, sizes)
+        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
+        about = linearised(search.bench, search.vector(own), sd, sizes)
         return model_error(about, estimated(about, own.e, good, prior), good)
 
     return whitener

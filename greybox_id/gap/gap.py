@@ -56,6 +56,9 @@ class Ranked:
     indistinguishable_from : effects this recording cannot tell it from.
     gain : of the log-likelihood over the model without it, beside the other applied effects.
     reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
+    since, until : s, by the clock of `within`, where it begins or ends there; None where it acts from the start, or to
+        the end.
+    within : name of the recording in which it begins or ends; "" where it acts everywhere.
     """
 
     effect: str
@@ -66,6 +69,9 @@ class Ranked:
     indistinguishable_from: tuple[str, ...] = ()
     gain: float = 0.0
     reason: str = ""
+    since: float | None = None
+    until: float | None = None
+    within: str = ""
 
 
 @dataclass(frozen=True)

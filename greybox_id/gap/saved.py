@@ -69,7 +69,8 @@ def _ranked(body: Mapping[str, Any]) -> Ranked:
     return Ranked(
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
-        str(body.get("reason", "")),
+        str(body.get("reason", "")), *(None if body.get(end) is None else float(body[end]) for end in ("since", "until")),
+        str(body.get("within", "")),
     )  # fmt: skip
 
 
