@@ -186,9 +186,8 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
     bench = search.bench.whole if isinstance(search.bench, PartBench) else search.bench
     assert isinstance(bench, Bench)
     size, (axis,) = bench.model.size, candidate.axes
-    index = axis.index if axis.index < size else search.bench.index  # type: ignore[union-attr]
     other = copy(search)
-    other.bench = PartBench(bench, index, rows)
+    other.bench = PartBench(bench, _place(bench, candidate), rows)
     other.nominal = np.append(search.nominal[:size], np.nan)
     other.expanded = search.expanded.copy()
     return _There(other, replace(candidate, axes=(replace(axis, index=size),), part=_part(bench, rows)))
@@ -243,26 +242,53 @@ def _weighed(
     search = best.search
     search.recoloured(whitener(search, best.own))
     search.about(best.own)
-    (own,) = refit(search, [search.start_of(best.own)]) or [best.own]
-    own = settled(search, own)
-    rivals = selection.tried[: CAL.rivals + CAL.polished]
-    constant = (selection.base, *rivals)
+    own = settled(search, min(refit(search, [search.start_of(best.own)]), key=by_cost, default=best.own))
+    best = _placed(_Begun(search, own))
+    search, own = best.search, best.own
+    constant = (selection.base, *selection.tried[: CAL.rivals])
     starts = [Start(each.candidates, each.m, own.theta, own.linear) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
     bases, tried = [each for each in again if not each.names], {frozenset(own.names): own}
+    places = own.candidates[-1].part
+    assert places is not None
+    for candidates, m, rows in (
+        (own.candidates[-1:], own.m[-1:], places.rows),
+        *((each.own.candidates, each.own.m, at) for each in found for at in _rows(each.own, places)),
+    ):
+        if (names := frozenset(each.effect for each in candidates)) == frozenset(own.names):
+            continue
+        there = _acting(search, candidates[-1], rows)
+        for one in refit(there.search, [Start((*candidates[:-1], there.candidate), m, own.theta, own.linear)]):
+            placed = _placed(_Begun(there.search, one)).own if score(one) < score(own) + CAL.cost else one
+            if names not in tried or placed.cost < tried[names].cost:
+                tried[names] = placed
     for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):
         tried.setdefault(frozenset(each.names), each)
-    for other in found:
-        if frozenset(other.own.names) == frozenset(own.names):
-            continue
-        there = copy(search)
-        there.bench, there.nominal = other.search.bench, search.nominal.copy()
-        starts = [there.start_of(other.own), Start(other.own.candidates, other.own.m, own.theta, own.linear)]
-        one = min(refit(there, starts), key=by_cost, default=None)
-        if one is not None and one.cost < tried.get(frozenset(one.names), selection.base).cost:
-            tried[frozenset(one.names)] = one
-    base = min(bases, key=by_cost, default=None)
-    if base is None or score(own) >= min(score(each) for each in again):
+    base, first = min(bases, key=by_cost, default=None), min(tried.values(), key=score)
+    if base is None or score(first) >= min(score(each) for each in again):
         return selection
-    return Selection(search, base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
+    return Selection(as_it_acts(search, first), base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
 
+
+def _rows(own: Hypothesis, other: Part) -> list[slice]:
+    """Where a hypothesis has its effect act that begins or ends, and where another one has its own."""
+    part = own.candidates[-1].part
+    assert part is not None
+    return [part.rows, *([other.rows] if other.rows != part.rows else [])]
+
+
+def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
+    """The search in which a hypothesis' effects act where they do."""
+    for own in hypothesis.candidates:
+        bench = search.bench
+        if own.part is not None and isinstance(bench, PartBench):
+            index = _place(bench, own)
+            if (index, own.part.rows) != (bench.index, bench.part):
+                search = copy(search)
+                search.bench = PartBench(bench.whole, index, own.part.rows)
+    return search
+
+
+def _place(bench: Bench, own: Candidate) -> int:
+    """Where a candidate's magnitude stands among the model's parameters."""
+    return [parameter.name for parameter in bench.model.parameters].index(own.axes[0].name)

@@ -49,7 +49,7 @@ def closed_model(
     if detected:
         moved = _moved_along(found, best, added)
         ways += [(moved, own), *_fitted(found, best, moved, _counted(found, best))]
-    judges = list(held_out) or excerpt(found.recordings)
+    judges = list(held_out) or excerpt(_as_they_end(found, best))
     errors = []
     if held_out or len(ways) > 1:
         before = mean_squares(nominal, judges, own)
@@ -92,6 +92,19 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     return model
 
 
+def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
+    """The recordings from where on every effect that begins or ends has done so: the closed model is of that vehicle."""
+    left = list(found.recordings)
+    for part in (own.part for own in best.candidates):
+        names = [own.name for own in left]
+        if part is None or part.recording not in names:
+            continue
+        first, at = names.index(part.recording), part.since if part.since is not None else part.until
+        row = int(np.argmax(left[first].time >= at))
+        left = [left[first].rows(row, len(left[first])), *left[first + 1 :]]
+    return left
+
+
 def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
     """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
     search = found.selection.search
@@ -123,7 +136,7 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -
         return []
     simulator = Simulator(believed)
     simulator.kernel.prepare()
-    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(found.recordings)
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(_as_they_end(found, best))
     for own in ways:
         problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
         solution = gauss_newton(

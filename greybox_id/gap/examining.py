@@ -28,7 +28,7 @@ from ..estimation.unknown_forces import knows_unknown_forces
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
-from .beginning import with_beginnings
+from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by, misfit, plain
 from .evidence import Evidence, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
@@ -125,7 +125,6 @@ def examine(
     cost = costs(forces)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     selection = with_beginnings(selection, own, whitener, cost)
-    search, bench = selection.search, selection.search.bench
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
@@ -133,6 +132,8 @@ def examine(
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, tempered, cost, left)
     best = heaviest(selection, weighed)
+    search = as_it_acts(selection.search, best)
+    selection, bench = replace(selection, search=search), search.bench
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2

@@ -73,6 +73,11 @@ class Ranked:
     until: float | None = None
     within: str = ""
 
+    @property
+    def lasts(self) -> bool:
+        """Whether it acts at the end of the recordings, so that a vehicle as it then is has it."""
+        return self.until is None
+
 
 @dataclass(frozen=True)
 class Errors:
