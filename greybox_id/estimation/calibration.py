@@ -21,6 +21,7 @@ CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off,
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
 NULLS = "calibrate costs: fiala and exponential seed 1778 (48 nulls)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
+BEGUN = "foreign tier, fiala and exponential, seed 5501 (12 nulls), benchmarks/beginnings.py, seeds 71, 72"
 DEFINED = "by definition: says what the words of an answer mean"
 """What provenances rest on."""
 
@@ -225,6 +226,9 @@ class Calibration:
     partner_least: float = _known(1.0, "nats that a partner of the best single is expected to gain", SEARCHED)
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "of the rows that it acts in at least, and does not: of less, few tell", DEFINED)
+    least_told: float = _known(
+        0.1, "of what is told of an effect, before and after it begins; nulls' grip had .01, .02, causes .26", BEGUN
+    )
     begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
     replacing: int = _known(4, "effects that are tried in each place of the best pair", SEARCHED)
     nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)

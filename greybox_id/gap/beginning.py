@@ -121,7 +121,8 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     -------
     everywhere : (K,) log-likelihood.
     places : P parts, up to an instant or from it on.
-    gains, steps : (P, K) log-likelihood and magnitudes, to first order.
+    gains, steps : (P, K) log-likelihood and magnitudes, to first order; no gain where one side tells too little of an
+        effect: what it is there, tolerances of the other side may then be.
     """
     rows, channels, count = J.shape
     W, r = search.weighed(J), search.weighed(parent.e[:, :, None])[:, :, 0]
@@ -150,7 +151,9 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     undone = np.moveaxis(solved[:, 1:].reshape(len(scale), len(C), count), 0, 1)
     curve = np.maximum(own_raw - np.sum(C * undone, axis=1), 1e-6 * own_raw + 1e-300)
     left = own_slope - np.einsum("pnk,n->pk", C, solved[:, 0])
-    gains, steps = 0.5 * left**2 / curve, -left / curve
+    told = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
+    both = np.vstack([np.ones(count, dtype=bool), (told >= CAL.least_told) & (told <= 1 - CAL.least_told)])
+    gains, steps = np.where(both, 0.5 * left**2 / curve, 0.0), -left / curve
     places = [slice(0, int(edges[k])) for k in inner] + [slice(int(edges[k]), rows) for k in inner]
     return gains[0], places, gains[1:], steps[1:]
 
