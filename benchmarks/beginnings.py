@@ -4,11 +4,12 @@
 
 Cases are those of the foreign tier (an independent double track with tolerances, `greybox exam make --tier foreign`),
 whose vehicle changes at an instant between a quarter and three quarters of the drive: grip, stiffness, mass, drag,
-resistance of rolling, the current's gain, or a sensor's bias. Half of them begin, half end there. Magnitudes are drawn
-as the examination draws them; where one would not show in a whole drive, another is drawn.
+resistance of rolling, the drive's gain, or a sensor's bias. Even cases begin, odd ones end there. Magnitudes are
+drawn as the examination draws them; where one would not show in a whole drive, another is drawn.
 
-right: the effect is named first, or cannot be told from what is, its instant within 5 % of the drive and its side told. constant: it is named, as acting
-everywhere. wrong: another name is applied. silent: none is. Every case is a line of FILE, and is not run again.
+right: the effect is named first, or cannot be told from what is, its instant within 5 % of the drive and its side told.
+constant: it is named, as acting everywhere. wrong: another name is applied. silent: none is. Every case is a line of
+FILE, and is not run again.
 """
 
 from __future__ import annotations
@@ -40,6 +41,10 @@ from greybox_id.recording import Recording
 EFFECTS = (
     *("grip_scale", "front_stiffness", "rear_stiffness", "mass_change", "aero_drag", "rolling_resistance"),
     *("motor_gain", "yaw_rate_bias", "accel_bias_x", "accel_bias_y"),
+)
+SHOWN = (
+    *("family", "effect", "truth", "end", "at", "verdict", "first", "magnitude", "told", "probability", "applied"),
+    *("closed", "cpu_seconds"),
 )
 NEAR = 0.05
 """Of the drive, within which an instant is right."""
@@ -147,14 +152,15 @@ def main() -> None:
             family = families[(k + number) % len(families)]
             key = (family, effect, number, asked.seed)
             if key not in results:
-                results[key] = examined(family, effect, number, asked.seed * 1000 + 10 * k + number) | {"seed": asked.seed}
+                results[key] = examined(family, effect, number, asked.seed * 1000 + 10 * k + number) | {
+                    "seed": asked.seed
+                }
                 with asked.out.open("a") as out:
                     out.write(json.dumps(results[key], default=float) + "\n")
             own = results[key]
             if not asked.json:
-                print(*(f"{own[name]:.3g}" if isinstance(own[name], float) else own[name] for name in
-                        ("family", "effect", "truth", "end", "at", "verdict", "first", "magnitude", "told", "probability",
-                         "applied", "closed", "cpu_seconds")), flush=True)  # fmt: skip
+                said = (f"{own[name]:.3g}" if isinstance(own[name], float) else own[name] for name in SHOWN)
+                print(*said, flush=True)
     if asked.json:
         print(json.dumps(list(results.values()), default=float))
 

@@ -37,7 +37,8 @@ VEHICLE_EFFECTS = {
     "grip_scale": 1.0, "front_stiffness": 1.0, "rear_stiffness": 1.0, "tyre_relaxation": 0.0, "combined_slip": 0.0,
     "load_sensitivity": 0.0, "longitudinal_load_transfer": 0.0, "tyre_temperature": 0.0, "mass_change": 1.0,
     "cog_shift": 0.0, "yaw_inertia": 1.0, "roll_dynamics": 0.0, "steering_delay": 0.0, "steering_lag": 0.0,
-    "steering_bandwidth": np.inf, "steering_rate_limit": np.inf, "steering_offset": 0.0, "steering_ratio": 1.0, "steering_backlash": 0.0,
+    "steering_bandwidth": np.inf, "steering_rate_limit": np.inf, "steering_offset": 0.0, "steering_ratio": 1.0,
+    "steering_backlash": 0.0,
     "motor_lag": 0.0, "motor_saturation": np.inf, "motor_gain": 1.0, "brake_bias": 0.0, "aero_drag": 0.0,
     "rolling_resistance": 0.0, "road_slope": 0.0, "road_bank": 0.0, "wind_gust": 0.0, "downforce": 0.0,
 }  # fmt: skip

@@ -63,7 +63,7 @@ class GapResult(Gap):
         return self.closed
 
     def to_pandas(self) -> pd.DataFrame:
-        """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, when it acts, if `applied`."""
+        """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, when it acts, `applied`."""
         return pd.DataFrame(
             [
                 {
@@ -79,9 +79,7 @@ class GapResult(Gap):
                 }
                 for own in self.ranking
             ],
-            columns=[
-                *("effect", "probability", "magnitude", "lower", "upper", "unit", "since", "until", "applied")
-            ],
+            columns=[*("effect", "probability", "magnitude", "lower", "upper", "unit", "since", "until", "applied")],
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:

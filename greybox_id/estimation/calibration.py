@@ -291,6 +291,7 @@ class Calibration:
     scatter_rounds: int = _known(4, "times that scatter is learned, numbers found anew for each")
     scatter_settled: float = _known(0.03, "of a scatter, below which a change of it asks for no more")
     most_rows: int = _known(24_000, "rows that are examined, four minutes at 100 Hz: time goes with them")
+    thinnest: float = _known(0.05, "s between rows that free runs are fitted to: a tenth of a vehicle's yaw motion")
     excerpt_block: float = _known(20.0, "s of the blocks that they are in: long beside any motion")
     passes: int = _known(2, "through the dynamics: a stage begins with what the stage before left")
     lanes: int = _known(8, "simulations at once: two registers of four; results are the same")

@@ -96,7 +96,6 @@ class PartBench(Bench):
             found[own.run].append(z[k, : _segments(plans[own.run], own)])
         return [(plan, np.concatenate(own)) for plan, own in zip(plans, found, strict=True)]
 
-
     def _staged(self, z0: Array, lanes: Lanes, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
         """States at all segments and readings of all pieces, those of a run one after the other; z0 is filled in."""
         kernel, count = self.simulator.kernel, len(z0) // len(self.pieces)

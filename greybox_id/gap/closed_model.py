@@ -12,7 +12,7 @@ from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
-from ..estimation.preparing import excerpt, with_beliefs
+from ..estimation.preparing import excerpt, thinned, with_beliefs
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -93,13 +93,14 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
 
 
 def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
-    """The recordings from where on every effect that begins or ends has done so: the closed model is of that vehicle."""
+    """The recordings from where every effect that begins or ends has done so: the closed model is of that vehicle."""
     left = list(found.recordings)
     for part in (own.part for own in best.candidates):
         names = [own.name for own in left]
         if part is None or part.recording not in names:
             continue
-        first, at = names.index(part.recording), part.since if part.since is not None else part.until
+        first, at = names.index(part.recording), part.until if part.since is None else part.since
+        assert at is not None
         row = int(np.argmax(left[first].time >= at))
         left = [left[first].rows(row, len(left[first])), *left[first + 1 :]]
     return left
@@ -136,7 +137,7 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -
         return []
     simulator = Simulator(believed)
     simulator.kernel.prepare()
-    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(_as_they_end(found, best))
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(found, best)))
     for own in ways:
         problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
         solution = gauss_newton(

@@ -66,11 +66,11 @@ def _moved(body: Mapping[str, Any]) -> Moved:
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
+    since, until = (None if body.get(end) is None else float(body[end]) for end in ("since", "until"))
     return Ranked(
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
-        str(body.get("reason", "")), *(None if body.get(end) is None else float(body[end]) for end in ("since", "until")),
-        str(body.get("within", "")),
+        str(body.get("reason", "")), since, until, str(body.get("within", "")),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A parameter that differs in part of the rows differs there and nowhere else, and everything else goes on as it was."""
+"""A parameter that differs in part of the rows differs there and nowhere else, and all else goes on as it was."""
 
 import numpy as np
 import pytest
@@ -73,8 +73,7 @@ def test_before_it_begins_nothing_is_known_of_it_and_afterwards_it_acts_as_it_do
     part = PartBench(bench, index, slice(start, 250))
     everywhere = PartBench(bench, index, slice(0, 250))
     before, begins, always = (
-        own.simulate(vector(bench, value)[None])[0]
-        for own, value in ((part, np.nan), (part, 0.6), (everywhere, 0.6))
+        own.simulate(vector(bench, value)[None])[0] for own, value in ((part, np.nan), (part, 0.6), (everywhere, 0.6))
     )
     p = np.array(bench.model.values)
     p[index] = 0.6

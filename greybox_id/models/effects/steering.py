@@ -1,8 +1,8 @@
 """What may stand between the steering command and the road wheels.
 
-The chain is delay, then play, rate limit, lag and servo in the order in which they were added, then ratio and offset. For a
-delay, a lag and an offset the place in the chain makes no difference; behind a play or a rate limit, a ratio other than
-one scales them too.
+The chain is delay, then play, rate limit, lag and servo in the order in which they were added, then ratio and offset.
+For a delay, a lag, a servo and an offset the place in the chain makes no difference; behind a play or a rate limit, a
+ratio other than one scales them too.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from .page import drawings
 from .saved import Made
 from .words import (
     REGIMES,
-    handy,
     carried_over,
+    handy,
     how_far,
     interval_words,
     is_factor,
