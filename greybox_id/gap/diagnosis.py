@@ -18,6 +18,7 @@ from ..errors import BadInput
 from ..estimation.axes import Axis
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.observer import PULLED
 from ..recording import Recording
 from ..vehicle import Vehicle
 from .advice import advice
@@ -140,6 +141,19 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         unnamed=found.unnamed,
         moved=moved(found, best, closed),
         tried={own.candidate.effect: own.gain for own in selection.promised},
+        held=_held(found),
+    )
+
+
+def _held(found: Examined) -> str:
+    """How simulations were kept from spinning, if free runs of the model do whatever it is given."""
+    name = PULLED.format("yaw_rate")
+    names = [own.name for own in found.bench.model.parameters]
+    if name not in names or not (rate := found.selection.search.nominal[names.index(name)]) > 0:
+        return ""
+    return (
+        f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
+        f"yaw_rate to its reading within {1 / rate:.2g} s; errors are those of predictions about so far ahead"
     )
 
 

@@ -310,6 +310,7 @@ class Gap:
     budget : where the excess error goes; None where no effect was found.
     unnamed : model error that is left; None for models that know no forces.
     moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
+    held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
         those that were refitted.
     """
@@ -337,6 +338,7 @@ class Gap:
     unnamed: Unnamed | None = None
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
+    held: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

@@ -57,6 +57,7 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         unnamed=_unnamed(body.get("model_error")),
         moved=tuple(_moved(own) for own in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
+        held=str(body.get("held", "")),
     )
 
 

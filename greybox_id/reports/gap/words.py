@@ -136,7 +136,11 @@ def p_words(p: float) -> str:
 
 
 def whether(gap: Gap) -> str:
-    """Is there a gap?"""
+    """Is there a gap? And where free runs spin, what was looked at in their place."""
+    return f"{_whether(gap)} {gap.held}." if gap.held else _whether(gap)
+
+
+def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
