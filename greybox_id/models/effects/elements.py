@@ -29,7 +29,9 @@ TINY = 1e-13
 """Added where zero would be divided by zero."""
 FASTEST = 1e15
 """Hz, of a servo that follows at once: its product with a segment's length is a number."""
-SHORT_SWING, SWING_TERMS = 0.1, 9
+FADED = 1e3
+"""Time, over 1 / w, after which nothing is left of a swing, whose sine would take long to calculate."""
+SHORT_SWING, SWING_TERMS = 0.03, 6
 """Below this time, over 1 / w, swings follow from so many terms of their series, in which nothing cancels."""
 PLAY_WIDTH = 1e-5
 """Width over which play takes up, in the signal's unit."""
@@ -111,7 +113,9 @@ def servo(
         return y_1 + y_2
 
     def angle_after(state: Line, command: Symbol, p: Namespace, time: float) -> Symbol:
-        return command + _swung((state[0] - command, state[1] - state[0]), w(p) * time, damping(p))[0]
+        """So soon that a swing has hardly begun, or has faded: its first terms do, at a third of the cost."""
+        r, d = w(p) * time, damping(p)
+        return command + cs.exp(-d * r) * ((state[0] - command) * (1 + d * r) + (state[1] - state[0]) * r)
 
     first, then = f"{name}_lead", f"{name}_angle"
     return (
@@ -123,7 +127,8 @@ def servo(
 def _swung(y: Line, r: Symbol, d: Symbol) -> Line:
     """exp(A r) y."""
     fast = cs.sqrt(1 - d**2)
-    fading, c, s = cs.exp(-d * r), cs.cos(fast * r), cs.sin(fast * r) / fast
+    turned = fast * cs.fmin(r, FADED)
+    fading, c, s = cs.exp(-d * r), cs.cos(turned), cs.sin(turned) / fast
     y_1, y_2 = y
     return fading * (c * y_1 + s * (d * y_1 + y_2)), fading * (c * y_2 - s * (y_1 + d * y_2))
 
