@@ -83,7 +83,9 @@ class Calibration:
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")
-    begins: float = _known(3.7, "log-odds against an effect that begins or ends: 20 places where it may, 2 ways")
+    begins: float = _known(
+        20.0, "more, of one that begins or ends: one of 12 nulls gained 25 by one, causes 49 to 4 000", BEGUN
+    )
     next_to_nothing: float = _known(0.02, "of its usual size: an abrupt effect that only moves readings past rows")
     rough_reading: float = _known(1.2e-3, "log-likelihood a reading that misfits gain unseen; models without forces")
     misfit_share: float = _known(0.02, "the same where they show, as a share of what they cost")
