@@ -72,6 +72,8 @@ class Actuator:
         mean and first moment as the element's true response.
     after : (state, command, p, time) -> what is seen so long after the command took this value.
     moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
+    beside : name of another actuator, whose state it reads too: `state` is then both of them, its own first. At rest
+        both stand at the command.
     """
 
     signal: str
@@ -79,6 +81,7 @@ class Actuator:
     segment: Callable[[Symbol, tuple[Symbol, Symbol], Namespace, Symbol], tuple[Symbol, tuple[Symbol, Symbol]]]
     after: Callable[[Symbol, Symbol, Namespace, float], Symbol]
     moves: Callable[[Symbol, Symbol, Namespace, float], Symbol]
+    beside: str = ""
 
 
 @dataclass(frozen=True)

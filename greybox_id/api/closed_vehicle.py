@@ -54,14 +54,14 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     if closed is None:
         settings = own.settings if own is not None and own.name == gap.model else {}
         known = before if own is not None and own.name == gap.model else {}
-        added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked}
+        added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked and ranked[name].lasts}
         chosen = ChosenModel(gap.model, settings, {**known, **added})
         values = dict(vehicle.values)
     else:
         added = {}
         for name in closed.effects:
             value = float(closed[name].array)
-            if name in gap.applied and name in ranked:
+            if name in gap.applied and name in ranked and ranked[name].lasts:
                 added[name] = replace(_magnitude(ranked[name]), value=value)
             elif isfinite(value):
                 added[name] = replace(before.get(name, Stated(source=BY)), value=value)

@@ -12,7 +12,7 @@ from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
-from ..estimation.preparing import excerpt, with_beliefs
+from ..estimation.preparing import excerpt, thinned, with_beliefs
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
@@ -50,7 +50,7 @@ def closed_model(
     if detected or _errs_as_stated(found):
         moved = _moved_along(found, best, added)
         ways += [(moved, own), *(_fitted(found, best, moved, _counted(found, best)) if detected else [])]
-    judges = list(held_out) or excerpt(found.recordings)
+    judges = list(held_out) or excerpt(_as_they_end(found, best))
     errors = []
     if held_out or len(ways) > 1:
         before = mean_squares(nominal, judges, own)
@@ -87,6 +87,7 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     for candidate, at in best.parts:
         effect = found.effects[candidate.effect]
         acts = present is None or candidate.effect in present
+        acts = acts and (candidate.part is None or candidate.part.lasts)  # what comes after the recordings
         values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
         if effect.parameter.name not in model:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))
@@ -96,6 +97,20 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
                 *(replace(model[n].with_value(v), fixed=True) for n, v in zip(names, values, strict=True))
             )
     return model
+
+
+def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
+    """The recordings from where every effect that begins or ends has done so: the closed model is of that vehicle."""
+    left = list(found.recordings)
+    for part in (own.part for own in best.candidates):
+        names = [own.name for own in left]
+        if part is None or part.recording not in names:
+            continue
+        first, at = names.index(part.recording), part.until if part.since is None else part.since
+        assert at is not None
+        row = int(np.argmax(left[first].time >= at))
+        left = [left[first].rows(row, len(left[first])), *left[first + 1 :]]
+    return left
 
 
 def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
@@ -129,7 +144,7 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -
         return []
     simulator = Simulator(believed)
     simulator.kernel.prepare()
-    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(found.recordings)
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(found, best)))
     for own in ways:
         problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
         solution = gauss_newton(

@@ -18,6 +18,7 @@ from ..errors import BadInput
 from ..estimation.calibration import CAL
 from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.observer import PULLED
 from ..estimation.variance import fresh
 from ..recording import Recording
 from ..scores.horizons import by_horizon
@@ -138,6 +139,19 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         unnamed=found.unnamed,
         moved=moved(found, best, closed),
         tried={own.candidate.effect: own.gain for own in selection.promised},
+        held=_held(found),
+    )
+
+
+def _held(found: Examined) -> str:
+    """How simulations were kept from spinning, if free runs of the model do whatever it is given."""
+    name = PULLED.format("yaw_rate")
+    names = [own.name for own in found.bench.model.parameters]
+    if name not in names or not (rate := found.selection.search.nominal[names.index(name)]) > 0:
+        return ""
+    return (
+        f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
+        f"yaw_rate to its reading within {1 / rate:.2g} s; errors are those of predictions about so far ahead"
     )
 
 
@@ -289,6 +303,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         holding = [k for k, own in enumerate(tried) if name in own.names]
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
         magnitude, interval = _magnitude(found, most, name)
+        part = next(own.part for own in most.candidates if own.effect == name)
         ranked.append(
             Ranked(
                 name,
@@ -303,6 +318,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
                 reasons.get(name, ""),
+                *((None, None, "") if part is None else (part.since, part.until, part.recording)),
             )
         )
     for name, (own, present) in found.scatter.items():

@@ -88,6 +88,7 @@ def price(hypothesis: Hypothesis, cost: Costs) -> float:
     total = 0.0
     for own, at in hypothesis.parts:
         total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+        total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(
             hypothesis.m[at.start] - axis.null

@@ -28,6 +28,7 @@ from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, stea
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
+from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
 from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
@@ -120,6 +121,7 @@ def examine(
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
+    selection = with_beginnings(selection, own, whitener, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
@@ -127,6 +129,8 @@ def examine(
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, tempered, cost, left)
     best = heaviest(selection, weighed)
+    search = as_it_acts(selection.search, best)
+    selection, bench = replace(selection, search=search), search.bench
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
@@ -175,7 +179,8 @@ def _whitener(
         if own is None:
             p = search.moved(np.array([axis.mean for axis in search.moving]))
             return model_error(linearised(bench, p, sd, sizes), prior.median, good)
-        about = linearised(bench, search.vector(own), sd, sizes)
+        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
+        about = linearised(search.bench, search.vector(own), sd, sizes)
         return model_error(about, estimated(about, own.e, good, prior), good)
 
     return whitener

@@ -57,6 +57,9 @@ class Ranked:
     indistinguishable_from : effects this recording cannot tell it from.
     gain : of the log-likelihood over the model without it, beside the other applied effects.
     reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
+    since, until : s, by the clock of `within`, where it begins or ends there; None where it acts from the start, or to
+        the end.
+    within : name of the recording in which it begins or ends; "" where it acts everywhere.
     """
 
     effect: str
@@ -67,6 +70,14 @@ class Ranked:
     indistinguishable_from: tuple[str, ...] = ()
     gain: float = 0.0
     reason: str = ""
+    since: float | None = None
+    until: float | None = None
+    within: str = ""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it acts at the end of the recordings, so that a vehicle as it then is has it."""
+        return self.until is None
 
 
 @dataclass(frozen=True)
@@ -280,6 +291,7 @@ class Gap:
     budget : where the excess error goes; None where no effect was found.
     unnamed : model error that is left; None for models that know no forces.
     moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
+    held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
         those that were refitted.
     """
@@ -307,6 +319,7 @@ class Gap:
     unnamed: Unnamed | None = None
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
+    held: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

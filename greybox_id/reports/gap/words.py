@@ -50,7 +50,35 @@ def is_factor(effect: str) -> bool:
 
 
 def magnitude_words(ranked: Ranked) -> str:
-    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02, or 18 ms [5, 60] where the interval is lopsided."""
+    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided."""
+    return " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
+
+
+def when_words(ranked: Ranked) -> str:
+    """From when on, or until when an effect acts; "" where it acts all the time."""
+    if ranked.since is not None:
+        return f"from {number(ranked.since)} s on"
+    return f"until {number(ranked.until)} s" if ranked.until is not None else ""
+
+
+def carried_over(gap: Gap) -> list[str]:
+    """What a closed model, which is one for all times, has of effects that begin or end within a recording."""
+    said = []
+    for own in gap.ranking:
+        if own.effect in gap.applied and own.since is not None:
+            said.append(
+                f"{own.effect} begins in {own.within} at {number(own.since)} s: the closed model is the vehicle after "
+                "that, and has it all the time"
+            )
+        elif own.effect in gap.applied and own.until is not None:
+            said.append(
+                f"{own.effect} ends in {own.within} at {number(own.until)} s: the closed model is the vehicle after "
+                "that, and does not have it"
+            )
+    return said
+
+
+def _size_words(ranked: Ranked) -> str:
     own, (low, high) = handy_of(ranked), ranked.interval
     value = own.factor * ranked.magnitude
     before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {own.unit}" if own.unit else "")
@@ -109,7 +137,11 @@ def p_words(p: float) -> str:
 
 
 def whether(gap: Gap) -> str:
-    """Is there a gap?"""
+    """Is there a gap? And where free runs spin, what was looked at in their place."""
+    return f"{_whether(gap)} {gap.held}." if gap.held else _whether(gap)
+
+
+def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
@@ -211,7 +243,12 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ("Budget", budget(gap)),
         (
             "How far",
-            "; ".join(filter(None, [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure)])),
+            "; ".join(
+                filter(
+                    None,
+                    [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure), *carried_over(gap)],
+                )
+            ),
         ),
         ("Left", left(gap)),
     ]
