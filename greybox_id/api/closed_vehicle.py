@@ -22,8 +22,8 @@ from ..vehicle import ChosenModel, Stated, Vehicle
 
 CLOSED = ", gap closed"
 """Behind the name of a vehicle."""
-BY = "greybox gap"
-"""Who says so."""
+BY, FITTED = "greybox gap", "greybox fit"
+"""Who says so: of what a diagnosis found, and of what a fit did."""
 
 
 def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
@@ -113,7 +113,7 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     model = fit.model
     about = f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}."
     if isinstance(model, MemoryModel | HybridModel):
-        effects = {effect: Stated(float(model[effect].array), source="greybox fit") for effect in model.effects}
+        effects = {effect: Stated(float(model[effect].array), source=FITTED) for effect in model.effects}
         chosen = ChosenModel(model.name, model.settings, effects)
         return Vehicle(name, noise=_left(fit, model), model=chosen, about=about)
     usual = build(model.name, model.settings)
@@ -125,7 +125,7 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
         low, high = parameter.bounds if parameter.name in usual else (None, None)
         same = parameter.name not in usual or usual[parameter.name].bounds == parameter.bounds
         limits = (None, None) if same else (low, high)
-        return Stated(float(parameter.array), sd if isfinite(sd) and sd > 0 else None, *limits, source="greybox fit")
+        return Stated(float(parameter.array), sd if isfinite(sd) and sd > 0 else None, *limits, source=FITTED)
 
     return Vehicle(
         name=name,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..changes.verb import diagnose_change
+from ..checks.finding import listed
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
@@ -29,7 +30,7 @@ from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
 from ..version import __version__
 from . import given
-from .closed_vehicle import fitted_vehicle, with_sensors
+from .closed_vehicle import FITTED, fitted_vehicle, with_sensors
 from .fitting import Progress
 from .gap_result import ChangeResult, GapResult
 from .given import Columns, ModelLike, Recordings, VehicleLike
@@ -146,9 +147,17 @@ def must_differ(own: Sequence[Recording], others: Sequence[Recording]) -> None:
 
 
 def doubted(found: Gap, nominal: Diagnosed, stated: Vehicle | None, own: Sequence[Recording]) -> Gap:
-    """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
+    """The diagnosis, with doubts on whether the vehicle is the recorded one, and what tells more than a fit does."""
     more = doubts(nominal, stated, own) if stated is not None else []
-    return replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+    found = replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+    of_a_fit = stated is not None and any(number.source == FITTED for number in stated.values.values())
+    if found.applied or not found.absorbed or not of_a_fit:
+        return found
+    since = (
+        f"What the fit leaves open would take up {listed([*found.absorbed])}: name recordings from before with --since "
+        "(since=), which tell more sharply what changed."
+    )
+    return replace(found, advice=(*found.advice, since))
 
 
 def made_with(
