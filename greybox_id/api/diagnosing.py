@@ -204,7 +204,9 @@ def must_have_gaps(model: Model) -> Diagnosed:
     ------
     BadInput : it amounts to none, for its network has a memory or was trained by steps that are no derivative's.
     """
-    return model if isinstance(model, MemoryModel) else equations_of_motion(model, ", whose gap could be diagnosed")
+    if isinstance(model, MemoryModel):
+        return model
+    return equations_of_motion(model, "; gaps are diagnosed of these, and of models with memory")
 
 
 def must_be_stated(model: Model) -> Model:

@@ -124,12 +124,12 @@ def test_bands_of_several_seeds_open_where_nothing_was_trained(laps):
     assert np.all(np.isfinite(told["outside"]))
 
 
-def test_the_gap_of_a_network_is_refused(laps, tmp_path):
+def test_the_gap_of_a_network_that_nobody_trained_is_refused(laps, tmp_path):
     lap = written(laps, tmp_path / "laps.csv")
     for name in ("mlp_lateral", "bicycle_mlp"):
         said = refused("gap", lap, "--vehicle", "full_size_car", "--model", name, "--out", tmp_path / "gap")
-        assert f"The gap of {name} is not diagnosed" in said
-        assert "Name equations of motion" in said
+        assert f"{name} is a hybrid model, whose weights no vehicle states: fit it" in said
+        assert "name equations of motion" in said
 
 
 def test_commands_pretrain_save_predict_and_export(laps, tmp_path, monkeypatch):
