@@ -15,7 +15,7 @@ from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.memory_bench import must_suit
 from ..fit import Fit
-from ..gap.closed_vehicle import fitted_vehicle
+from ..gap.closed_vehicle import fitted_vehicle, with_sensors
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.gap import Gap
 from ..memory_model import MemoryModel
@@ -59,7 +59,7 @@ def diagnose(
     since : recordings of before something may have changed; asked then is what changed since.
     held_out : recordings that choose nothing, on which the closure is verified.
     vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. For a model that is
-        named, also the numbers it starts from.
+        named, also the numbers it starts from; a fit has its own, and takes noise, model error and tolerated effects.
     effects : what the model may lack; all that are known unless given, shipped ones and those of installed packages.
         Effects of one's own are handed over as a list of `Effect`, to be tried beside the names in it; or all by name,
         as a mapping.
@@ -171,11 +171,20 @@ def made_with(
     )
 
 
-def of_fit(fit: Fit, name: str) -> tuple[Diagnosed, Vehicle]:
-    """The model of a fit, and what it states of its vehicle, under a name. Raises `BadInput` for hybrids."""
+def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnosed, Vehicle]:
+    """The model of a fit, and what it states of its vehicle, under a name, with the sensors of a stated vehicle.
+
+    Raises `BadInput` for hybrids, and for a vehicle beside a model with memory.
+    """
     model = must_have_gaps(fit.model)
+    if stated is not None and isinstance(model, MemoryModel):
+        raise BadInput(
+            f"{model.name} is a model with memory, whose noise is what its training left: it takes nothing from the "
+            f"vehicle {stated.name}; omit it (‹vehicle›)."
+        )
     with known(model):
-        return model, fitted_vehicle(fit, name)
+        fitted = fitted_vehicle(fit, name)
+    return model, fitted if stated is None else with_sensors(fitted, stated)
 
 
 def must_have_gaps(model: Model) -> Diagnosed:
@@ -202,7 +211,7 @@ def _nominal(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> tuple[Di
     """The model that is diagnosed, and what is stated of its vehicle."""
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     if isinstance(model, Fit):
-        return of_fit(model, model.model.name) if stated is None else (must_have_gaps(model.model), stated)
+        return of_fit(model, model.model.name, stated)
     found = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
     return must_have_gaps(must_be_stated(found)), stated
 

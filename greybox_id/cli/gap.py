@@ -201,7 +201,13 @@ class _Since(click.Command):
     shell_complete=VEHICLES,
     help="What is stated of the vehicle: a shipped one or a file.",
 )
-@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="In place of a vehicle, a fit.")
+@click.option(
+    "--fit",
+    "fit_file",
+    metavar="FIT",
+    type=click.Path(),
+    help="A fit, whose estimates are the numbers; --vehicle beside it states noise and tolerances.",
+)
 @click.option(
     "--model",
     metavar="NAME",
@@ -313,7 +319,8 @@ def diagnosed(
     Parameters
     ----------
     recordings, held_out : files that are diagnosed, and files that choose nothing.
-    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; or the file of a fit: one of them.
+    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; the file of a fit; of both, the fit's numbers with
+        the vehicle's noise, model error and tolerated effects.
     columns : column map; canonical names unless given.
     say : told of progress.
     model : with a vehicle, in place of its own.
@@ -358,14 +365,13 @@ def _nominal(
     vehicle: str | Path | Vehicle | None, fit: str | Path | None, model: str | None
 ) -> tuple[Diagnosed, Vehicle]:
     """The model that is diagnosed, and what is stated of its vehicle."""
-    if (vehicle is None) == (fit is None):
-        more = "." if vehicle is None else "; not both."
-        raise BadInput(f"Which simulation? Name the vehicle with --vehicle, or a fit with --fit{more}")
+    if vehicle is None and fit is None:
+        raise BadInput("Which simulation? Name the vehicle with --vehicle, or a fit with --fit.")
+    found = vehicle if vehicle is None or isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
     if fit is not None:
         if model is not None:
-            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle.")
-        return of_fit(fit_of(fit), str(fit))
-    found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle alone.")
+        return of_fit(fit_of(fit), str(fit), found)
     assert found is not None
     own = found.model is not None and model in (None, found.model.name)
     nominal = must_be_stated(model_of(found) if own or model is None else build(model, vehicle=found))

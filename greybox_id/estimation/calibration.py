@@ -80,6 +80,7 @@ class Calibration:
         ),
         "the same of effects that equations' form hardly mimics: what one of 500 nulls gains by any", NULLS,
     )  # fmt: skip
+    rare: float = _known(0.002, "share of vehicles without a gap that gain a cost by any effect", DEFINED)
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")

@@ -138,6 +138,21 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     )
 
 
+def with_sensors(fitted: Vehicle, stated: Vehicle) -> Vehicle:
+    """A fit as a vehicle, with what no fit tells: noise, steering range, model error and tolerances as stated.
+
+    Its numbers and the effects of its model stay the fit's.
+    """
+    own = fitted.model.effects if fitted.model is not None else {}
+    return replace(
+        fitted,
+        noise=stated.noise,
+        effects={name: tolerance for name, tolerance in stated.effects.items() if name not in own},
+        steer_max=stated.steer_max,
+        model_error=stated.model_error,
+    )
+
+
 def _left(fit: Fit, model: MemoryModel) -> dict[str, float]:
     """Output -> root mean square of what the fit left of it on its training data, where it says so."""
     protocol = "honest" if model.feedback is None else "closed_loop"

@@ -26,7 +26,7 @@ from .budget import Set, budget, subsets
 from .closed_model import closed_model, moved, with_effects
 from .closing import left_open, misfit, plain, refitted_tolerances
 from .constancy import Spread, varies
-from .evidence import p_value, probability
+from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, at_their_best, examine
 from .gap import Budget, Gap, Ranked
 from .horizons import by_horizon
@@ -357,11 +357,16 @@ def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[st
 
 
 def _p_value(found: Examined, unexplained: bool) -> float:
-    """How often noise alone would look so: like the best hypothesis, like an effect of variance, or as loud."""
+    """How often a vehicle without a gap would look so: like the best hypothesis, an effect of variance, or as loud.
+
+    Where equations are rough, by what such vehicles gained, from which costs are derived; else by noise alone.
+    """
     many, temper, base = len(found.effects), found.evidence.temper, found.selection.base
     tried = found.selection.tried
     counts = temper / found.selection.search.trust
     p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
+    if found.unnamed is not None and found.rough:
+        p = [max(own, by_chance(score)) for own, score in zip(p, found.evidence.scores, strict=True)]
     p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > CAL.present]
     if unexplained:
         p.append(float(len(found.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that

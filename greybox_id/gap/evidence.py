@@ -125,3 +125,8 @@ def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> 
 def p_value(gain: float, axes: int, candidates: int) -> float:
     """How often the best of so many candidates gains so much from noise alone (Bonferroni)."""
     return float(min(1.0, candidates * chdtrc(max(axes, 1), 2 * max(gain, 0.0))))
+
+
+def by_chance(score: float) -> float:
+    """How often a vehicle without a gap scores so, by errors of form that an effect mimics: as rarely as costs say."""
+    return float(min(1.0, CAL.rare * np.exp(-max(score, np.log(CAL.rare)))))

@@ -12,6 +12,7 @@ from greybox_id.estimation.axes import Candidate
 from greybox_id.estimation.calibration import CAL
 from greybox_id.estimation.hypothesis import Hypothesis
 from greybox_id.gap.evidence import (
+    by_chance,
     costs,
     evidence,
     heaviest,
@@ -119,6 +120,12 @@ def test_a_p_value_is_one(gain, axes, candidates):
     assert 0.0 <= own <= 1.0
     assert p_value(gain + 1.0, axes, candidates) <= own
     assert p_value(gain, axes, candidates + 1) >= own
+
+
+def test_what_costs_say_is_rare_is_as_rare():
+    assert by_chance(0.0) == pytest.approx(CAL.rare)  # exactly worth its cost
+    assert by_chance(1.0) == pytest.approx(CAL.rare / np.e)
+    assert by_chance(-50.0) == pytest.approx(1.0)
 
 
 def test_p_values_of_noise_alone_are_not_too_small():

@@ -124,6 +124,8 @@ LEAST_SHARE = 0.1
 """Smaller shares of the gap are not named."""
 MOST_DOUBTS = 3
 """Doubts told before everything else; the rest is counted."""
+HARDLY = 1.05
+"""Errors that exceed noise by less, a tenth of its mean square: what need not be detected (`CAL.shows`)."""
 CONCENTRATED = 1.2
 """A regime is worth naming with shares when it holds so many times its share of the time."""
 
@@ -149,7 +151,7 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
-            f"{_largest(gap)}."
+            f"{_largest(gap)}{' once parameters are moved within these' if gap.moved else ''}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
@@ -162,6 +164,8 @@ def _largest(gap: Gap) -> str:
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda own: channels[own])
     times = f"{number(channels[name], 2)} times its noise"
+    if gap.gap_detected and channels[name] < HARDLY and gap.applied:
+        return f", though hardly in free run: the error of {name}, the largest, is {times}"
     if gap.gap_detected:
         return f": in free run the error of {name} is {times}"
     return f"; the largest error in free run, that of {name}, is {times}"
@@ -275,8 +279,12 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     chose = ", which chose " + ("it" if len(gap.applied) == 1 else "them") if gap.applied else ""
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
-        if not gap.gap_detected:
+        if not gap.gap_detected and not gap.moved:
             return f"nothing to close {place}"
+        if not gap.gap_detected:
+            return (
+                f"no effect to add; parameters went, within their tolerances, to where the recordings have them {place}"
+            )
         if gap.moved:
             return f"no effect was added to the model, its parameters went to where the recordings have them {place}"
         return f"nothing was added to the model: the excess stays as it is {place}"
