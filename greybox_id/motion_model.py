@@ -145,6 +145,7 @@ class MotionModel(Model):
     passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
         reads q.before and converges over a few passes.
     validity : where the equations hold; fits leave out other readings.
+    learnt : whether constants of the equations are the weights of a network, which took up what was in its training.
 
     Examples
     --------
@@ -179,6 +180,7 @@ class MotionModel(Model):
     latencies: tuple[tuple[str, Shift], ...] = ()
     passes: int = 1
     validity: tuple[Validity, ...] = ()
+    learnt: bool = False
 
     @property
     def names(self) -> frozenset[str]:

@@ -293,8 +293,9 @@ class Follower:
         found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
         for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
-            off, variance = (each[:, own.row_segment[rows]][:, :, columns] for each in both)
-            read = np.isfinite(own.run.measured[rows][:, columns])
+            taken = own.read_segment[rows][:, columns]
+            off, variance = (each[:, taken, columns] for each in both)
+            read = np.isfinite(own.run.measured[rows][:, columns]) & (taken >= 0)
             blocks = -(-len(rows) // size)
             beyond = blocks * size - len(rows)
             with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges

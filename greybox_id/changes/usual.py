@@ -22,18 +22,21 @@ USUAL: dict[str, float] = {
 }
 """Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
 may be named as changed."""
-SPECIFIED = ("yaw_rate_scale",)
-"""Of these, gains of sensors: they do not differ from run to run, and what is specified of them is not learned."""
+GAINS = ("yaw_rate_scale",)
+"""Of these, gains of sensors, which filters take from as well."""
+SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", "sensor_latency_yaw", "sensor_latency_imu")
+"""Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
 TIMED = ("steering_delay",)
-"""Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
+"""Of these, delays of commands: with that of the clocks of commands and readings, which may be below zero."""
+LATE = (*TIMED, "sensor_latency_yaw", "sensor_latency_imu")
+"""Of these, all that shifts what lies on rows."""
 MEASURED_AT = "velocity_lever_arm"
 """A number of the vehicle that no file states: where speed is measured."""
 
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
-    """Whether an effect acts on what is read: that of a sensor needs the sensor."""
-    name = effect.parameter.name
-    return effect.concerns(model) and (not name.startswith("yaw_rate") or "yaw_rate" in read)
+    """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads."""
+    return effect.concerns(model) and (effect.parameter.name not in SPECIFIED or set(effect.touches) <= set(read))
 
 
 def numbers_of(
@@ -54,13 +57,13 @@ def numbers_of(
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)
-        wide = CAL.filtered if name in SPECIFIED else CAL.nominal * USUAL[name]
+        wide = CAL.filtered if name in GAINS else CAL.nominal * USUAL[name]
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
             wide = CAL.indifference * USUAL[name]
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
-        if name in TIMED:
-            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
+        if name in LATE:
+            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks * (name in TIMED))
         found.append(one)
     arm = effects.get(MEASURED_AT)
     if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:

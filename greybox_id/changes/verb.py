@@ -30,7 +30,7 @@ from ..vehicle import Stated, Vehicle
 from .between_runs import Common, RunExplained, values_of
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
-from .usual import SPECIFIED, USUAL, acts, driven_alike, numbers_of, usual
+from .usual import GAINS, USUAL, acts, driven_alike, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ def diagnose_change(
         raise BadInput("Since when? Name recordings from before the change.")
     if vehicle is None:
         raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{model.name} is a map with memory: what changed is found for equations of motion alone.")
+    if not isinstance(model, MotionModel) or model.learnt:
+        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
     _must_differ([*after, *held_out], since)
     read = _readings(model, [*after, *held_out, *since])
     own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
@@ -129,7 +129,7 @@ def diagnose_change(
         )  # fmt: skip
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], before) > CAL.driven
-        nameless = () if filtered and driven else SPECIFIED
+        nameless = () if filtered and driven else GAINS
         scatter = USUAL | dict.fromkeys(nameless, CAL.filters)
         known = usual(Follower(full, read), numbers, before, tell, scatter)
         if not driven:  # errors of form do not cancel

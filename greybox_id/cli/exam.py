@@ -22,7 +22,8 @@ ASKED = {
     "clean": ("cases", "nulls"),
     "workshop": ("cases", "nulls"),
     "foreign": ("nulls", "singles", "pairs", "outside", "family"),
-    "injected": ("singles", "data"),
+    "injected": ("singles", "data", "family"),
+    "changed": ("data", "family"),
 }
 """Tier -> the options that say what its cases are to be."""
 
@@ -49,19 +50,25 @@ def exam() -> None:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
 @click.option(
     "--tier",
-    type=click.Choice(["clean", "workshop", "foreign", "injected"]),
+    type=click.Choice(list(ASKED)),
     default="clean",
     show_default=True,
     help="Exact vehicle files, nominal forms and white noise; tolerances, other forms, coloured noise, outliers; "
-    "vehicles of foreign simulators; or real recordings, altered.",
+    "vehicles of foreign simulators; real recordings, altered; or a real car that was changed (DART).",
 )
 @click.option("--cases", type=click.IntRange(min=0), help="With an effect withheld; default: 60. Not for foreign.")
 @click.option("--nulls", type=click.IntRange(min=0), help="With none; default: a sixth of the others, foreign: 200.")
 @click.option("--singles", type=click.IntRange(min=0), help="Foreign, injected: with one effect; default: 70.")
-@click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected: the real recordings.")
+@click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected, changed: real recordings.")
 @click.option("--pairs", type=click.IntRange(min=0), help="Foreign: with two; default: 25.")
 @click.option("--outside", type=click.IntRange(min=0), help="Foreign: with one outside the vocabulary; default: 30.")
-@click.option("--family", "families", multiple=True, metavar="NAME", help="Foreign: simulators, or a set of them.")
+@click.option(
+    "--family",
+    "families",
+    multiple=True,
+    metavar="NAME",
+    help="Foreign: simulators, injected: sources, changed: cases, or a set of them (development, examination).",
+)
 @click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
@@ -112,12 +119,16 @@ def make_command(
             wanted = zip((nulls, singles, pairs, outside), FOREIGN, strict=True)
             how_many = Counts(*(most if own is None else own for own, most in wanted))
             made = make_foreign(out, seed, how_many, families, jobs, say)
-        elif tier == "injected":
-            from ..exam.real import make_injected
+        elif tier in ("injected", "changed"):
+            from ..exam.changed import make_changed
+            from ..exam.injected import make_injected
 
             if data is None:
-                raise BadInput("--tier injected alters real recordings; name their folder with --data.")
-            made = make_injected(out, data, seed, FOREIGN[1] if singles is None else singles, say)
+                raise BadInput(f"--tier {tier} is of real recordings; name their folder with --data.")
+            if tier == "changed":
+                made = make_changed(out, data, seed, families, jobs, say)
+            else:
+                made = make_injected(out, data, seed, FOREIGN[1] if singles is None else singles, families, jobs, say)
         else:
             from ..exam.make import make
 
@@ -199,20 +210,23 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
 
     Parameters
     ----------
-    folder : with recording.csv, and vehicle.toml or fit.json.
+    folder : with recording.csv, and vehicle.toml or fit.json; with recordings from before, what changed since is asked.
     """
+    from ..api.closed_vehicle import closed_vehicle, fitted_vehicle
     from ..datasets.vehicle_file import vehicle as stated_in
     from ..datasets.vehicle_file import write_vehicle
-    from ..exam.folder import CLOSED
+    from ..exam.folder import AFTER, BEFORE, CLOSED
     from ..exam.verification import plain_model
     from ..fit import load
-    from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
     from ..models.registry import build
     from ..motion_model import MotionModel
-    from .gap import diagnosed
+    from .gap import diagnosed, what_changed
 
     file, fit, columns = folder / "vehicle.toml", folder / "fit.json", folder / "columns.toml"
     recording, mapping = [folder / "recording.csv"], columns if columns.is_file() else None
+    if since := sorted(folder.glob(BEFORE)):
+        second = [folder / AFTER] if (folder / AFTER).is_file() else []
+        return what_changed(recording, since, vehicle=stated_in(file), held_out=second, columns=mapping).to_json()
     if file.is_file():
         stated = stated_in(file)
         found = diagnosed(recording, vehicle=stated, columns=mapping)

@@ -13,6 +13,7 @@ import click
 from rich.console import Console, Group
 from rich.table import Table
 
+from ..api.closed_vehicle import closed_vehicle, no_place, not_held
 from ..api.diagnosing import (
     doubted,
     made_with,
@@ -32,13 +33,11 @@ from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
 from ..gap import Gap
-from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
 from ..guard import claim, option_of
 from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
-from ..motion_model import MotionModel
 from ..numbers import listed, number, pretty_unit
 from ..recording import Recording
 from ..reports.gap.saved import Made, as_text
@@ -267,7 +266,7 @@ def gap(
     """  # fmt: skip
     targets = targets_of(out, report, apply)
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
-    held_by_file = isinstance(asked.model, MotionModel)
+    held_by_file = not asked.model.learnt
     if not held_by_file:
         targets = without_vehicle(targets, asked.model.name, apply)
     changed: Changed | None = None
@@ -331,6 +330,18 @@ def diagnosed(
     BadInput : a file, or what is asked of it, cannot be used.
     """
     return _found(_asked(recordings, vehicle, fit, held_out, columns, model), seed, say or _silent)
+
+
+def what_changed(
+    recordings: Sequence[str | Path],
+    since: Sequence[str | Path],
+    vehicle: str | Path | Vehicle,
+    held_out: Sequence[str | Path] = (),
+    columns: str | Path | None = None,
+) -> Changed:
+    """What `greybox gap --since` finds, without its printing; parameters and errors as of `diagnosed`."""
+    asked = _asked(recordings, vehicle, None, held_out, columns, None)
+    return _changed(asked, [read_part(file, columns or "canonical") for file in since], _silent)
 
 
 @dataclass(frozen=True)

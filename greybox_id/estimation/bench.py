@@ -69,8 +69,6 @@ class Bench:
     loose : states whose starts are read, with noise.
     """
 
-    learnt = False
-
     def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
         self.model = model
         self.simulator = simulator or Simulator(model, compiled=None)
@@ -93,6 +91,11 @@ class Bench:
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
         self._laid: dict[tuple[tuple[float, ...], ...], Lanes] = {}
+
+    @property
+    def learnt(self) -> bool:
+        """Whether weights stand for the equations."""
+        return self.model.learnt
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901
 AGAIN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (12 nulls, 20 others)"
 FOREIGN = "foreign tier, fiala and exponential, seed 1301 (8 nulls, 24 singles, 40 outside the vocabulary)"
 RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ramps, laps), 20 pairs"
-PAIRS = "benchmarks/changed.py, development set: DART, 18 pairs without a change, 7 of them driven alike"
+PAIRS = "changed tier, development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
 NULLS = "calibrate costs: fiala and exponential seed 1778 (48 nulls)"
@@ -153,7 +153,6 @@ class Calibration:
     lags: tuple[float, ...] = _known((0.0, 0.12, 0.4), "s at which what is left is looked at: command, lag, motion")
     settling: float = _known(0.2, "s at the beginning of a run that do not count: two lags of sensors")
     least_seconds: float = _known(1.0, "s of recordings: more than twice the longest lag of those looked at")
-    overlapping: float = _known(10.0, "windows that a row lies in: within a tenth of a horizon they err alike")
     draws: int = _known(400, "of the bootstrap: limits of 95 % scatter by a twentieth of the interval")
     around: int = _known(5, "rows about a reading that say what it should be")
     fewest_channels: int = _known(2, "channels that must repeat together: one alone may be quantised")
@@ -176,6 +175,13 @@ class Calibration:
     scatter_steering_delay: float = _known(0.013, "the same of the steering delay, s", RUNS)
     scatter_steering_lag: float = _known(0.013, "the same of the steering lag, s", RUNS)
     scatter_yaw_rate_scale: float = _known(0.01, "sd of a gyro's gain, relative: data sheets of MEMS gyros")
+    scatter_yaw_rate_bias: float = _known(0.005, "sd of a gyro's reading at rest, rad/s: data sheets of MEMS gyros")
+    scatter_accel_bias_y: float = _known(0.05, "the same of an accelerometer, m/s^2: 5 mg, data sheets of MEMS ones")
+    scatter_imu_mount_yaw: float = _known(
+        0.005, "sd of its direction, rad: what is screwed on stays within 0.3 degrees"
+    )
+    scatter_sensor_latency_yaw: float = _known(0.005, "sd of how late a gyro is read, s: half a row of 100 Hz")
+    scatter_sensor_latency_imu: float = _known(0.005, "the same of the whole sensor")
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")

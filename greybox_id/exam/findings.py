@@ -26,11 +26,13 @@ class Size:
     ----------
     effect : name.
     error : distance from the truth over the truth's from its null; over the truth where that null is infinite.
+    off : distance from the truth.
     covered : whether the truth lies in the stated interval.
     """
 
     effect: str
     error: float
+    off: float
     covered: bool
 
 
@@ -49,7 +51,8 @@ class ExamFinding:
     first, first_strictly : the first choice is right, up to what cannot be distinguished, and by name.
     among_three : every effect that is there stands among the first three, up to what cannot be distinguished.
     sizes : of effects that are there and rank as high as there are effects, by name.
-    beside : names that were applied and are not there, up to what cannot be distinguished; of a case outside the
+    applied : names that were applied.
+    beside : of these, the ones that are not there, up to what cannot be distinguished; of a case outside the
         vocabulary, also any that was given a probability of one half.
     misplaced : share of the excess error that the budget gives to names that are not there; NaN without a budget.
     told : probability of every effect that was ranked, and whether it is there.
@@ -68,12 +71,18 @@ class ExamFinding:
     first_strictly: bool
     among_three: bool
     sizes: tuple[Size, ...]
+    applied: tuple[str, ...]
     beside: tuple[str, ...]
     misplaced: float
     told: tuple[tuple[float, bool], ...]
     claimed: float
     verified: float
     cpu: float
+
+    @property
+    def right(self) -> bool:
+        """Whether what is there was applied and nothing else, up to what cannot be distinguished."""
+        return bool(self.applied) and not self.beside and _named(self.answer, self.applied)
 
     @property
     def wrong(self) -> str:
@@ -107,7 +116,23 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
     if "error" in diagnosis:
         null = answer.kind == "null"
         return ExamFinding(
-            answer, str(diagnosis["error"]), null, library, nan, {}, False, False, False, (), (), nan, (), nan, nan, cpu
+            answer,
+            str(diagnosis["error"]),
+            null,
+            library,
+            nan,
+            {},
+            False,
+            False,
+            False,
+            (),
+            (),
+            (),
+            nan,
+            (),
+            nan,
+            nan,
+            cpu,
         )
     if lacking := [key for key in NEEDED if key not in diagnosis]:
         raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
@@ -126,8 +151,9 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
         first_strictly=first in answer.effects,
         among_three=_named(answer, names[:3]),
         sizes=tuple(_size(answer, own) for own in ranking[: len(answer.effects)] if own["effect"] in answer.effects)
-        if detected and library
+        if detected and (library or answer.kind == "changed")
         else (),
+        applied=tuple(str(name) for name in diagnosis["applied"]),
         beside=_beside(answer, diagnosis, ranking if detected else []),
         misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
         told=tuple((float(own["probability"]), own["effect"] in answer.effects) for own in ranking),
@@ -175,7 +201,7 @@ def _size(answer: Answer, ranked: Mapping[str, Any]) -> Size:
     apart = abs(float(found) - true) if found is not None and isfinite(float(found)) else inf
     low, high = (-inf if ranked["interval"][0] is None else float(ranked["interval"][0]), ranked["interval"][1])
     high = inf if high is None else float(high)
-    return Size(name, apart / (abs(true) if null == inf else abs(true - null)), low <= true <= high)
+    return Size(name, apart / (abs(true) if null == inf else abs(true - null)), apart, low <= true <= high)
 
 
 def _closed(closure: Mapping[str, Any]) -> float:

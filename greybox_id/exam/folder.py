@@ -1,6 +1,6 @@
 """Where things lie in an examination.
 
-DIR/cases/<id>/recording.csv, vehicle.toml       what the candidate is given; nothing else is shown to it
+DIR/cases/<id>/recording.csv, vehicle.toml, ...  what the candidate is given; nothing else is shown to it
                diagnosis.json, closed.toml       what it answers
 DIR/sealed/exam.json, seal.json, <id>/answer.json, held_out.csv
 DIR/score.json                                   once the answers have been opened
@@ -18,10 +18,11 @@ from ..json_data import read_json
 
 CASES, SEALED = "cases", "sealed"
 COLUMNS = "columns.toml"
-BEFORE = "before.csv"
-GIVEN = ("recording.csv", "vehicle.toml", "fit.json", COLUMNS, BEFORE)
-"""Files of a case that are handed out; the last three only where they are needed: a fit in place of the vehicle file,
-how the recording is to be read, and what the same vehicle did before."""
+AFTER, BEFORE = "after.csv", "before_*.csv"
+GIVEN = ("recording.csv", "vehicle.toml", "fit.json", COLUMNS, AFTER, BEFORE)
+"""Files of a case that are handed out; the last four only where they are needed: a fit in place of the vehicle file,
+how the recording is to be read, and where it is asked what changed, a second recording from after and all from
+before."""
 UNFINISHED = "unfinished.json"
 """What was asked for, beside the answers until all cases are made; not under the seal."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"

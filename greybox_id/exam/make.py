@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,9 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
     """
     nulls = cases // 6 if nulls is None else nulls
     planned = plan(cases, nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
-    asked = {"tier": tier, "seed": seed, "version": __version__, "cases": cases, "nulls": nulls}
-    return _made(folder, asked, planned, jobs, say)
+    return make_cases(
+        folder, {"tier": tier, "seed": seed, "cases": cases, "nulls": nulls}, _written(planned, folder), jobs, say
+    )
 
 
 def make_foreign(folder: Path, seed: int, counts: Counts, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
@@ -80,25 +82,40 @@ def make_foreign(folder: Path, seed: int, counts: Counts, wanted: Sequence[str],
     from .foreign.families import dealt_out
 
     planned = dealt_out(counts, seed, wanted)
-    asked = {"tier": "foreign", "seed": seed, "version": __version__, **vars(counts), "families": list(wanted)}
-    return _made(folder, asked, planned, jobs, say)
+    asked = {"tier": "foreign", "seed": seed, **vars(counts), "families": list(wanted)}
+    return make_cases(folder, asked, _written(planned, folder), jobs, say)
 
 
-def _made(folder: Path, asked: dict[str, Any], planned: Sequence[Planned], jobs: int, say: Say) -> Exam:
-    """Make what is planned, as far as it is not made yet."""
-    _begin(folder, asked)
-    files = {own: folder / SEALED / own.case / "answer.json" for own in planned}
+def make_cases(
+    folder: Path, asked: Mapping[str, Any], cases: Mapping[str, Callable[[], Answer]], jobs: int, say: Say
+) -> Exam:
+    """Make cases, as far as they are not made yet, and seal them.
+
+    Parameters
+    ----------
+    folder : to be made, or empty, or left unfinished by the same request.
+    asked : tier, seed and all else that says which examination it is.
+    cases : name of a case's folder -> what writes it, the answer last, and returns the answer.
+    jobs : processes at a time.
+    say : is told of every case.
+
+    Raises
+    ------
+    BadInput : there is something else in the folder already, or nothing can be written to it.
+    """
+    _begin(folder, {**asked, "version": __version__})
+    files = {name: folder / SEALED / name / "answer.json" for name in cases}
     answers = [read_answer(file) for file in files.values() if file.is_file()]
-    todo = [own for own, file in files.items() if not file.is_file()]
+    todo = [cases[name] for name, file in files.items() if not file.is_file()]
     if answers:
-        say(f"{len(answers)}/{len(planned)} were made before")
+        say(f"{len(answers)}/{len(cases)} were made before")
 
     def told(_: int, answer: Answer) -> bool:
         answers.append(answer)
-        say(f"{len(answers)}/{len(planned)} made", passing=len(answers) % 20 > 0)
+        say(f"{len(answers)}/{len(cases)} made", passing=len(answers) % 20 > 0)
         return True
 
-    if side_by_side(lambda number: _write(todo[number], folder), len(todo), jobs, told).interrupted:
+    if side_by_side(lambda number: todo[number](), len(todo), jobs, told).interrupted:
         raise KeyboardInterrupt
     exam = finish(folder, asked["tier"], asked["seed"], sorted(answers, key=lambda own: own.case))
     (folder / SEALED / UNFINISHED).unlink()
@@ -136,6 +153,11 @@ def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
     write_atomically(folder / SEALED / "exam.json", json.dumps(body, indent=1) + "\n")
     hidden = sum(bool(answer.effects) and bool(answer.left) and not answer.sizable for answer in answers)
     return Exam(folder, tier, {str(kind): count for kind, count in counts.items()}, seal(folder), hidden)
+
+
+def _written(planned: Sequence[Planned], folder: Path) -> dict[str, Callable[[], Answer]]:
+    """What writes each case of simulated vehicles."""
+    return {own.case: partial(_write, own, folder) for own in planned}
 
 
 def _write(planned: Planned, folder: Path) -> Answer:

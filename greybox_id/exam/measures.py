@@ -51,6 +51,8 @@ Bar = tuple[float, float]
 _NAMES = {
     "false_alarms": "false alarms on nulls",
     "detection": "gaps above a tenth of the noise that are detected",
+    "changed_first": "real changes: first and applied",
+    "changed_off": "real changes: magnitude off, largest",
     "first": "single effect: first choice right, up to what cannot be distinguished",
     "first_strictly": "single effect: first choice right by name",
     "among_three": "single effect: among the first three",
@@ -58,6 +60,9 @@ _NAMES = {
     "unknown": "outside the vocabulary: called unknown",
     "beside": "names applied that are not there: share of cases",
     "null_names": "nulls with a name applied",
+    "right": "single effect: applied and nothing else",
+    "silent": "single effect: nothing applied",
+    "above": "single effect above scatter: applied and nothing else",
     "outside_named": "outside the vocabulary: named at one half or applied",
     "misplaced": "budget: share given to names that are not there, mean",
     "wrongly_unknown": "within the vocabulary: called unknown",
@@ -87,8 +92,15 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
         "calibration": (0.0, 0.04),
     },
     "injected": {"first": (0.85, 1.0), "null_names": (0.0, 0.05), "beside": (0.0, 0.05)},
+    "changed": {
+        "changed_first": (1.0, 1.0), "changed_off": (0.0, 0.12), "null_names": (0.0, 0.0), "right": (0.45, 1.0),
+        "beside": (0.0, 0.05),
+    },
 }  # fmt: skip
-"""By tier; `beside` counts singles and pairs."""
+"""By tier; `beside` counts singles and pairs; first choices are of effects above the scatter between recordings, where
+that is known."""
+_CHANGES = ("right", "silent", "above", "changed_first", "changed_off")
+"""Measured where the question is what changed."""
 
 _ROUNDING = 1e-9
 STRETCH = 2.0
@@ -125,8 +137,11 @@ class Measure:
 def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
     """Every line of the score of one tier."""
     kinds = {
-        kind: [own for own in found if own.answer.kind == kind] for kind in ("null", "single", "double", "outside")
+        kind: [own for own in found if own.answer.kind == kind]
+        for kind in ("null", "single", "double", "outside", "changed")
     }
+    above = [own for own in kinds["single"] if own.answer.above]
+    off = [size.off for own in kinds["changed"] for size in own.sizes if isfinite(size.off)]
     library = kinds["single"] + kinds["double"]
     sizes = [size for own in library for size in own.sizes]
     applied = [own for own in library + kinds["outside"] if isfinite(own.claimed) and not isnan(own.verified)]
@@ -135,13 +150,18 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
     values = {
         "false_alarms": _share(own.detected for own in kinds["null"]),
         "detection": _share(own.detected for own in found if own.answer.sizable),
-        "first": _share(own.first for own in kinds["single"]),
-        "first_strictly": _share(own.first_strictly for own in kinds["single"]),
-        "among_three": _share(own.among_three for own in kinds["single"]),
+        "changed_first": _share(own.first and own.right for own in kinds["changed"]),
+        "changed_off": _plain(max(off, default=nan), off),
+        "first": _share(own.first for own in above),
+        "first_strictly": _share(own.first_strictly for own in above),
+        "among_three": _share(own.among_three for own in above),
         "doubles": _share(own.among_three for own in kinds["double"]),
         "unknown": _share(own.unknown for own in kinds["outside"]),
         "beside": _share(bool(own.beside) for own in library),
         "null_names": _share(bool(own.beside) for own in kinds["null"]),
+        "right": _share(own.right for own in kinds["single"]),
+        "silent": _share(not own.applied for own in kinds["single"]),
+        "above": _share(own.right for own in above),
         "outside_named": _share(bool(own.beside) for own in kinds["outside"]),
         "misplaced": _mean([own.misplaced for own in library if isfinite(own.misplaced)]),
         "wrongly_unknown": _share(own.unknown for own in library),
@@ -153,7 +173,8 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
         "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
-    return tuple(Measure(key, _NAMES[key], *own, bars.get(key)) for key, own in values.items())
+    asked = [key for key in values if key not in _CHANGES or tier in ("injected", "changed")]
+    return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in asked)
 
 
 _Value = tuple[float, tuple[float, float], int]
@@ -180,7 +201,7 @@ def confusions(found: Sequence[ExamFinding]) -> dict[str, dict[str, int]]:
     """Effect that is there -> first choice -> how often; of cases with one effect, of the vocabulary or outside."""
     table: dict[str, Counter[str]] = {}
     for own in found:
-        if own.answer.kind in ("single", "outside"):
+        if own.answer.kind in ("single", "outside", "changed"):
             (true,) = own.answer.effects
             first = next(iter(own.choices), "error" if own.error else "nothing" if own.detected else "no gap")
             if own.answer.kind == "outside" and own.unknown:

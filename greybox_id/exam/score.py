@@ -131,7 +131,20 @@ def _verified(
 
 
 SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
-PERCENT = (*SHARES, "beside", "null_names", "outside_named", "misplaced", "wrongly_unknown", "magnitude", "coverage")
+PERCENT = (
+    *SHARES,
+    "changed_first",
+    "right",
+    "silent",
+    "above",
+    "beside",
+    "null_names",
+    "outside_named",
+    "misplaced",
+    "wrongly_unknown",
+    "magnitude",
+    "coverage",
+)
 """Measures told in percent."""
 MARKS = {True: "✓", False: "✗", None: ""}
 
@@ -181,17 +194,20 @@ def confusions_table(body: Mapping[str, Any]) -> Table:
 
 
 def wrong_table(body: Mapping[str, Any]) -> Table:
-    """Cases that were wrong."""
+    """Cases that were wrong, or gave a name that is not there; real ones all."""
     table = _table(("case", "left"), ("truth", "left"), ("size", "right"), ("wrong", "left"), ("first choices", "left"))
     for own in body["findings"]:
-        if not own["wrong"] and own["kind"] != "real":
+        if not _worth_telling(own):
             continue
-        truth = ", ".join(f"{name} {value:.3g}" for name, value in own["effects"].items()) or own["kind"]
+        told = [f"{name} {value:.3g}" if _there(value) else name for name, value in own["effects"].items()]
+        truth = ", ".join(told) or own["kind"]
         choices = ", ".join(f"{name} {value:.2f}" for name, value in list(own["choices"].items())[:3] if _there(value))
         unknown = own["unknown_probability"]
         if _there(unknown) and unknown > 0.05:
             choices += f"{', ' if choices else ''}unknown {unknown:.2f}"
         what = own["error"] or own["wrong"] or ("gap" if own["detected"] else "no gap")
+        if own["beside"]:
+            what += f", {', '.join(own['beside'])} applied"
         table.add_row(own["case"], truth, f"{own['size']:.2g}", what, choices)
     return table
 
@@ -204,8 +220,13 @@ def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
     yield score_table(body)
     if detail:
         yield confusions_table(body)
-        if any(own["wrong"] for own in body["findings"]):
+        if any(_worth_telling(own) for own in body["findings"]):
             yield wrong_table(body)
+
+
+def _worth_telling(own: Mapping[str, Any]) -> bool:
+    """Whether a case is told by itself: what is wrong, and what is real."""
+    return bool(own["wrong"] or own["beside"]) or own["kind"] in ("real", "changed")
 
 
 def _there(value: float | None) -> bool:

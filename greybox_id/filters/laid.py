@@ -30,12 +30,14 @@ class LaidRun:
     segments : (S, numbers) of each segment.
     readings : (S, m) at the segments' starts; NaN where nothing was read.
     row_segment : (n,) segment that starts at a row.
+    read_segment : (n, m) segment at whose start a row's reading was taken; -1 for none.
     """
 
     run: MotionRun
     segments: Array
     readings: Array
     row_segment: Index
+    read_segment: Index
 
     def first(self, seconds: float) -> LaidRun:
         """Its beginning."""
@@ -43,7 +45,8 @@ class LaidRun:
         if rows >= len(self.row_segment):
             return self
         stop = int(self.row_segment[rows])
-        return LaidRun(self.run, self.segments[:stop], self.readings[:stop], self.row_segment[:rows])
+        taken = np.where(self.read_segment[:rows] < stop, self.read_segment[:rows], -1)
+        return LaidRun(self.run, self.segments[:stop], self.readings[:stop], self.row_segment[:rows], taken)
 
 
 def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str]) -> list[LaidRun]:
@@ -65,14 +68,15 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
     unread = [k for k, name in enumerate(model.outputs) if name not in read]
     found = []
     for run in runs:
-        plan = schedule(trace, run, shifts, longest)
+        late = np.any(np.isfinite(run.measured), axis=1)
+        plan = schedule(trace, run, shifts, longest, read=late)
         y = np.full((len(plan.segments), len(model.outputs)), np.nan)
         for k in range(len(model.outputs)):
             if k not in unread:
                 taken = plan.read_segment[:, k] >= 0
                 y[plan.read_segment[taken, k], k] = run.measured[taken, k]
         y[~np.isfinite(y)] = np.nan
-        found.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment))
+        found.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment, plan.read_segment))
     return found
 
 

@@ -88,7 +88,9 @@ class LiveFilter:
     def _start(self, row: Array, readings: Array) -> None:
         inputs = row[1 : 1 + len(self._filtering.space.model.inputs)]
         run = MotionRun("live", np.zeros(1), inputs[None], np.zeros(len(inputs), dtype=bool), readings[None], range(1))
-        own = LaidRun(run, row[None], readings[None], np.zeros(1, dtype=np.intp))
+        own = LaidRun(
+            run, row[None], readings[None], np.zeros(1, dtype=np.intp), np.zeros(readings[None].shape, dtype=np.intp)
+        )
         before = (self._x, self._P)
         self._x, self._P = self._filtering.begin(own, self._p, before if before[0].size else None)
 

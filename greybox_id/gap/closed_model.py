@@ -16,13 +16,13 @@ from ..estimation.preparing import excerpt, thinned, with_beliefs
 from ..fitting.attempt import LEAST_NOISE
 from ..motion_model import MotionModel
 from ..recording import Recording
+from ..scores.horizons import Errors, between, mean_squares
 from ..shorthands import Array
 from ..solvers.gauss_newton import Status, gauss_newton
 from ..statistics import MIDDLE_HALF, correlation_time
 from .closing import closure, left_open
 from .examining import Examined
-from .gap import Closure, Errors, Moved
-from .horizons import between, mean_squares
+from .gap import Closure, Moved
 
 WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
 HARMS = "with it, predictions of what was held out are worse, its parameters fitted or not"
@@ -83,14 +83,13 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     present : those of them that act, the others stand at their null or tolerance; None: all of them. The equations are
         the same whichever act, so that they share a compiled kernel.
     """
-    model, at = found.model, 0
-    for candidate in best.candidates:
-        effect, first = found.effects[candidate.effect], at
-        at += len(candidate.axes)
+    model = found.model
+    for candidate, at in best.parts:
+        effect = found.effects[candidate.effect]
         acts = present is None or candidate.effect in present
         acts = acts and (candidate.part is None or candidate.part.lasts)  # what comes after the recordings
-        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[first:], strict=False)]
-        if candidate.effect not in model.effects:
+        values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
+        if effect.parameter.name not in model:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))
         if acts:
             names = [axis.name for axis in candidate.axes]

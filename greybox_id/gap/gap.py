@@ -9,6 +9,7 @@ from typing import Any
 
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
+from ..scores.horizons import Errors
 from ..shorthands import Array
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
@@ -77,26 +78,6 @@ class Ranked:
     def lasts(self) -> bool:
         """Whether it acts at the end of the recordings, so that a vehicle as it then is has it."""
         return self.until is None
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one channel at one horizon, root mean squares in the channel's unit.
-
-    Attributes
-    ----------
-    channel, unit : what is predicted.
-    horizon : s predicted from measured states; None for the free run.
-    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
-    floor : of a model that fits as well as noise lets it.
-    """
-
-    channel: str
-    unit: str
-    horizon: float | None
-    before: float
-    after: float
-    floor: float
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..engine.simulation import FreeRuns
-from ..estimation.blocks import blocks
 from ..estimation.calibration import CAL
-from ..estimation.clock import running
+from ..estimation.noise import blocks
 from ..shorthands import Array
 from ..statistics import welch
 from .gap import Strip
+from .regimes import running
 
 
 def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:

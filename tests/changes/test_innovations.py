@@ -7,6 +7,7 @@ from gap_cases import CAR, lap, nominal
 from greybox_id.changes.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
+from greybox_id.models.effects import EFFECTS
 
 READ = ("v_x", "yaw_rate")
 ROWS = 10
@@ -106,3 +107,17 @@ def test_a_filter_with_the_true_numbers_foresees_best():
         return noise.cost(found)
 
     assert min((0.5, 0.6, 0.7, 0.8, 1.0), key=cost) == 0.7
+
+
+@pytest.mark.slow
+def test_readings_that_are_late_are_foreseen_for_when_they_were_taken():
+    model = nominal(vehicle=CAR) + EFFECTS["sensor_latency_yaw"].at(0.0)
+    ride = FollowedRun.of(lap({"sensor_latency_yaw": 0.05}, seconds=20.0, seed=3), READ)
+    follower = Follower(model, READ)
+    follower.tune([ride], {"sensor_latency_yaw": 0.05})
+    found = {late: follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (0.0, 0.02, 0.047, 0.1)}
+    assert all(np.max(np.abs(own.white)) < CAL.astray for own in found.values())
+    kept = np.count_nonzero(np.isfinite(ride.recording["yaw_rate"]))
+    assert all(kept - 3 <= np.count_nonzero(own.there[:, 1::2]) < kept for own in found.values())
+    noise = plain_noise(follower.size, 2)
+    assert min(found, key=lambda late: noise.cost(found[late])) == 0.047

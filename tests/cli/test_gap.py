@@ -303,3 +303,9 @@ def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
     told = greybox("gap", after, *options, "--json").told
     assert {own["effect"] for own in told["changed"]} == set(told["applied"])
     assert {"since", "scatter", "drift", "changed", "not_changed"} <= set(told)
+
+
+def test_a_fit_that_would_take_up_changes_says_what_tells_them(laps, asked, fitted):
+    asked.said = replace(none(), absorbed=("grip_scale",))
+    assert "--since" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
+    assert "--since" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out

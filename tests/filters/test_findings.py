@@ -123,7 +123,7 @@ ROWS = 1000
 def run():
     time = 10.0 + 0.02 * np.arange(ROWS)
     own = MotionRun("lap", time, np.zeros((ROWS, 1)), np.ones(1, dtype=bool), np.zeros((ROWS, 1)), range(ROWS))
-    return LaidRun(own, np.zeros((ROWS, 3)), np.zeros((ROWS, 1)), np.arange(ROWS))
+    return LaidRun(own, np.zeros((ROWS, 3)), np.zeros((ROWS, 1)), np.arange(ROWS), np.arange(ROWS)[:, None])
 
 
 @pytest.fixture

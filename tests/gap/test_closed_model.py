@@ -79,4 +79,4 @@ def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
     model = nominal(vehicle=LOOSE)
     found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)])
     with pytest.raises(KeyboardInterrupt):
-        _fitted(found, SimpleNamespace(axes=()), model, np.ones(len(model.outputs)))
+        _fitted(found, SimpleNamespace(axes=(), candidates=()), model, np.ones(len(model.outputs)))

@@ -14,11 +14,11 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
 from greybox_id.estimation.model_error import believed
+from greybox_id.estimation.variance import Scatter
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
 from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
 from greybox_id.gap.examining import _sole
 from greybox_id.gap.gap import Unnamed
-from greybox_id.gap.variance import Scatter
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.reports.gap.words import whether

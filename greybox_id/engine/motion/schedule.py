@@ -44,7 +44,12 @@ class Schedule:
 
 
 def schedule(
-    trace: MotionTrace, run: MotionRun, shifts: Array, longest: float | Array, moving: Sequence[bool] | None = None
+    trace: MotionTrace,
+    run: MotionRun,
+    shifts: Array,
+    longest: float | Array,
+    moving: Sequence[bool] | None = None,
+    read: NDArray[np.bool_] | None = None,
 ) -> Schedule:
     """Lay a run out in segments.
 
@@ -55,6 +60,7 @@ def schedule(
     shifts : the delays' and latencies' values, s.
     longest : no segment is longer than this, s; one number, or (n,) from each row to the next.
     moving : which shifts are differentiated by; the others, where they are zero, cut nothing. None: all of them.
+    read : (n,) rows at which something may be read late; at the others latencies cut nothing. None: all of them.
     """
     rows, delays = len(run), len(trace.delayed)
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
@@ -62,15 +68,17 @@ def schedule(
     steps = np.append(np.diff(run.time), run.sample_time)
     inside = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
     within = [run.time[own] + steps[own] * k / parts[own] for k, own in enumerate(inside, 1)]
-    late = [run.time - shifts[k] for k in cuts if k >= delays]
+    every = np.arange(rows)
+    late_rows = every if read is None else np.flatnonzero(read)
+    late = [run.time[late_rows] - shifts[k] for k in cuts if k >= delays]
     delayed = [run.time + shifts[k] for k in cuts if k < delays]
     # At the same instant: delayed commands arrive first, then rows' own, then late readings are taken.
     first_late = sum(k < delays for k in cuts)
     kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
     times = [*delayed, run.time, *late, *within]
-    counts, every = [len(own) for own in times], np.arange(rows)
+    counts = [len(own) for own in times]
     instant, kind = np.concatenate(times), np.repeat(kinds, counts)
-    row = np.concatenate([*[every] * (len(times) - len(within)), *inside])
+    row = np.concatenate([*[every] * (len(delayed) + 1), *[late_rows] * len(late), *inside])
     order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
     order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
     first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
@@ -90,17 +98,17 @@ def schedule(
     places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
     row_segment[row[kind == -1]] = places[kind == -1]
-    read = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
+    taken = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
     for k, name in enumerate(trace.late):
         own = kind == delays + k
         if delays + k not in cuts:
             continue
         column = trace.model.outputs.index(name)
-        read[:, column] = -1
-        read[row[own], column] = places[own]
+        taken[:, column] = -1
+        taken[row[own], column] = places[own]
     reads = np.zeros(len(kind), dtype=bool)
-    reads[read[read >= 0]] = True
-    return Schedule(segments, row_segment, read, reads)
+    reads[taken[taken >= 0]] = True
+    return Schedule(segments, row_segment, taken, reads)
 
 
 def _in_time(instant: Array, rank: Index) -> Index:

@@ -8,9 +8,8 @@ from math import fsum, isfinite, sqrt
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
+from ...statistics import NORMAL
 
-NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations."""
 LOPSIDED = 1.3
 """An interval whose arms differ by more than this factor is printed, not its standard deviation."""
 SMALLER = {"s": (1.0, "ms"), "rad": (0.1, "mrad"), "rad/s": (0.1, "mrad/s"), "m": (0.1, "mm")}

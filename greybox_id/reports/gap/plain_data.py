@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..json_data import plain
-from .gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...json_data import plain
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
