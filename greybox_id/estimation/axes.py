@@ -93,7 +93,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Part:
+class ActingRows:
     """Where an effect acts that begins within recordings, or ends.
 
     Attributes
@@ -125,13 +125,15 @@ class Candidate:
     starts : coordinates that the search begins from; empty where the derivative at the null tells all.
     gradual : whether what a small magnitude does tells what a larger one will.
     part : where it acts; None: everywhere.
+    never_beside : effects that are other forms of it.
     """
 
     effect: str
     axes: tuple[Axis, ...]
     starts: tuple[tuple[float, ...], ...] = ()
     gradual: bool = True
-    part: Part | None = None
+    part: ActingRows | None = None
+    never_beside: frozenset[str] = frozenset()
 
 
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
@@ -187,7 +189,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             for own in seconds
         ]
         starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
-        found.append(Candidate(name, (main, *seconds), starts, gradual))
+        found.append(Candidate(name, (main, *seconds), starts, gradual, never_beside=frozenset(effect.instead_of)))
     return tuple(found)
 
 

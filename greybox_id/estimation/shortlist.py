@@ -41,7 +41,8 @@ class Promise:
 
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
     """What candidates promise beside a hypothesis, most promising first."""
-    new = [candidate for candidate in candidates if candidate.effect not in beside.names]
+    forms = frozenset[str]().union(beside.names, *(own.never_beside for own in beside.candidates))
+    new = [own for own in candidates if own.effect not in forms and own.never_beside.isdisjoint(beside.names)]
     if not new:
         return []
     p, found = search.vector(beside), dict[str, Promise]()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.axes import Candidate, Part
+from ..estimation.axes import ActingRows, Candidate
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
@@ -196,13 +196,13 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
     return _There(other, replace(candidate, axes=(replace(axis, index=size),), part=_part(bench, rows)))
 
 
-def _part(bench: Bench, rows: slice) -> Part:
+def _part(bench: Bench, rows: slice) -> ActingRows:
     """Some rows in words: since when, or until when, by the clock of the recording."""
     begins = rows.start > 0
     row = rows.start if begins else rows.stop
     run = next(k for k, own in enumerate(bench.rows) if own.start <= row < own.stop)
     at = float(bench.time[row])
-    return Part(rows, bench.runs[run].name, *((at, None) if begins else (None, at)))
+    return ActingRows(rows, bench.runs[run].name, *((at, None) if begins else (None, at)))
 
 
 def _placed(begun: _Begun) -> _Begun:
@@ -273,7 +273,7 @@ def _weighed(
     return Selection(as_it_acts(search, first), base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
 
 
-def _rows(own: Hypothesis, other: Part) -> list[slice]:
+def _rows(own: Hypothesis, other: ActingRows) -> list[slice]:
     """Where a hypothesis has its effect act that begins or ends, and where another one has its own."""
     part = own.candidates[-1].part
     assert part is not None

@@ -10,7 +10,7 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import simulate
 
 from greybox_id.api.closed_vehicle import closed_vehicle
-from greybox_id.estimation.axes import Part
+from greybox_id.estimation.axes import ActingRows
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
@@ -85,7 +85,8 @@ def test_nothing_begins_where_nothing_is():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("effect", "value"), [("mass_change", 1.15), ("yaw_rate_bias", 0.02), ("aero_drag", 0.5), ("front_stiffness", 0.8)]
+    ("effect", "value"),
+    [("mass_change", 1.15), ("yaw_rate_bias", 0.02), ("motor_gain", 0.85), ("front_stiffness", 0.8)],
 )
 def test_what_ends_within_a_lap_is_told_until_when(effect, value):
     found = diagnosed(changing({effect: value}, {}))
@@ -104,4 +105,4 @@ def test_what_ended_is_not_carried_over():
     assert "does not have it" in sentence
     assert not ended.lasts
     assert ended.effect not in closed_vehicle(CAR, gap).model.effects
-    assert not Part(slice(0, 5), "lap7", until=12.0).lasts
+    assert not ActingRows(slice(0, 5), "lap7", until=12.0).lasts

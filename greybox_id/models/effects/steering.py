@@ -71,7 +71,7 @@ steering_ratio = alteration(
 
 steering_bandwidth = effect(
     GROUP, "steering_bandwidth", "Hz", inf, (0.5, inf), "natural frequency of the steering, a servo of second order",
-    touches=("steer",), apply=_servo, typical=5.0, gradual=False,
+    touches=("steer",), apply=_servo, typical=5.0, gradual=False, instead_of=("steering_lag",),
     others=(Parameter("steering_damping", "1", 0.7, (0.2, 0.98), fixed=True, about="damping ratio of the steering"),),
 )  # fmt: skip
 
