@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.axes import Candidate, ActingRows
+from ..estimation.axes import ActingRows, Candidate
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
