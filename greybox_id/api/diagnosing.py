@@ -184,12 +184,12 @@ def made_with(
 def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnosed, Vehicle]:
     """The model of a fit, and what it states of its vehicle, under a name, with the sensors of a stated vehicle.
 
-    Raises as `must_have_gaps`, and `BadInput` for a vehicle beside a model with memory.
+    Raises as `must_have_gaps`, and `BadInput` for a vehicle beside a model that holds a network's weights.
     """
     model = must_have_gaps(fit.model)
-    if stated is not None and isinstance(model, MemoryModel):
+    if stated is not None and model.learnt:
         raise BadInput(
-            f"{model.name} is a model with memory, whose noise is what its training left: it takes nothing from the "
+            f"{model.name} is {fit.model.called}, whose noise is what its training left: it takes nothing from the "
             f"vehicle {stated.name}; omit it (‹vehicle›)."
         )
     with known(model):

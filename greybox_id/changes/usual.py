@@ -24,12 +24,10 @@ USUAL: dict[str, float] = {
 may be named as changed."""
 GAINS = ("yaw_rate_scale",)
 """Of these, gains of sensors, which filters take from as well."""
-SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", "sensor_latency_yaw", "sensor_latency_imu")
+SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw")
 """Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
 TIMED = ("steering_delay",)
-"""Of these, delays of commands: with that of the clocks of commands and readings, which may be below zero."""
-LATE = (*TIMED, "sensor_latency_yaw", "sensor_latency_imu")
-"""Of these, all that shifts what lies on rows."""
+"""Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
 MEASURED_AT = "velocity_lever_arm"
 """A number of the vehicle that no file states: where speed is measured."""
 
@@ -62,8 +60,8 @@ def numbers_of(
             wide = CAL.indifference * USUAL[name]
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
-        if name in LATE:
-            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks * (name in TIMED))
+        if name in TIMED:
+            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
         found.append(one)
     arm = effects.get(MEASURED_AT)
     if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:

@@ -180,8 +180,6 @@ class Calibration:
     scatter_imu_mount_yaw: float = _known(
         0.005, "sd of its direction, rad: what is screwed on stays within 0.3 degrees"
     )
-    scatter_sensor_latency_yaw: float = _known(0.005, "sd of how late a gyro is read, s: half a row of 100 Hz")
-    scatter_sensor_latency_imu: float = _known(0.005, "the same of the whole sensor")
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")

@@ -173,7 +173,8 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
         "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
-    asked = [key for key in values if key not in _CHANGES or tier in ("injected", "changed")]
+    since = tier in ("injected", "changed")
+    asked = [key for key in values if (values[key][2] or key in bars if since else key not in _CHANGES)]
     return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in asked)
 
 

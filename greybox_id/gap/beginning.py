@@ -22,10 +22,10 @@ from ..estimation.noise import Whitener
 from ..estimation.part_bench import PartBench
 from ..estimation.refit import refit, settled
 from ..estimation.search import Search
+from ..estimation.shortlist import of_gain
 from ..shorthands import Array
 from .evidence import Costs, price
 from .selection import Selection
-from .shortlist import of_gain
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ..estimation.calibration import CAL
 from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.observer import PULLED
+from ..estimation.strip import strip
 from ..estimation.variance import fresh
 from ..recording import Recording
 from ..scores.horizons import by_horizon
@@ -34,7 +35,6 @@ from .examining import TINY, Examined, examine
 from .gap import Budget, Gap, Ranked
 from .regimes import where
 from .selection import refitted
-from .strip import strip
 from .unknown import unknown_probability, without_a_name
 
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
+from ..estimation.strip import Strip
 from ..scores.horizons import Errors
-from ..shorthands import Array
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""
@@ -236,32 +236,6 @@ class Limit:
     unit: str
     share: float
     told: float
-
-
-@dataclass(frozen=True)
-class Strip:
-    """What a picture of a gap along time and path is drawn from, per block of time.
-
-    Attributes
-    ----------
-    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
-    before, after : (n,) mean square of the errors over the noise's.
-    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
-    frequency : (k,) Hz.
-    spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
-    map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
-        the first NaN where never driven.
-    """
-
-    time: Array
-    before: Array
-    after: Array
-    x: Array
-    y: Array
-    frequency: Array
-    spectrum_before: Mapping[str, Array]
-    spectrum_after: Mapping[str, Array]
-    map: Mapping[str, Array]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from ..effect import Effect
 from ..engine.simulation import FreeRuns
 from ..estimation.calibration import CAL
+from ..estimation.shortlist import Promise
+from ..estimation.strip import running
 from ..shorthands import Array
 from .gap import Where
-from .shortlist import Promise
 
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",
@@ -129,12 +130,3 @@ def _smooth(values: Array, bench: FreeRuns) -> Array:
 
 def _top(values: Array) -> float:
     return float(max(np.quantile(np.abs(values), 0.99), 1e-9))
-
-
-def running(time: Array) -> Array:
-    """Time that goes on where it starts again, as it does between recordings."""
-    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
-    if np.all(steps >= 0):
-        return time
-    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))

@@ -18,8 +18,8 @@ from ..estimation.hypothesis import Hypothesis, Start, by_cost
 from ..estimation.noise import Whitener
 from ..estimation.refit import refit, settled
 from ..estimation.search import Search
+from ..estimation.shortlist import Promise, from_where_best, promises
 from ..shorthands import Array
-from .shortlist import Promise, from_where_best, promises
 
 
 @dataclass(frozen=True)

@@ -87,5 +87,6 @@ def test_options_of_another_tier_are_refused(tmp_path):
     )
     assert "--family does not go with --tier clean" in refused("exam", "make", "--family", "slipx", "--out", out)
     assert 'no family "bike"' in refused("exam", "make", "--tier", "foreign", "--family", "bike", "--out", out)
-    assert "name their folder with --data" in refused("exam", "make", "--tier", "injected", "--out", out)
+    for tier in ("injected", "changed"):
+        assert "name their folder with --data" in refused("exam", "make", "--tier", tier, "--out", out)
     assert not out.exists()

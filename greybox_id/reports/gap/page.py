@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba_array
 
+from ...estimation.strip import running
 from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
-from ...gap.regimes import running
 from ...models.effects import EFFECTS
 from ...numbers import listed, number
 from ...shorthands import Array

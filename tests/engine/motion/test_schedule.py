@@ -35,14 +35,14 @@ def delayed(delay=None, latency=None):
     return model
 
 
-def laid(model, time, hold="zero", longest=FAR):
+def laid(model, time, hold="zero", longest=FAR, read=None):
     """Schedule, and the commands at the beginning of segments and at their ends."""
     rows = np.arange(len(time))
     recording = Recording(
         "r", np.asarray(time), {"steer": 10.0 + rows**2, "speed": 0.0 * rows, "a_x": 0.0 * rows}, hold=hold
     )
     (run,) = motion_runs(model, recording)
-    plan = schedule(MotionTrace(model), run, model.values, longest)
+    plan = schedule(MotionTrace(model), run, model.values, longest, read=read)
     begin = plan.segments[:, 1]
     return plan, begin, begin + plan.segments[:, 2] * plan.segments[:, 0]
 
@@ -54,6 +54,16 @@ def test_without_shifts_there_is_a_segment_per_row_and_commands_hold():
     np.testing.assert_array_equal(end, begin)
     np.testing.assert_array_equal(plan.row_segment, [0, 1, 2, 3])
     assert np.all(plan.reads)
+
+
+def test_latencies_cut_nothing_where_nothing_is_read():
+    model, time = delayed(latency=0.04), [0.0, 0.1, 0.2, 0.3]
+    plan, _, _ = laid(model, time, read=np.array([False, False, True, False]))
+    np.testing.assert_allclose(plan.segments[:, 0], [0.1, 0.06, 0.04, 0.1, 0.0])
+    np.testing.assert_array_equal(plan.read_segment[:, 1], [-1, -1, 2, -1])
+    whole, _, _ = laid(model, time)
+    everywhere, _, _ = laid(model, time, read=np.ones(4, dtype=bool))
+    np.testing.assert_array_equal(whole.segments, everywhere.segments)
 
 
 def test_commands_that_run_straight_meet_at_the_next_row():

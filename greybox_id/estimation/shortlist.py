@@ -8,11 +8,11 @@ from math import inf
 
 import numpy as np
 
-from ..estimation.axes import Candidate
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.search import Search
 from ..shorthands import Array
+from .axes import Candidate
+from .calibration import CAL
+from .hypothesis import Hypothesis
+from .search import Search
 
 BETWEEN = CAL.between * CAL.starts[1] / CAL.starts[0]
 
