@@ -40,6 +40,7 @@ class Effect:
     others : parameters it needs besides its magnitude, usually held.
     typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
     gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
+    instead_of : effects of which it is another form: where one is there, the other is not.
     group : steering, drive, tyres, body, road, sensors or timing.
 
     Examples
@@ -62,6 +63,7 @@ class Effect:
     others: tuple[Parameter, ...] = ()
     typical: float = 1.0
     gradual: bool = True
+    instead_of: tuple[str, ...] = ()
     group: str = ""
 
     def __post_init__(self) -> None:

@@ -72,6 +72,7 @@ class MemoryModel(Model):
 
     kind: ClassVar[str] = "memory"
     called: ClassVar[str] = "a model with memory"
+    learnt: ClassVar[bool] = True
 
     equations: Callable[[Namespace, Namespace, Past], Mapping[str, Symbol]]
     sample_time: float

@@ -72,6 +72,8 @@ class Actuator:
         mean and first moment as the element's true response.
     after : (state, command, p, time) -> what is seen so long after the command took this value.
     moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
+    beside : name of another actuator, whose state it reads too: `state` is then both of them, its own first. At rest
+        both stand at the command.
     """
 
     signal: str
@@ -79,6 +81,7 @@ class Actuator:
     segment: Callable[[Symbol, tuple[Symbol, Symbol], Namespace, Symbol], tuple[Symbol, tuple[Symbol, Symbol]]]
     after: Callable[[Symbol, Symbol, Namespace, float], Symbol]
     moves: Callable[[Symbol, Symbol, Namespace, float], Symbol]
+    beside: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,7 @@ class MotionModel(Model):
     passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
         reads q.before and converges over a few passes.
     validity : where the equations hold; fits leave out other readings.
+    learnt : whether constants of the equations are the weights of a network, which took up what was in its training.
 
     Examples
     --------
@@ -176,6 +180,7 @@ class MotionModel(Model):
     latencies: tuple[tuple[str, Shift], ...] = ()
     passes: int = 1
     validity: tuple[Validity, ...] = ()
+    learnt: bool = False
 
     @property
     def names(self) -> frozenset[str]:

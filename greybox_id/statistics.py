@@ -9,6 +9,8 @@ import numpy as np
 
 from .shorthands import Array
 
+NORMAL = 1.959964
+"""Half of a 95 % interval, in standard deviations of a normal distribution."""
 MIDDLE_HALF = 1.4826
 """A normal distribution's standard deviation over the median of its size."""
 

@@ -8,8 +8,8 @@ from reference_vehicle import FULL_SIZE_CAR, simulate, simulate_lateral
 
 from greybox_id.estimation.axes import Axis, Candidate
 from greybox_id.estimation.bench import Bench
-from greybox_id.estimation.colour import white_noise
 from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.noise import white_noise
 from greybox_id.estimation.preparing import prepare_plain
 from greybox_id.estimation.search import Search
 from greybox_id.models.effects import EFFECTS

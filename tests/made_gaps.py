@@ -164,6 +164,7 @@ def none():
         applied=(),
         gap=quiet,
         held_out=replace(quiet, recordings=("lap8",)),
+        moved=(),
         strip=strip(strength=0.0, after=1.0),
     )
 

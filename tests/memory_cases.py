@@ -6,8 +6,13 @@ from toys import drive
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import join
 from greybox_id.scores.memory import predictions
+from greybox_id.vehicle import Vehicle
 
 NOISE = {"yaw_rate": 0.08, "a_x": 0.15}
+CARRIED = {name for name, effect in EFFECTS.items() if effect.apply_to_memory}
+"""Effects that are known for maps with memory."""
+FITTED = Vehicle("fit", noise=NOISE)
+"""What training left."""
 
 
 def made(model, effects=None, seed=0, noise=1.0, rows=400):

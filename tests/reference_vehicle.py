@@ -37,7 +37,8 @@ VEHICLE_EFFECTS = {
     "grip_scale": 1.0, "front_stiffness": 1.0, "rear_stiffness": 1.0, "tyre_relaxation": 0.0, "combined_slip": 0.0,
     "load_sensitivity": 0.0, "longitudinal_load_transfer": 0.0, "tyre_temperature": 0.0, "mass_change": 1.0,
     "cog_shift": 0.0, "yaw_inertia": 1.0, "roll_dynamics": 0.0, "steering_delay": 0.0, "steering_lag": 0.0,
-    "steering_rate_limit": np.inf, "steering_offset": 0.0, "steering_ratio": 1.0, "steering_backlash": 0.0,
+    "steering_bandwidth": np.inf, "steering_rate_limit": np.inf, "steering_offset": 0.0, "steering_ratio": 1.0,
+    "steering_backlash": 0.0,
     "motor_lag": 0.0, "motor_saturation": np.inf, "motor_gain": 1.0, "brake_bias": 0.0, "aero_drag": 0.0,
     "rolling_resistance": 0.0, "road_slope": 0.0, "road_bank": 0.0, "wind_gust": 0.0, "downforce": 0.0,
 }  # fmt: skip
@@ -46,6 +47,7 @@ SECOND = {
     "roll_frequency": 1.5,  # Hz
     "roll_damping": 0.3,
     "motor_saturation_v_b": None,  # m/s; 0.6 v_max of the vehicle unless given
+    "steering_damping": 0.7,
     "wind_direction": 0.0,  # rad, where to: 0 blows along +x of the world
 }
 NULL = VEHICLE_EFFECTS | SENSOR_EFFECTS
@@ -106,21 +108,46 @@ def first_order(y, u_0, u_1, h, tau):
 
 @compiled
 def steer_jumps(car, steering, command):
-    """The command has jumped: what follows it at once. `steering` is play, rate limiter, road wheel."""
+    """The command has jumped: what follows it at once. `steering` is play, rate limiter, lag, road wheel, its rate."""
     steering[0] = min(max(steering[0], command - car.steering_backlash), command + car.steering_backlash)
     if car.steering_rate_limit == np.inf:
         steering[1] = steering[0]
     if car.steering_lag == 0.0:
         steering[2] = steering[1]
+    if car.steering_bandwidth == np.inf:
+        steering[3] = steering[2]
+
+
+@compiled
+def servo(car, steering, before, after, h):
+    """A servo of second order for h seconds of an input running straight, by Runge-Kutta of fourth order."""
+    if car.steering_bandwidth == np.inf:
+        steering[3] = after
+        return
+    w = 2 * np.pi * car.steering_bandwidth
+    steps = max(int(np.ceil(w * h / 0.02)), 1)
+    dt = h / steps
+    for k in range(steps):
+        u_0, u_1 = before + (after - before) * k / steps, before + (after - before) * (k + 1) / steps
+        x, v = steering[3], steering[4]
+        change_x, change_v, dx, dv = 0.0, 0.0, 0.0, 0.0
+        for stage in range(4):
+            u = u_0 + REACH[stage] * (u_1 - u_0)
+            at_x, at_v = x + REACH[stage] * dt * dx, v + REACH[stage] * dt * dv
+            dx, dv = at_v, w**2 * (u - at_x) - 2 * car.steering_damping * w * at_v
+            change_x += SHARE[stage] * dt * dx
+            change_v += SHARE[stage] * dt * dv
+        steering[3], steering[4] = x + change_x, v + change_v
 
 
 @compiled
 def steer_moves(car, steering, command, h):
     """The command has moved for h seconds."""
-    before, most = steering[1], car.steering_rate_limit * h
+    before, most, lagged = steering[1], car.steering_rate_limit * h, steering[2]
     steering[0] = min(max(steering[0], command - car.steering_backlash), command + car.steering_backlash)
     steering[1] = before + min(max(steering[0] - before, -most), most)
     steering[2] = first_order(steering[2], before, steering[1], h, car.steering_lag)
+    servo(car, steering, lagged, steering[2], h)
 
 
 # ---- equations of motion
@@ -221,13 +248,13 @@ def integrate(car, tyre, events, steer, drive, given, v_dot, fine, states, saw):
     n = states.shape[1]
     state, rate, trial, change = states[0].copy(), states[0].copy(), states[0].copy(), states[0].copy()
     seen = saw[0].copy()
-    steering, force = steer[0, 0] * np.ones(3), drive[0, 0]
+    steering, force = steer[0, 0] * np.array([1.0, 1.0, 1.0, 1.0, 0.0]), drive[0, 0]
     for k in range(len(events)):
         steer_jumps(car, steering, steer[k, 0])
         asked = drive[k, 0]
         force = asked if car.motor_lag == 0 else force
         for _ in range(20 if k == 0 else 5):  # until accelerations and the loads they shift agree
-            dynamics(car, tyre, state, steering[2], force, given, v_dot[k], rate, seen)
+            dynamics(car, tyre, state, steering[3], force, given, v_dot[k], rate, seen)
             if k == 0:  # settled
                 state[6], state[7], state[9] = seen[-2], seen[-1], car.roll_dynamics * seen[1]
         put(states[k], state)
@@ -247,7 +274,7 @@ def integrate(car, tyre, events, steer, drive, given, v_dot, fine, states, saw):
                     steer_moves(car, steering, steer[k, 0] + done * (steer[k, 1] - steer[k, 0]), h / 2)
                 for i in range(n):
                     trial[i] = state[i] + REACH[stage] * h * rate[i]
-                dynamics(car, tyre, trial, steering[2], force, given, v_dot[k], rate, seen)
+                dynamics(car, tyre, trial, steering[3], force, given, v_dot[k], rate, seen)
                 for i in range(n):
                     change[i] = (change[i] if stage > 0 else 0.0) + SHARE[stage] * h * rate[i]
             for i in range(n):

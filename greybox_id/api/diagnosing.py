@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from ..changes.verb import diagnose_change
+from ..checks.finding import listed
 from ..choices.wanted import doubts, must_be_recorded
 from ..declared import understood
 from ..effect import Effect
+from ..engine.of_motion import equations_of_motion
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.memory_bench import must_suit
 from ..fit import Fit
-from ..gap.closed_vehicle import fitted_vehicle
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.gap import Gap
 from ..memory_model import MemoryModel
@@ -29,6 +30,7 @@ from ..reports.gap.saved import Made, stated_numbers
 from ..vehicle import Vehicle
 from ..version import __version__
 from . import given
+from .closed_vehicle import FITTED, fitted_vehicle, with_sensors
 from .fitting import Progress
 from .gap_result import ChangeResult, GapResult
 from .given import Columns, ModelLike, Recordings, VehicleLike
@@ -59,7 +61,7 @@ def diagnose(
     since : recordings of before something may have changed; asked then is what changed since.
     held_out : recordings that choose nothing, on which the closure is verified.
     vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. For a model that is
-        named, also the numbers it starts from.
+        named, also the numbers it starts from; a fit has its own, and takes noise, model error and tolerated effects.
     effects : what the model may lack; all that are known unless given, shipped ones and those of installed packages.
         Effects of one's own are handed over as a list of `Effect`, to be tried beside the names in it; or all by name,
         as a mapping.
@@ -145,9 +147,17 @@ def must_differ(own: Sequence[Recording], others: Sequence[Recording]) -> None:
 
 
 def doubted(found: Gap, nominal: Diagnosed, stated: Vehicle | None, own: Sequence[Recording]) -> Gap:
-    """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
+    """The diagnosis, with doubts on whether the vehicle is the recorded one, and what tells more than a fit does."""
     more = doubts(nominal, stated, own) if stated is not None else []
-    return replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+    found = replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+    of_a_fit = stated is not None and any(number.source == FITTED for number in stated.values.values())
+    if found.applied or not found.absorbed or not of_a_fit:
+        return found
+    since = (
+        f"What the fit leaves open would take up {listed([*found.absorbed])}: name recordings from before with --since "
+        "(since=), which tell more sharply what changed."
+    )
+    return replace(found, advice=(*found.advice, since))
 
 
 def made_with(
@@ -171,28 +181,37 @@ def made_with(
     )
 
 
-def of_fit(fit: Fit, name: str) -> tuple[Diagnosed, Vehicle]:
-    """The model of a fit, and what it states of its vehicle, under a name. Raises `BadInput` for hybrids."""
+def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnosed, Vehicle]:
+    """The model of a fit, and what it states of its vehicle, under a name, with the sensors of a stated vehicle.
+
+    Raises as `must_have_gaps`, and `BadInput` for a vehicle beside a model that holds a network's weights.
+    """
     model = must_have_gaps(fit.model)
+    if stated is not None and model.learnt:
+        raise BadInput(
+            f"{model.name} is {fit.model.called}, whose noise is what its training left: it takes nothing from the "
+            f"vehicle {stated.name}; omit it (‹vehicle›)."
+        )
     with known(model):
-        return model, fitted_vehicle(fit, name)
+        fitted = fitted_vehicle(fit, name)
+    return model, fitted if stated is None else with_sensors(fitted, stated)
 
 
 def must_have_gaps(model: Model) -> Diagnosed:
-    """The model, where gaps of its kind are diagnosed. Raises `BadInput` for hybrids."""
-    if isinstance(model, MotionModel | MemoryModel):
-        return model
-    raise BadInput(
-        f"The gap of {model.name} is not diagnosed: it is a hybrid model, whose network takes up what the equations "
-        "lack. Name equations of motion or a model with memory."
-    )
+    """The model as it is diagnosed: a hybrid as the equations of motion that it amounts to, its weights constants.
+
+    Raises
+    ------
+    BadInput : it amounts to none, for its network has a memory or was trained by steps that are no derivative's.
+    """
+    return model if isinstance(model, MemoryModel) else equations_of_motion(model, ", whose gap could be diagnosed")
 
 
 def must_be_stated(model: Model) -> Model:
-    """The model, where it a vehicle can state its numbers. Raises `BadInput` for models with memory."""
-    if isinstance(model, MemoryModel):
+    """The model, where a vehicle can state its numbers. Raises `BadInput` for models with memory and hybrids."""
+    if not isinstance(model, MotionModel):
         raise BadInput(
-            f"{model.name} is a model with memory, whose weights no vehicle states: fit it, and name the fit (‹fit›); "
+            f"{model.name} is {model.called}, whose weights no vehicle states: fit it, and name the fit (‹fit›); "
             "or name equations of motion (‹model›): single_track or lateral."
         )
     return model
@@ -202,7 +221,7 @@ def _nominal(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> tuple[Di
     """The model that is diagnosed, and what is stated of its vehicle."""
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     if isinstance(model, Fit):
-        return of_fit(model, model.model.name) if stated is None else (must_have_gaps(model.model), stated)
+        return of_fit(model, model.model.name, stated)
     found = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
     return must_have_gaps(must_be_stated(found)), stated
 

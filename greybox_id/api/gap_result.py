@@ -63,7 +63,7 @@ class GapResult(Gap):
         return self.closed
 
     def to_pandas(self) -> pd.DataFrame:
-        """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, whether it is `applied`."""
+        """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, when it acts, `applied`."""
         return pd.DataFrame(
             [
                 {
@@ -73,11 +73,13 @@ class GapResult(Gap):
                     "lower": own.interval[0],
                     "upper": own.interval[1],
                     "unit": own.unit,
+                    "since": own.since,
+                    "until": own.until,
                     "applied": own.effect in self.applied,
                 }
                 for own in self.ranking
             ],
-            columns=["effect", "probability", "magnitude", "lower", "upper", "unit", "applied"],
+            columns=[*("effect", "probability", "magnitude", "lower", "upper", "unit", "since", "until", "applied")],
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..errors import BadInput
 from ..estimation.calibration import CAL
-from ..estimation.refit import bounded_step
 from ..shorthands import Array
+from ..solvers.box import least_within
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
 
 
@@ -309,18 +309,18 @@ def descended(
     Goldfarb and Shanno).
     """
     u = np.clip(start, low, high)
-    here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.zeros(len(u), dtype=bool)
+    here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.ones(len(u), dtype=bool)
     still = 0
     for _ in range(CAL.between_steps):
         if np.any(np.linalg.eigvalsh(here.H + lacking) <= 0):  # what was learned elsewhere does not hold here
             lacking = np.zeros_like(lacking)
         B = here.H + lacking
-        step = bounded_step(B, here.g, low - u, high - u, free)
+        step = least_within(B, here.g, low - u, high - u, free)
         if -float(step @ (here.g + 0.5 * B @ step)) < CAL.between_settled:
             break  # that is what is left to be gained
         there, gained = u, 0.0
         for firm in CAL.damping:
-            step = bounded_step(B + firm * np.diag(np.diag(B)), here.g, low - u, high - u, free)
+            step = least_within(B, here.g, low - u, high - u, free, firm)
             there = np.clip(u + step, low, high)
             gained = here.cost - cost(there)
             if gained > 0:

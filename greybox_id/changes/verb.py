@@ -115,8 +115,8 @@ def diagnose_change(
         raise BadInput("Since when? Name recordings from before the change.")
     if vehicle is None:
         raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
-    if not isinstance(model, MotionModel):
-        raise BadInput(f"{model.name} is a map with memory: what changed is found for equations of motion alone.")
+    if not isinstance(model, MotionModel) or model.learnt:
+        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
     _must_differ([*after, *held_out], since)
     read = _readings(model, [*after, *held_out, *since])
     own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}

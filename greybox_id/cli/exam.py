@@ -212,12 +212,12 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     ----------
     folder : with recording.csv, and vehicle.toml or fit.json; with recordings from before, what changed since is asked.
     """
+    from ..api.closed_vehicle import closed_vehicle, fitted_vehicle
     from ..datasets.vehicle_file import vehicle as stated_in
     from ..datasets.vehicle_file import write_vehicle
     from ..exam.folder import AFTER, BEFORE, CLOSED
     from ..exam.verification import plain_model
     from ..fit import load
-    from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
     from ..models.registry import build
     from ..motion_model import MotionModel
     from .gap import diagnosed, what_changed

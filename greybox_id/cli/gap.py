@@ -13,6 +13,7 @@ import click
 from rich.console import Console, Group
 from rich.table import Table
 
+from ..api.closed_vehicle import closed_vehicle, no_place, not_held
 from ..api.diagnosing import (
     doubted,
     made_with,
@@ -32,13 +33,11 @@ from ..errors import BadInput
 from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
 from ..gap import Gap
-from ..gap.closed_vehicle import closed_vehicle, no_place, not_held
 from ..gap.diagnosis import diagnose
 from ..guard import claim, option_of
 from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
-from ..motion_model import MotionModel
 from ..numbers import listed, number, pretty_unit
 from ..recording import Recording
 from ..reports.gap.saved import Made, as_text
@@ -201,7 +200,13 @@ class _Since(click.Command):
     shell_complete=VEHICLES,
     help="What is stated of the vehicle: a shipped one or a file.",
 )
-@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="In place of a vehicle, a fit.")
+@click.option(
+    "--fit",
+    "fit_file",
+    metavar="FIT",
+    type=click.Path(),
+    help="A fit, whose estimates are the numbers; --vehicle beside it states noise and tolerances.",
+)
 @click.option(
     "--model",
     metavar="NAME",
@@ -261,7 +266,7 @@ def gap(
     """  # fmt: skip
     targets = targets_of(out, report, apply)
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
-    held_by_file = isinstance(asked.model, MotionModel)
+    held_by_file = not asked.model.learnt
     if not held_by_file:
         targets = without_vehicle(targets, asked.model.name, apply)
     changed: Changed | None = None
@@ -313,7 +318,8 @@ def diagnosed(
     Parameters
     ----------
     recordings, held_out : files that are diagnosed, and files that choose nothing.
-    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; or the file of a fit: one of them.
+    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; the file of a fit; of both, the fit's numbers with
+        the vehicle's noise, model error and tolerated effects.
     columns : column map; canonical names unless given.
     say : told of progress.
     model : with a vehicle, in place of its own.
@@ -370,14 +376,13 @@ def _nominal(
     vehicle: str | Path | Vehicle | None, fit: str | Path | None, model: str | None
 ) -> tuple[Diagnosed, Vehicle]:
     """The model that is diagnosed, and what is stated of its vehicle."""
-    if (vehicle is None) == (fit is None):
-        more = "." if vehicle is None else "; not both."
-        raise BadInput(f"Which simulation? Name the vehicle with --vehicle, or a fit with --fit{more}")
+    if vehicle is None and fit is None:
+        raise BadInput("Which simulation? Name the vehicle with --vehicle, or a fit with --fit.")
+    found = vehicle if vehicle is None or isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
     if fit is not None:
         if model is not None:
-            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle.")
-        return of_fit(fit_of(fit), str(fit))
-    found = vehicle if isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle alone.")
+        return of_fit(fit_of(fit), str(fit), found)
     assert found is not None
     own = found.model is not None and model in (None, found.model.name)
     nominal = must_be_stated(model_of(found) if own or model is None else build(model, vehicle=found))

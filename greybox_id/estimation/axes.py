@@ -93,6 +93,28 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class ActingRows:
+    """Where an effect acts that begins within recordings, or ends.
+
+    Attributes
+    ----------
+    rows : of all N.
+    recording : the name of the one in which it does.
+    since, until : s of its clock; None where it acts from the start, or to the end.
+    """
+
+    rows: slice
+    recording: str
+    since: float | None = None
+    until: float | None = None
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it still acts at the end, and so on what comes after the recordings."""
+        return self.until is None
+
+
+@dataclass(frozen=True)
 class Candidate:
     """An effect that may be the cause.
 
@@ -102,12 +124,16 @@ class Candidate:
     axes : its magnitude first, then second parameters.
     starts : coordinates that the search begins from; empty where the derivative at the null tells all.
     gradual : whether what a small magnitude does tells what a larger one will.
+    part : where it acts; None: everywhere.
+    never_beside : effects that are other forms of it.
     """
 
     effect: str
     axes: tuple[Axis, ...]
     starts: tuple[tuple[float, ...], ...] = ()
     gradual: bool = True
+    part: ActingRows | None = None
+    never_beside: frozenset[str] = frozenset()
 
 
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
@@ -163,7 +189,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             for own in seconds
         ]
         starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
-        found.append(Candidate(name, (main, *seconds), starts, gradual))
+        found.append(Candidate(name, (main, *seconds), starts, gradual, never_beside=frozenset(effect.instead_of)))
     return tuple(found)
 
 

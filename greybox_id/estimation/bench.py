@@ -69,8 +69,6 @@ class Bench:
     loose : states whose starts are read, with noise.
     """
 
-    learnt = False
-
     def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
         self.model = model
         self.simulator = simulator or Simulator(model, compiled=None)
@@ -93,6 +91,11 @@ class Bench:
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
         self._laid: dict[tuple[tuple[float, ...], ...], Lanes] = {}
+
+    @property
+    def learnt(self) -> bool:
+        """Whether weights stand for the equations."""
+        return self.model.learnt
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -154,6 +157,10 @@ class Bench:
     def _cuts(self) -> int:
         return max(1, CAL.lanes // len(self.runs))
 
+    def along(self, p: Array) -> Array:
+        """Parameters along the segments of `trajectory`, (S, parameters); one vector where they are the same in all."""
+        return p
+
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
         shifts = tuple(self.simulator.shifts(p))
@@ -176,20 +183,23 @@ class Bench:
         J : (N, outputs, columns).
         S : (N, outputs, runs * loose) by the starts of every run.
         """
-        moving, shifts = self._moving(columns), self.simulator.shifts(p)
+        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.model.size])
         plans = self._scheduled(tuple(shifts))
         if any(moving):
             plans = [
                 schedule(self.simulator.trace, run, shifts, longest, moving)
                 for run, longest in zip(self.runs, self.longest, strict=True)
             ]
-        intervals = [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)]
-        cut = lay(plans, intervals, self._cuts)
+        cut, by_lane, held = self._lanes_in(plans, p)
         by_p = self._starts(p[None])[1][0]
         (found,) = self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, p, cut.reads, chosen)
+            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)
+            for lanes_held, index in held:
+                at = size + np.flatnonzero(chosen == index)
+                Z_end[np.ix_(lanes_held, np.arange(size), at)] = 0.0
+                Y[np.ix_(lanes_held, np.arange(Y.shape[1]), np.arange(Y.shape[2]), at)] = 0.0
             G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
@@ -202,6 +212,10 @@ class Bench:
         for k, rows in enumerate(self.rows):
             S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
         return found.y.copy(), J[:, :, : len(chosen)], S
+
+    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+        """Lanes that runs are cut into to be differentiated, their parameters, and in which lanes which do not act."""
+        return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], self._cuts), p, ()
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
         """Which shifts any of the parameters moves."""
@@ -245,10 +259,14 @@ class Bench:
     def _starts(self, P: Array) -> tuple[Array, Array]:
         """(K, runs, nz) states at the runs' starts and their derivative by the parameters."""
         found = [
-            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), P)
-            for run, (names, values) in zip(self.runs, self._readings, strict=True)
+            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), own)
+            for run, (names, values), own in zip(self.runs, self._readings, self._at_starts(P), strict=True)
         ]
         return np.stack([z for z, _ in found], axis=1), np.stack([by_p for _, by_p in found], axis=1)
+
+    def _at_starts(self, P: Array) -> Sequence[Array]:
+        """Of each run, (K, parameters) vectors in force where it begins."""
+        return [P] * len(self.runs)
 
     def _starting_readings(self, run: MotionRun) -> tuple[tuple[str, ...], Array]:
         """States that are read and where they start: the mean of the first readings, which are noisy."""

@@ -21,6 +21,7 @@ CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off,
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
 NULLS = "calibrate costs: fiala and exponential seed 1778 (48 nulls)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
+BEGUN = "foreign tier, fiala and exponential, seed 5501 (12 nulls), benchmarks/beginnings.py, seeds 71, 72"
 DEFINED = "by definition: says what the words of an answer mean"
 """What provenances rest on."""
 
@@ -79,9 +80,13 @@ class Calibration:
         ),
         "the same of effects that equations' form hardly mimics: what one of 500 nulls gains by any", NULLS,
     )  # fmt: skip
+    rare: float = _known(0.002, "share of vehicles without a gap that gain a cost by any effect", DEFINED)
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")
+    begins: float = _known(
+        20.0, "more, of one that begins or ends: one of 12 nulls gained 25 by one, causes 49 to 4 000", BEGUN
+    )
     next_to_nothing: float = _known(0.02, "of its usual size: an abrupt effect that only moves readings past rows")
     rough_reading: float = _known(1.2e-3, "log-likelihood a reading that misfits gain unseen; models without forces")
     misfit_share: float = _known(0.02, "the same where they show, as a share of what they cost")
@@ -148,7 +153,6 @@ class Calibration:
     lags: tuple[float, ...] = _known((0.0, 0.12, 0.4), "s at which what is left is looked at: command, lag, motion")
     settling: float = _known(0.2, "s at the beginning of a run that do not count: two lags of sensors")
     least_seconds: float = _known(1.0, "s of recordings: more than twice the longest lag of those looked at")
-    overlapping: float = _known(10.0, "windows that a row lies in: within a tenth of a horizon they err alike")
     draws: int = _known(400, "of the bootstrap: limits of 95 % scatter by a twentieth of the interval")
     around: int = _known(5, "rows about a reading that say what it should be")
     fewest_channels: int = _known(2, "channels that must repeat together: one alone may be quantised")
@@ -227,6 +231,12 @@ class Calibration:
     near: float = _known(30.0, "times what an effect must gain: so near to the best are rivals", SEARCHED)
     close: float = _known(10.0, "the same about the next best", SEARCHED)
     partner_least: float = _known(1.0, "nats that a partner of the best single is expected to gain", SEARCHED)
+    places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
+    least_part: float = _known(0.05, "of the rows that it acts in at least, and does not: of less, few tell", DEFINED)
+    least_told: float = _known(
+        0.1, "of what is told of an effect, before and after it begins; nulls' grip had .01, .02, causes .26", BEGUN
+    )
+    begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
     replacing: int = _known(4, "effects that are tried in each place of the best pair", SEARCHED)
     nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)
     fewest: int = _known(4, "singles that are refitted whatever their expected gain", SEARCHED)
@@ -288,6 +298,7 @@ class Calibration:
     scatter_rounds: int = _known(4, "times that scatter is learned, numbers found anew for each")
     scatter_settled: float = _known(0.03, "of a scatter, below which a change of it asks for no more")
     most_rows: int = _known(24_000, "rows that are examined, four minutes at 100 Hz: time goes with them")
+    thinnest: float = _known(0.05, "s between rows that free runs are fitted to: a tenth of a vehicle's yaw motion")
     excerpt_block: float = _known(20.0, "s of the blocks that they are in: long beside any motion")
     passes: int = _known(2, "through the dynamics: a stage begins with what the stage before left")
     lanes: int = _known(8, "simulations at once: two registers of four; results are the same")

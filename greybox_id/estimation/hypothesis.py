@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+
+import numpy as np
 
 from ..shorthands import Array
 from .axes import Axis, Candidate
@@ -41,6 +44,22 @@ class Hypothesis:
     def axes(self) -> tuple[Axis, ...]:
         """Of all candidates."""
         return tuple(axis for candidate in self.candidates for axis in candidate.axes)
+
+    @property
+    def parts(self) -> list[tuple[Candidate, slice]]:
+        """Candidates, each with the places of its coordinates."""
+        ends = np.cumsum([0, *(len(own.axes) for own in self.candidates)]).tolist()
+        return [(own, slice(a, b)) for own, a, b in zip(self.candidates, ends[:-1], ends[1:], strict=True)]
+
+    def main(self, effect: str) -> tuple[Axis, int]:
+        """The axis of an effect's magnitude, and the place of its coordinate."""
+        return next((own.axes[0], at.start) for own, at in self.parts if own.effect == effect)
+
+    def only(self, effects: Collection[str]) -> Hypothesis:
+        """Some of its effects, where they stand in it; what that costs is not known yet."""
+        places = [k for own, at in self.parts if own.effect in effects for k in range(at.start, at.stop)]
+        candidates = tuple(own for own in self.candidates if own.effect in effects)
+        return replace(self, candidates=candidates, m=self.m[places], J=self.J[:, :, places], cost=np.inf)
 
 
 def by_cost(own: Hypothesis) -> float:

@@ -183,8 +183,9 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linea
     trajectory = bench.trajectory(p)
     segments = np.concatenate([own.segments for own, _ in trajectory])
     z = np.concatenate([own for _, own in trajectory])
+    along = bench.along(p)
     with np.errstate(all="ignore"):
-        _, Z, _, Y = simulator.kernel.linearise(z, segments[:, None, :], p, np.array([True]), np.array(columns))
+        _, Z, _, Y = simulator.kernel.linearise(z, segments[:, None, :], along, np.array([True]), np.array(columns))
     nz = simulator.trace.size
     Y = Y[:, 0]
     A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
@@ -208,7 +209,7 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linea
         read_by = state.name in model.outputs and np.any(counted[:, model.outputs.index(state.name)])
         sd = noise[model.outputs.index(state.name)] if read_by else CAL.unknown_start * state.scale
         start[k] = 0.0 if k in bench.loose else sd**2
-    force = sizes(z, segments, p)
+    force = sizes(z, segments, along)
     parts = (A[:, own][:, :, own], B[:, own], C[:, :, own], D, segments[:, 0], force)
     A, B, C, D, length, force = (np.ascontiguousarray(np.nan_to_num(each)) for each in parts)
     return Linearised(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..shorthands import Array
+from ..solvers.box import least_within
 from .axes import Axis
 from .calibration import CAL
 from .hypothesis import Hypothesis, Start
@@ -194,18 +194,21 @@ class _Work:
         whole[1 : 1 + count, places], whole[places, 1 : 1 + count] = cross, cross.T
         whole[1 : 1 + count, 1 : 1 + count] = search.gram + precision
         whole[1 : 1 + count, 0] += precision @ (u - search.means)
+        if not np.all(np.isfinite(whole)):  # beside it, it spins: no step leads on
+            self.done = True
+            return
         self._share, self._here = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
         self._step = self._solve(*self._here)
         self._go()
 
     def _solve(self, H: Array, g: Array, u: Array) -> Array:
-        """A Gauss-Newton step within the bounds: what would leave them is held there, one after the other."""
+        """The Gauss-Newton step within the bounds."""
         search, m = self.search, self.at[0]
         stride = self._stride * search.stride
         low = np.concatenate([np.maximum(search.low - u, -stride), [a.low for a in self.axes] - m])
         high = np.concatenate([np.minimum(search.high - u, stride), [a.high for a in self.axes] - m])
-        held = np.append(search.among(self._own), np.zeros(len(m), dtype=bool))
-        return bounded_step(H, g, low, high, held)
+        free = np.append(~search.among(self._own), np.ones(len(m), dtype=bool))
+        return least_within(H, g, low, high, free, CAL.ridge)
 
     def _go(self) -> None:
         """Step from the best so far, if that is expected to gain anything."""
@@ -245,26 +248,3 @@ class _Work:
             self.at, self.best, self._origin = (self._origin, self.best.theta, self.best.linear), None, None
         else:
             self.done = True
-
-
-def bounded_step(H: Array, g: Array, low: Array, high: Array, held: NDArray[np.bool_]) -> Array:
-    """Minimiser of g d + d H d / 2 with low <= d <= high, by holding what would leave; zero where held."""
-    d, free, fixed = np.zeros(len(g)), ~held, np.zeros(len(g))
-    scale = np.sqrt(np.maximum(np.diag(H), 1e-300))
-    for _ in range(len(g) + 1):
-        index = np.flatnonzero(free)
-        if len(index) == 0:
-            break
-        s = scale[index]
-        A = H[np.ix_(index, index)] / np.outer(s, s) + CAL.ridge * np.eye(len(index))
-        d = fixed.copy()
-        d[index] = -np.linalg.solve(A, (g[index] + H[index] @ fixed) / s) / s
-        outside = np.maximum(low - d, d - high) * scale
-        outside[~free] = 0.0
-        worst = int(np.argmax(outside))
-        if outside[worst] <= 1e-12:
-            break
-        fixed[worst] = low[worst] if d[worst] < low[worst] else high[worst]
-        free[worst] = False
-        d = fixed.copy()
-    return np.clip(d, np.where(held, 0.0, low), np.where(held, 0.0, high))

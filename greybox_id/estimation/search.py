@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .axes import Axis
-from .blocks import blocks
 from .calibration import CAL
-from .colour import Whitener
 from .form import rough_curves
 from .hypothesis import Hypothesis, Projection, Start
+from .noise import Whitener, blocks
 
 
 class Search:

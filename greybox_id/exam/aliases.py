@@ -28,8 +28,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
 }
 
-ALWAYS_ALIKE = (("imu_mount_pitch", "accel_bias_x"), ("imu_mount_roll", "accel_bias_y"))
-"""Nothing that these vehicles record tells one from the other."""
+ALWAYS_ALIKE = (
+    *(("imu_mount_pitch", "accel_bias_x"), ("imu_mount_roll", "accel_bias_y")),
+    ("steering_lag", "steering_bandwidth"),
+)
+"""Nothing that these vehicles record tells one from the other; a lag of a foreign one is a servo of second order."""
 
 _CONFUSABLE = (
     ("steering_delay", "steering_lag", "steering_rate_limit", "tyre_relaxation", "yaw_inertia"),

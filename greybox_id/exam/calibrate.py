@@ -40,12 +40,6 @@ from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
 
 RARE = 0.02
 """Share of vehicles without a gap that may be given a name."""
-RARER = 0.002
-"""The same for `costs`: refits gain more than is expected to first order, and effects are tried beside others as well.
-
-With one in fifty, 3 of 46 blind cases were given a name that gained 6.1 to 6.6, hardly more than it had to (foreign
-tier, seed 876053633).
-"""
 PRIOR_NULLS = 4.0
 """Vehicles that what all effects gain counts as, for each of them: a twelfth of the 48 there are."""
 DIAGNOSER = "greybox_id.cli.exam:diagnose_case"
@@ -106,8 +100,10 @@ def costs(folders: Sequence[Path]) -> dict[str, Any]:
     Twice what noise alone gains is distributed as chi-square of one degree of freedom. Equations' form stretches that,
     by as much as the effect mimics it: the factor is the mean of twice the gains, shrunk towards that of all effects,
     which counts as so many vehicles as `PRIOR_NULLS`; it is no less than one. Tails are heavier where form has them:
-    from the largest gain on they fall as fast. What one in 500 of all effects together surpasses is the cost, at most
-    `CAL.cost`: beyond that it is for the rules that tell mimics.
+    from the largest gain on they fall as fast. What `CAL.rare` of all effects together surpass is the cost, at most
+    `CAL.cost`: beyond that it is for the rules that tell mimics. Refits gain more than is expected to first order, and
+    effects are tried beside others as well: with one in fifty in place of 500, 3 of 46 blind cases were given a name
+    that gained 6.1 to 6.6, hardly more than it had to (foreign tier, seed 876053633).
     """
     nulls = [found["tried"] for folder in folders for answer, found in _read(folder) if answer.kind == "null"]
     names = sorted({name for own in nulls for name in own})
@@ -115,7 +111,7 @@ def costs(folders: Sequence[Path]) -> dict[str, Any]:
     n = len(nulls)
     if not n:
         return {"nulls": 0, "effects": {}}
-    rare, mean, most = RARER / len(names), np.mean(gains, axis=0), np.max(gains, axis=0)
+    rare, mean, most = CAL.rare / len(names), np.mean(gains, axis=0), np.max(gains, axis=0)
     usual = max(1.0, 2 * float(np.median(mean)))
     stretch = np.maximum(1.0, (2 * n * mean + PRIOR_NULLS * usual) / (n + PRIOR_NULLS))
     needed = stretch * 0.5 * chi2.isf(rare, 1)

@@ -1,6 +1,8 @@
 """The sim-to-real gap: where it lies, which unmodelled effect causes it, how far it shrinks once that is added."""
 
-from .gap import CHANNELS, REGIMES, Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ..estimation.strip import Strip
+from ..scores.horizons import Errors
+from .gap import CHANNELS, REGIMES, Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 __all__ = [
     "CHANNELS", "REGIMES", "Budget", "Closure", "Errors", "Gap", "Limit", "Moved", "Ranked", "Share", "Strip",

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.simulation import FreeRuns
-from ..estimation.blocks import blocks
 from ..estimation.calibration import CAL
+from ..estimation.free_runs import Misfit
+from ..estimation.noise import blocks
 from ..shorthands import Array
 from ..statistics import resampled
-from .closing import Misfit
 from .gap import Budget, Share
 
 Set = frozenset[str]

@@ -1,55 +1,29 @@
 """How far a gap closes: errors before and after, over what noise alone would leave.
 
-Stated tolerances are refitted in both, and what they cost is charged to both, so that a fitted nuisance never passes
-for a gap that closed.
+Stated tolerances are refitted in both, and what they cost is charged to both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..effect import Effect
 from ..engine.simulation import Diagnosed, FreeRuns
-from ..errors import BadInput
-from ..estimation.axes import nuisances, shifting
-from ..estimation.blocks import blocks
 from ..estimation.calibration import CAL
-from ..estimation.colour import sound, white_noise
-from ..estimation.hypothesis import Hypothesis, by_cost
-from ..estimation.preparing import excerpt, prepare_plain
-from ..estimation.refit import refit, settled
-from ..estimation.search import Search
-from ..estimation.stated_noise import stated_noise
+from ..estimation.free_runs import Misfit, plain, refitted_tolerances
+from ..estimation.noise import blocks, stated_noise
+from ..estimation.variance import fresh
 from ..recording import Recording
+from ..scores.horizons import Errors, by_horizon, diverges
 from ..shorthands import Array
 from ..signals import unit_of
-from ..statistics import correlation_time, resampled, robust_sd
+from ..statistics import resampled
 from ..vehicle import Vehicle
-from .gap import Closure, Errors
-from .horizons import by_horizon, diverges
-from .variance import fresh
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """Errors of a model with its tolerances refitted.
-
-    Attributes
-    ----------
-    e : (N, channels) prediction minus reading.
-    charge : what the tolerances cost, twice their negative log-belief.
-    trust : as how many readings one counted.
-    values : parameter -> where the tolerances are.
-    """
-
-    e: Array
-    charge: float
-    trust: float = 1.0
-    values: Mapping[str, float] = field(default_factory=dict)
+from .gap import Closure
 
 
 def closure(
@@ -71,7 +45,7 @@ def closure(
     vehicle : what is stated: tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
     horizons : whether errors over fixed horizons are wanted too.
-    sd : (channels,) noise where none is stated; None takes what is faster than motion.
+    sd : as of `refitted_tolerances`.
     as_it_stands : the model whose errors over horizons these are, with tolerances elsewhere; None takes `after`.
     """
     stands = as_it_stands or after
@@ -86,71 +60,6 @@ def closure(
     names = tuple(recording.name for recording in recordings)
     found = closed_by(first, then, sd, good, bench, names)
     return replace(found, errors=by_horizon(before, stands, recordings, sd)) if horizons else found
-
-
-def plain(e: Array, good: NDArray[np.bool_], bench: FreeRuns) -> NDArray[np.bool_]:
-    """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
-    return sound(e, good, bench.rows, CAL.far_reading)
-
-
-def refitted_tolerances(
-    model: Diagnosed,
-    recordings: Sequence[Recording],
-    vehicle: Vehicle | None,
-    effects: Mapping[str, Effect],
-    sd: Array | None = None,
-    there: Mapping[str, float] | None = None,
-    trust: float | None = None,
-) -> tuple[Misfit, FreeRuns]:
-    """Errors of a model whose tolerances are refitted to recordings.
-
-    Parameters
-    ----------
-    model, recordings, vehicle, effects, sd : as of `closure`.
-    there : values of parameters; tolerances are refitted from there, too, and the better of both counts.
-    trust : as how many readings one counts, as beside another model that this one is compared with; None: as many as
-        what is left allows. Errors that noise does not explain are alike for a while: taken for noise, they would press
-        every tolerance to where it reaches.
-    """
-    examined = excerpt(recordings)
-    prepared = prepare_plain(model, examined, effects, vehicle)
-    bench = prepared.bench(examined)
-    own = nuisances(prepared.everything, effects, shifting(prepared.everything))
-    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
-    if not np.all(np.isfinite(start)):
-        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
-    noise, told = stated_noise(bench, vehicle, start)
-    sd = noise if told or sd is None else sd
-    good = sound(start, fresh(bench), bench.rows)
-    search = Search(bench, own, white_noise(sd, good, bench.rows), CAL.trusts[0])
-    search.about(None)
-    starts = [search.at_means(), *([search.at_values(there)] if there and search.moving else [])]
-    found, most = starts[0], 1.0
-    for step in CAL.trusts if own else CAL.trusts[-1:]:
-        search.trusting(min(step, most))
-        tried = list[Hypothesis]()
-        for begin in starts:
-            search.about(begin)
-            tried += [settled(search, each) for each in refit(search, [search.start_of(begin)])]
-        if tried:  # none where derivatives leave the range of numbers
-            found = min(tried, key=by_cost)
-            starts, most = [found], _worth(found.e / sd, good) if trust is None else trust
-    if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
-        return Misfit(start, 0.0), bench
-    return replace(misfit(search, found), trust=search.trust, values=search.values(found)), bench
-
-
-def _worth(e: Array, good: NDArray[np.bool_]) -> float:
-    """As how many readings one counts: noise is new in each, what is beyond noise is alike for its correlation time."""
-    if not np.any(good):
-        return 1.0
-    beyond = robust_sd(e[good]) ** 2 - 1.0  # spins are few, and not the rule
-    return 1.0 / (1.0 + beyond * correlation_time(np.where(good, e, 0.0))) if beyond > 0 else 1.0
-
-
-def misfit(search: Search, found: Hypothesis) -> Misfit:
-    """What a hypothesis leaves."""
-    return Misfit(found.e, search.charge(found))
 
 
 def closed_by(

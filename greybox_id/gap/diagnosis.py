@@ -15,29 +15,28 @@ from ..checks.finding import listed
 from ..effect import Effect
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
-from ..estimation.axes import Axis
 from ..estimation.calibration import CAL
+from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.observer import PULLED
+from ..estimation.strip import strip
+from ..estimation.variance import fresh
 from ..recording import Recording
+from ..scores.horizons import by_horizon
+from ..statistics import NORMAL
 from ..vehicle import Vehicle
-from .advice import advice
-from .budget import Set, budget, subsets
+from .advice import advice, limits, not_excited
+from .budget import budget, subsets
 from .closed_model import closed_model, moved, with_effects
-from .closing import left_open, misfit, plain, refitted_tolerances
+from .closing import left_open
 from .constancy import Spread, varies
-from .evidence import p_value, probability
-from .examining import TINY, Examined, at_their_best, examine
+from .evidence import by_chance, p_value, probability
+from .examining import TINY, Examined, examine
 from .gap import Budget, Gap, Ranked
-from .horizons import by_horizon
 from .regimes import where
 from .selection import refitted
-from .strip import strip
 from .unknown import unknown_probability, without_a_name
-from .unseen import limits, not_excited
-from .variance import fresh
 
-NINETY_FIVE = 2 * 1.959964
-"""Width of a 95 % interval in standard deviations."""
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -140,6 +139,19 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         unnamed=found.unnamed,
         moved=moved(found, best, closed),
         tried={own.candidate.effect: own.gain for own in selection.promised},
+        held=_held(found),
+    )
+
+
+def _held(found: Examined) -> str:
+    """How simulations were kept from spinning, if free runs of the model do whatever it is given."""
+    name = PULLED.format("yaw_rate")
+    names = [own.name for own in found.bench.model.parameters]
+    if name not in names or not (rate := found.selection.search.nominal[names.index(name)]) > 0:
+        return ""
+    return (
+        f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
+        f"yaw_rate to its reading within {1 / rate:.2g} s; errors are those of predictions about so far ahead"
     )
 
 
@@ -198,19 +210,11 @@ def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., 
     search = found.selection.search
     known = {frozenset(own.names): own for own in found.selection.tried}
     more = [own for own in subsets(names) if own not in found.freed]
-    parts = [known.get(own) or refitted(search, _part(found.best, own)) for own in more]
+    parts = [known.get(own) or refitted(search, found.best.only(own)) for own in more]
     free = dict(zip(more, at_their_best(search, parts, found.sd, found.good), strict=True))
     misfits = {own: misfit(search, {**free, **found.freed}[own]) for own in subsets(names)}
     good = plain(misfits[frozenset(names)].e, found.good, found.bench)
     return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
-
-
-def _part(whole: Hypothesis, names: Set) -> Hypothesis:
-    """Some of a hypothesis' effects, where they stand in it."""
-    sizes = [len(own.axes) for own in whole.candidates]
-    kept = np.repeat([own.effect in names for own in whole.candidates], sizes)
-    candidates = tuple(own for own in whole.candidates if own.effect in names)
-    return replace(whole, candidates=candidates, m=whole.m[kept], J=whole.J[:, :, kept], cost=np.inf)
 
 
 def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
@@ -222,10 +226,9 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     shared : what these close; None where that tells nothing: of next to no gap, on the recordings that chose them.
     """
     best, reasons = found.best, dict[str, str]()
-    at, varying = 0, _varying(found)
-    for candidate in best.candidates:
-        name, axis, m = candidate.effect, candidate.axes[0], best.m[at]
-        at += len(candidate.axes)
+    varying = _varying(found)
+    for candidate, at in best.parts:
+        name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
         share = shared.of(name) if shared is not None else None
         sure = probability(found.evidence, found.selection.tried, name, *_alike(found, name, CAL.twins))
         spread = varying.get(name)
@@ -256,7 +259,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     kept = frozenset(best.names) - set(reasons)
     known = {frozenset(own.names): own for own in (*found.selection.tried, found.selection.base)}
     search = found.selection.search
-    return known.get(kept) or refitted(search, _part(best, kept)), reasons
+    return known.get(kept) or refitted(search, best.only(kept)), reasons
 
 
 def _gain(found: Examined, hypothesis: Hypothesis, name: str) -> float:
@@ -300,6 +303,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         holding = [k for k, own in enumerate(tried) if name in own.names]
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
         magnitude, interval = _magnitude(found, most, name)
+        part = next(own.part for own in most.candidates if own.effect == name)
         ranked.append(
             Ranked(
                 name,
@@ -309,11 +313,12 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 * _closes(shared, name)
                 * (1.0 - _mimics(found, most, name)),
                 magnitude,
-                _axis_of(most, name).unit,
+                most.main(name)[0].unit,
                 interval,
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
                 reasons.get(name, ""),
+                *((None, None, "") if part is None else (part.since, part.until, part.recording)),
             )
         )
     for name, (own, present) in found.scatter.items():
@@ -341,11 +346,16 @@ def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[st
 
 
 def _p_value(found: Examined, unexplained: bool) -> float:
-    """How often noise alone would look so: like the best hypothesis, like an effect of variance, or as loud."""
+    """How often a vehicle without a gap would look so: like the best hypothesis, an effect of variance, or as loud.
+
+    Where equations are rough, by what such vehicles gained, from which costs are derived; else by noise alone.
+    """
     many, temper, base = len(found.effects), found.evidence.temper, found.selection.base
     tried = found.selection.tried
     counts = temper / found.selection.search.trust
     p = [p_value(counts * (base.cost - own.cost), len(own.axes), many ** len(own.candidates)) for own in tried]
+    if found.unnamed is not None and found.rough:
+        p = [max(own, by_chance(score)) for own, score in zip(p, found.evidence.scores, strict=True)]
     p += [p_value(own.gain, 1, many) for own, present in found.scatter.values() if present > CAL.present]
     if unexplained:
         p.append(float(len(found.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that
@@ -364,7 +374,7 @@ def _closes(shared: Budget | None, name: str) -> float:
     """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
     if shared is None or (own := shared.of(name)) is None:
         return 1.0
-    sd = max((own.high - own.low) / NINETY_FIVE, CAL.least_share / 10)
+    sd = max((own.high - own.low) / (2 * NORMAL), CAL.least_share / 10)
     return float(ndtr((own.share - _least_share(shared)) / sd))
 
 
@@ -373,18 +383,9 @@ def _least_share(shared: Budget) -> float:
     return CAL.least_share if shared.held_out else 0.0
 
 
-def _axis_of(hypothesis: Hypothesis, name: str) -> Axis:
-    return next(own.axes[0] for own in hypothesis.candidates if own.effect == name)
-
-
 def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[float, tuple[float, float]]:
     """Magnitude of one effect in a hypothesis, with its 95 % interval."""
-    axis, at = _axis_of(hypothesis, name), 0
-    for own in hypothesis.candidates:
-        if own.effect == name:
-            break
-        at += len(own.axes)
-    search = found.selection.search
+    (axis, at), search = hypothesis.main(name), found.selection.search
     sd = float(np.sqrt(max(search.covariance(hypothesis)[at, at], 0.0)) * search.widening(hypothesis)[at])
     if found.rough:
         sd = float(np.hypot(CAL.wider * sd, CAL.form_of_size * (hypothesis.m[at] - axis.null)))

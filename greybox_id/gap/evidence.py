@@ -9,13 +9,16 @@ that tempers weights. An effect's probability is the weight of the hypotheses th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.noise import Colour
+from ..shorthands import Array
 from .selection import Selection
 
 NEVER = 1e6
@@ -82,13 +85,15 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
 
 def price(hypothesis: Hypothesis, cost: Costs) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
-    total, at = 0.0, 0
-    for own in hypothesis.candidates:
+    total = 0.0
+    for own, at in hypothesis.parts:
         total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+        total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
-        if (axis.shift or not own.gradual) and abs(hypothesis.m[at] - axis.null) < CAL.next_to_nothing * axis.scale:
+        if (axis.shift or not own.gradual) and abs(
+            hypothesis.m[at.start] - axis.null
+        ) < CAL.next_to_nothing * axis.scale:
             total += NEVER
-        at += len(own.axes)
     return total
 
 
@@ -124,3 +129,40 @@ def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> 
 def p_value(gain: float, axes: int, candidates: int) -> float:
     """How often the best of so many candidates gains so much from noise alone (Bonferroni)."""
     return float(min(1.0, candidates * chdtrc(max(axes, 1), 2 * max(gain, 0.0))))
+
+
+def by_chance(score: float) -> float:
+    """How often a vehicle without a gap scores so, by errors of form that an effect mimics: as rarely as costs say."""
+    return float(min(1.0, CAL.rare * np.exp(-max(score, np.log(CAL.rare)))))
+
+
+def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selection:
+    """The selection with hypotheses that cost as much as plain errors say, where that is more.
+
+    Training minimises plain errors, and leaves coloured ones. Whitening looks at what is fast in them, at which
+    training never looked: there an effect seems to explain what other weights would explain as well, even on a
+    recording like those of the training, and plain errors grow with it. An effect gains what it gains in both.
+
+    Parameters
+    ----------
+    selection : of a map with memory, hypotheses refitted on whitened residuals.
+    sd : (channels,) of what training left.
+    good : (N, channels) readings that count.
+    """
+    colour = selection.search.colour
+    assert isinstance(colour, Colour)  # maps with memory know no forces
+    weight = 0.5 / (sd**2 * _lasting(colour))
+    base = selection.base
+
+    def cost(own: Hypothesis) -> float:
+        gain = float(np.sum(np.where(good, base.e**2 - own.e**2, 0.0) @ weight))
+        return max(own.cost, base.cost - selection.search.trust * gain)
+
+    tried = sorted((replace(own, cost=cost(own)) for own in selection.tried), key=lambda own: own.cost)
+    return replace(selection, tried=tuple(tried))
+
+
+def _lasting(colour: Colour) -> Array:
+    """(channels,) how many rows tell as much as one would if residuals did not carry on from row to row."""
+    slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(colour.sd, colour.ar, strict=True)])
+    return np.asarray(np.maximum((slow / colour.stationary_sd) ** 2, 1.0))

@@ -15,28 +15,26 @@ from ..errors import BadInput
 from ..estimation.axes import candidates, nuisances, shifting
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
-from ..estimation.colour import Whitener, colour, sound, white_noise
+from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
-from ..estimation.model_error import Believed, ForceSizes, ModelError, estimated, linearised, model_error
+from ..estimation.model_error import Believed, ForceSizes, estimated, linearised, model_error
 from ..estimation.model_error import believed as believed_amplitudes
+from ..estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from ..estimation.observer import PULLED
 from ..estimation.preparing import Prepared, excerpt, prepare
-from ..estimation.refit import refit
 from ..estimation.search import Search
-from ..estimation.stated_noise import stated_noise
 from ..estimation.unknown_forces import knows_unknown_forces
+from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, steady
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
-from .closing import closed_by, misfit, plain
-from .evidence import Evidence, costs, evidence, heaviest, tempering
+from .beginning import as_it_acts, with_beginnings
+from .closing import closed_by
+from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
-from .plainly import plainly
 from .regimes import signals
 from .selection import Firmly, Selection, select
-from .unknown import Signs, beyond_what_may_be, signs
-from .unnamed import unnamed
-from .variance import Scatter, dropped, fresh, jitter, repeats, steady
+from .unknown import Signs, beyond_what_may_be, signs, unnamed
 
 TINY = 1e-12
 AT_ONCE = "sensor_latency_imu"
@@ -123,6 +121,7 @@ def examine(
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
+    selection = with_beginnings(selection, own, whitener, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
@@ -130,6 +129,8 @@ def examine(
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     weighed = evidence(selection, tempered, cost, left)
     best = heaviest(selection, weighed)
+    search = as_it_acts(selection.search, best)
+    selection, bench = replace(selection, search=search), search.bench
     sd, told = stated_noise(bench, vehicle, best.e)
     if not told:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
@@ -178,7 +179,8 @@ def _whitener(
         if own is None:
             p = search.moved(np.array([axis.mean for axis in search.moving]))
             return model_error(linearised(bench, p, sd, sizes), prior.median, good)
-        about = linearised(bench, search.vector(own), sd, sizes)
+        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
+        about = linearised(search.bench, search.vector(own), sd, sizes)
         return model_error(about, estimated(about, own.e, good, prior), good)
 
     return whitener
@@ -201,55 +203,6 @@ def _alone(selection: Selection, best: Hypothesis) -> float:
     if len(best.names) != 2 or not set(best.names) <= set(singles):
         return 0.0
     return max(sum(singles[name] for name in best.names), TINY)
-
-
-def at_their_best(
-    search: Search, hypotheses: Sequence[Hypothesis], sd: Array, good: NDArray[np.bool_]
-) -> list[Hypothesis]:
-    """Hypotheses with tolerances that do all they can for free runs: what is left then, no tolerance explains.
-
-    Where unknown forces whiten residuals, free runs may wander as these let them; how far a gap closes is a matter of
-    free runs themselves, with magnitudes as they were found. Tolerances then go far: they are linearised again.
-    """
-    if not isinstance(search.colour, ModelError):
-        if search.trust == 1.0:
-            return list(hypotheses)
-        trust = search.trust
-        search.trusting(1.0)
-        found = [_refitted(search, own) for own in hypotheses]
-        search.trusting(trust)
-        return found
-    before = search.colour
-    with search.elsewhere():
-        search.recoloured(white_noise(sd, good, search.bench.rows))
-        found = [_settled(search, own) for own in hypotheses]
-        search.colour = before
-    return found
-
-
-def _settled(search: Search, own: Hypothesis) -> Hypothesis:
-    """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
-    best = _refitted(search, replace(own, cost=np.inf))
-    for _ in range(CAL.freed_again if search.moving or search.shifts else 0):
-        search.about(best, delays=False)
-        again = _refitted(search, best)
-        settled = again.cost > (1 - CAL.freed_enough) * best.cost
-        best = min(best, again, key=lambda each: each.cost)
-        if settled:
-            break
-    return best
-
-
-def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
-    """A hypothesis with nuisances refitted, its magnitudes held."""
-    held, at = [], 0
-    for candidate in own.candidates:
-        values = own.m[at : at + len(candidate.axes)]
-        at += len(candidate.axes)
-        axes = (replace(axis, low=float(m), high=float(m)) for axis, m in zip(candidate.axes, values, strict=True))
-        held.append(replace(candidate, axes=tuple(axes)))
-    again = refit(search, [replace(search.start_of(own), candidates=tuple(held))], settle_on_rows=False)
-    return again[0] if again else own
 
 
 def _firmly(bench: FreeRuns, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
-from ..shorthands import Array
+from ..estimation.strip import Strip
+from ..scores.horizons import Errors
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""
@@ -56,6 +57,9 @@ class Ranked:
     indistinguishable_from : effects this recording cannot tell it from.
     gain : of the log-likelihood over the model without it, beside the other applied effects.
     reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
+    since, until : s, by the clock of `within`, where it begins or ends there; None where it acts from the start, or to
+        the end.
+    within : name of the recording in which it begins or ends; "" where it acts everywhere.
     """
 
     effect: str
@@ -66,26 +70,14 @@ class Ranked:
     indistinguishable_from: tuple[str, ...] = ()
     gain: float = 0.0
     reason: str = ""
+    since: float | None = None
+    until: float | None = None
+    within: str = ""
 
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one channel at one horizon, root mean squares in the channel's unit.
-
-    Attributes
-    ----------
-    channel, unit : what is predicted.
-    horizon : s predicted from measured states; None for the free run.
-    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
-    floor : of a model that fits as well as noise lets it.
-    """
-
-    channel: str
-    unit: str
-    horizon: float | None
-    before: float
-    after: float
-    floor: float
+    @property
+    def lasts(self) -> bool:
+        """Whether it acts at the end of the recordings, so that a vehicle as it then is has it."""
+        return self.until is None
 
 
 @dataclass(frozen=True)
@@ -247,32 +239,6 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Strip:
-    """What a picture of a gap along time and path is drawn from, per block of time.
-
-    Attributes
-    ----------
-    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
-    before, after : (n,) mean square of the errors over the noise's.
-    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
-    frequency : (k,) Hz.
-    spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
-    map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
-        the first NaN where never driven.
-    """
-
-    time: Array
-    before: Array
-    after: Array
-    x: Array
-    y: Array
-    frequency: Array
-    spectrum_before: Mapping[str, Array]
-    spectrum_after: Mapping[str, Array]
-    map: Mapping[str, Array]
-
-
-@dataclass(frozen=True)
 class Gap:
     """What a diagnosis says.
 
@@ -299,6 +265,7 @@ class Gap:
     budget : where the excess error goes; None where no effect was found.
     unnamed : model error that is left; None for models that know no forces.
     moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
+    held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
         those that were refitted.
     """
@@ -326,6 +293,7 @@ class Gap:
     unnamed: Unnamed | None = None
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
+    held: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from ..effect import Effect
 from ..engine.simulation import FreeRuns
 from ..estimation.calibration import CAL
-from ..estimation.clock import running
+from ..estimation.shortlist import Promise
+from ..estimation.strip import running
 from ..shorthands import Array
 from .gap import Where
-from .shortlist import Promise
 
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",

@@ -14,12 +14,12 @@ import numpy as np
 from ..errors import BadInput
 from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
-from ..estimation.colour import Whitener
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
+from ..estimation.noise import Whitener
 from ..estimation.refit import refit, settled
 from ..estimation.search import Search
+from ..estimation.shortlist import Promise, from_where_best, promises
 from ..shorthands import Array
-from .shortlist import Promise, from_where_best, promises
 
 
 @dataclass(frozen=True)
@@ -342,12 +342,7 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
 
 def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
     """The hypothesis without one of its effects, for each, from where it stood."""
-    starts, at = [], 0
-    for candidate in whole.candidates:
-        own = slice(at, at + len(candidate.axes))
-        others = tuple(each for each in whole.candidates if each is not candidate)
-        starts.append(Start(others, np.delete(whole.m, own), whole.theta, whole.linear))
-        at = own.stop
+    starts = [search.start_of(whole.only(set(whole.names) - {name})) for name in whole.names]
     return _gaps(search, refit(search, starts))
 
 

@@ -8,13 +8,16 @@ from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
+from ..engine.simulation import FreeRuns
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
+from ..estimation.model_error import Amplitudes
 from ..estimation.search import Search
 from ..shorthands import Array
 from .constancy import varies
-from .leftover import left_gain
+from .gap import Unnamed
 
 
 @dataclass(frozen=True)
@@ -24,12 +27,11 @@ class Signs:
     Attributes
     ----------
     left : share of the gap that is left, by how much residuals exceed stated noise.
-    excess : mean square of what is left over that of noise, less one.
-    beyond : the same over what is no gap yet, in the channel where that is most.
+    beyond : mean square of what is left over that of noise, less one, over what is no gap yet, in the channel where
+        that is most.
     structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
     spread : by which share the magnitude differs between parts of the recording.
     place : which parts, in words.
-    gain : log-likelihood that the named effects gain.
     effects : how many they are.
     over : log-likelihood that driving still explains beyond what noise alone would gain.
     together : log-likelihood that the named effects gain over the sum of what each gains alone: causes that have
@@ -37,12 +39,10 @@ class Signs:
     """
 
     left: float
-    excess: float
     beyond: float
     structure: float
     spread: float
     place: str
-    gain: float
     effects: int
     over: float = 0.0
     together: float = 1.0
@@ -74,25 +74,20 @@ def signs(
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
-    spread = 0.0
-    place = ""
+    spread, place = 0.0, ""
     known = varies(search, best, seen) if best.candidates else {}
     if best.candidates and best.names[0] in known:
         most = known[best.names[0]]
         spread, place = min(most.relative, 2.0), most.place
     left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
-    if (
-        scatter > 0 and not best.candidates and rest <= 0
-    ):  # a reading taken before its row's command looks like structure
-        over = 0.0
+    if scatter > 0 and not best.candidates and rest <= 0:
+        over = 0.0  # a reading taken before its row's command looks like structure
     return Signs(
         left,
-        float(rest),
         beyond,
         over / max(over + gain, 1e-9),
         spread,
         place,
-        gain,
         len(best.candidates),
         float(over),
         (base.cost - best.cost) / alone if alone > 0 else 1.0,
@@ -157,3 +152,67 @@ def unknown_probability(own: Signs, told: bool = True) -> float:
     x += CAL.beyond * np.log(max(own.beyond, 1.0)) + (0.0 if told else CAL.untold)
     x += CAL.beyond * np.log(max(own.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
+
+
+def left_gain(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:
+    """Log-likelihood that a regression on how the vehicle is driven would still gain, and what noise alone would give.
+
+    Parameters
+    ----------
+    search, found : the hypothesis and what refitted it.
+    seen : signals per row.
+    """
+    features = _features(search.bench, seen)
+    gain, expected = 0.0, 0.0
+    r = search.colour.white(found.e[:, :, None])[:, :, 0]
+    for c in range(r.shape[1]):
+        use = search.colour.usable[:, c]
+        if np.count_nonzero(use) < 4 * features.shape[1]:
+            continue
+        X = features[use]
+        G = X.T @ X + 1e-6 * len(X) * np.eye(X.shape[1])
+        b = X.T @ r[use, c]
+        gain += 0.5 * float(b @ cho_solve(cho_factor(G), b))
+        expected += 0.5 * X.shape[1]
+    return gain, expected
+
+
+def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
+    """(N, K) products of what is driven, each of unit size, at a few lags."""
+    count = len(bench.measured)
+    unit = {name: values / max(float(np.std(values)), 1e-9) for name, values in seen.items()}
+    zero = np.zeros(count)
+    v, a_y, a_x, r = (unit.get(name, zero) for name in ("v_x", "a_y", "a_x", "yaw_rate"))
+    steer, drive = unit.get("steer", zero), unit.get("drive", zero)
+    v = v - np.mean(v)
+    rate = np.concatenate([np.gradient(steer[rows]) for rows in bench.rows])
+    rate = rate / max(float(np.std(rate)), 1e-9)
+    time = np.linspace(-1, 1, count)
+    now = [
+        np.ones(count), time, v, v * v, steer, rate, a_y, a_x, r, np.abs(a_y), np.abs(a_x), a_y * np.abs(a_y),
+        a_x * np.abs(a_x), a_y * a_x, a_y * v, a_x * v, steer * v, drive, drive * v, np.sign(a_y), time * a_y,
+        time * a_x, a_y**3,
+    ]  # fmt: skip
+    columns = [column for column in now if np.any(column)]
+    for lag in CAL.lags[1:]:
+        rows = min(max(1, round(lag / bench.sample_time)), count)
+        columns += [
+            np.concatenate([np.zeros(rows), own[: count - rows]]) for own in (steer, a_y, a_x, drive, r) if np.any(own)
+        ]
+    X = np.column_stack(columns)
+    return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))
+
+
+def unnamed(search: Search, best: Hypothesis, found: Amplitudes, median: Amplitudes) -> Unnamed:
+    """Collect it."""
+    off = np.concatenate([best.theta, best.linear]) - search.means
+    own = search.beliefs({axis.index for axis in best.axes})
+    each = np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(off)
+    names = [axis.name for axis in (*search.moving, *search.shifts, *search.shifts)]
+    k = int(np.argmax(each[: len(names)])) if names else -1
+    total = np.hypot(found.noise, found.colour) / np.hypot(median.noise, median.colour)
+    return Unnamed(
+        found.share_y, found.share_x, found.floor_y, found.floor_x, found.memory_y, found.memory_x,
+        float(off @ own @ off), (names[k], float(each[k])) if names else ("", 0.0),
+        {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)}, search.expected_charge(best),
+    )  # fmt: skip

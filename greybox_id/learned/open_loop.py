@@ -20,7 +20,7 @@ from ..shorthands import Array
 from .windows import resampled
 
 HORIZONS = (0.1, 0.5, 2.0)
-"""s, as the gap's (`gap.horizons`)."""
+"""s, as the gap's (`scores.horizons`)."""
 RUN_IN = 0.5
 """s of readings before predictions begin: ten time constants of a servo."""
 

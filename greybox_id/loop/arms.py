@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ..api.closed_vehicle import closed_vehicle, fitted_vehicle
 from ..api.diagnosing import diagnose
 from ..api.fitting import fit
 from ..errors import BadInput, near_or_all
-from ..gap.closed_vehicle import closed_vehicle, fitted_vehicle
 from ..gap.gap import Gap
 from ..kinds import must_be
 from ..learned.injection import injected

@@ -12,13 +12,13 @@ import pandas as pd
 
 from ..errors import BadInput, near_or_all
 from ..fit import Fit
-from ..gap.closed_vehicle import NORMAL
 from ..gap.gap import Gap
 from ..models.effects import EFFECTS
 from ..models.registry import with_effects
 from ..motion_model import MotionModel
 from ..parameter import Parameter
 from ..shorthands import Array
+from ..statistics import NORMAL
 
 HAND = {"grip_scale": (0.67, 1.24), "mass_change": (0.86, 1.12), "steering_delay": (0.0, 0.03)}
 """Ranges as published for a 1:10 car: friction 0.7 to 1.3 of nominally 1.05, 3.2 to 4.2 kg of 3.74, delays of up to

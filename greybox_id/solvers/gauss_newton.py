@@ -17,11 +17,10 @@ from enum import Enum
 from typing import Literal
 
 import numpy as np
-import scipy.linalg as la
-from scipy.linalg import lapack
 
 from ..engine.least_squares import LeastSquares, Matched, NormalEquations
 from ..shorthands import Array, Mask
+from .box import least_within, solved
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
 """Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are
@@ -258,7 +257,7 @@ def _bend(
     inner = curved.H[np.ix_(moving, moving)] * np.outer(unit, unit)
     inner[np.diag_indices_from(inner)] += damping + 1e-12
     bend = np.zeros_like(step)
-    bend[moving] = -0.5 * unit * _solved(inner, unit * curvature[moving])
+    bend[moving] = -0.5 * unit * solved(inner, unit * curvature[moving])
     size = float(np.linalg.norm(bend[moving] / unit)) / max(float(np.linalg.norm(step[moving] / unit)), 1e-300)
     return bend if size <= MOST_BEND else np.zeros_like(step)
 
@@ -271,57 +270,14 @@ def _positive(problem: LeastSquares, x: Array) -> Mask:
 def _step(
     problem: LeastSquares, x: Array, equations: NormalEquations, damping: float, logarithmic: bool = False
 ) -> Array:
-    """The damped Gauss-Newton step within bounds: the exact minimiser of the quadratic model in the box.
-
-    A primal active-set method (Nocedal & Wright, Numerical Optimization, 2nd ed., Sec. 16.5): from no step at all, walk
-    to the minimiser over the unknowns that are free to move, stop at the first bound in the way and hold it; let go of
-    a bound that pulls inward. It descends at every turn, which clipping a step would not.
-    """
-    scale = np.diag(equations.H).copy()
-    scale[scale <= 0] = 1.0
-    H = equations.H + np.diag((damping + 1e-12) * scale)
-    unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
+    """The damped Gauss-Newton step within bounds: the exact minimiser of the quadratic model in the box."""
     still = np.where(np.isfinite(x), x, 0.0)  # an effect may stand at an infinite null, no limit at all
     low, high = problem.bounds[0] - still, problem.bounds[1] - still
     if logarithmic:
         positive = _positive(problem, x)
         low[positive] = np.log(problem.bounds[0][positive] / x[positive])
         high[positive] = np.log(problem.bounds[1][positive] / x[positive])
-    step = np.zeros_like(x)
-    at_low, at_high = (low >= 0) & (equations.g > 0), (high <= 0) & (equations.g < 0)
-    for _ in range(3 * len(x) + 10):
-        movable = problem.free & ~at_low & ~at_high
-        slope = equations.g + H @ step
-        move = np.zeros_like(x)
-        if np.any(movable):
-            by = unit[movable]
-            inner = H[np.ix_(movable, movable)] * np.outer(by, by)
-            move[movable] = by * _solved(inner, -by * slope[movable])
-        room = np.where(move < 0, low - step, high - step)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(move != 0, room / move, np.inf)
-        nearest = float(np.min(share[movable], initial=1.0))
-        if nearest < 1.0:
-            blocking = movable & (share <= nearest)
-            step = step + max(nearest, 0.0) * move
-            step[blocking] = np.where(move < 0, low, high)[blocking]
-            at_low |= blocking & (move < 0)
-            at_high |= blocking & (move > 0)
-            continue
-        step = step + move
-        pull = (equations.g + H @ step) * unit
-        inward = np.where(at_low, -pull, np.where(at_high, pull, 0.0))
-        released = int(np.argmax(inward))
-        if inward[released] <= 1e-12 * max(float(np.max(np.abs(equations.g * unit))), 1e-300):
-            break
-        at_low[released] = at_high[released] = False
-    return step
-
-
-def _solved(H: Array, b: Array) -> Array:
-    """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular."""
-    _, found, failed = lapack.dposv(H, b)
-    return np.asarray(la.lstsq(H, b)[0] if failed else found)
+    return least_within(equations.H, equations.g, low, high, problem.free, damping)
 
 
 def _decrease(equations: NormalEquations, step: Array) -> float:

@@ -60,8 +60,11 @@ def test_runs_that_tell_nothing_leave_the_usual_scatter():
 def test_runs_stay_within_bounds_and_what_lies_beyond_is_no_scatter():
     beyond = [ride([3.0, -80.0], [0.01, 1.0]) for _ in range(3)]  # the bound is at -50
     known = common(Read(), beyond, {"varies": 0.5}, {"varies": 4.0})
-    assert known.x[1] == pytest.approx(-50.0, abs=0.01)
-    assert known.deviations[:, 1] == pytest.approx(0.0, abs=0.01)
+    firm = (
+        3 / 0.5**2
+    )  # of three runs at the bound; what is believed, 0 with an sd of 10, draws their mean a little back
+    assert known.x[1] == pytest.approx(-50.0 * firm / (firm + 1 / 10.0**2), abs=1e-4)
+    assert known.x[1] + known.deviations[:, 1] == pytest.approx(-50.0, abs=1e-9)
     assert known.scatter[1] < 0.6
 
 

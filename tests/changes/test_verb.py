@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from gap_cases import CAR, NUMBERS, lap, nominal
 
+from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.changes.between_runs import Told, VaryingNumber
 from greybox_id.changes.search import Change, changes
 from greybox_id.changes.usual import USUAL, driven_alike
 from greybox_id.changes.verb import diagnose_change, drifting, filtered_alike
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
-from greybox_id.gap.closed_vehicle import closed_vehicle
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 from greybox_id.vehicle import Stated, Vehicle

@@ -184,10 +184,19 @@ def test_the_vehicle_s_own_model_is_taken_unless_another_is_named(laps, asked, t
     assert (asked.model.name, asked.model.effects) == ("single_track", ())
 
 
+def test_a_vehicle_beside_a_fit_states_its_sensors(laps, asked, fitted):
+    called = greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car", "--json")
+    assert called.code == 0, called.err
+    file, own = read_vehicle("full_size_car"), asked.vehicle
+    assert own.noise == file.noise
+    assert set(own.effects) == set(file.effects)
+    assert own.values["I_z"].value != file.values["I_z"].value
+    assert own.model.effects.keys() == {"yaw_rate_bias"}
+
+
 def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     lap, car = laps[0], ("--vehicle", "full_size_car")
     assert "Name the vehicle with --vehicle, or a fit with --fit" in refused("gap", lap)
-    assert "not both" in refused("gap", lap, *car, "--fit", fitted)
     assert "brings its own model" in refused("gap", lap, "--fit", fitted, "--model", "lateral")
     assert "model with memory" in refused("gap", lap, *car, "--model", "msnn_lat")
     assert "no vehicle" in refused("gap", lap, "--vehicle", "nothing")
@@ -294,3 +303,9 @@ def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
     told = greybox("gap", after, *options, "--json").told
     assert {own["effect"] for own in told["changed"]} == set(told["applied"])
     assert {"since", "scatter", "drift", "changed", "not_changed"} <= set(told)
+
+
+def test_a_fit_that_would_take_up_changes_says_what_tells_them(laps, asked, fitted):
+    asked.said = replace(none(), absorbed=("grip_scale",))
+    assert "--since" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
+    assert "--since" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out

@@ -1,11 +1,13 @@
 """What a diagnosis starts from: excerpts of long recordings, zones about effects that nothing is said of."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_cases import CAR, NUMBERS, lap, nominal
 
 from greybox_id.estimation.axes import nuisances, shifting
-from greybox_id.estimation.preparing import excerpt, prepare
+from greybox_id.estimation.preparing import excerpt, prepare, thinned
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
 from greybox_id.vehicle import Stated, Vehicle
@@ -35,6 +37,21 @@ def test_of_many_short_recordings_some_are_examined_whole():
     found = excerpt([recording(1000, name=f"lap{k}") for k in range(50)], 10_000)
     assert len(found) == 10
     assert {len(own) for own in found} == {1000}
+
+
+def test_of_fast_recordings_rows_are_left_out_evenly_but_no_motion_and_no_run():
+    own = recording(6000, 0.005)
+    own = replace(own, hold="linear", runs=((0, 2500), (2500, 6000)))
+    (found,) = thinned([own], 1500)
+    assert len(found) == 1500
+    assert [stop - start for start, stop in found.runs] == [625, 875]
+    assert set(np.diff(found["v_x"][:625])) == {4.0}
+    assert found["v_x"][625] == 2500
+    (found,) = thinned([own], 100)
+    assert found.sample_time == pytest.approx(0.05)
+    held = replace(own, hold="zero")
+    assert thinned([held], 100) == [held]
+    assert thinned([own], 6000) == [own]
 
 
 def test_exact_vehicles_have_no_zones_and_toleranced_ones_have_narrow_ones():

@@ -1,4 +1,4 @@
-"""Refits: steps within bounds, and magnitudes beside what is believed."""
+"""Refits: magnitudes beside what is believed."""
 
 import numpy as np
 import pytest
@@ -15,83 +15,14 @@ from gap_cases import (
     smooth_columns,
     weighted,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.optimize import lsq_linear
 
 from greybox_id.estimation.axes import Candidate, candidates, shifting
 from greybox_id.estimation.bench import Bench
 from greybox_id.estimation.hypothesis import Start
-from greybox_id.estimation.refit import bounded_step, refit
+from greybox_id.estimation.refit import refit
 from greybox_id.models.effects import EFFECTS
 
 SD = np.array([0.1, 0.4])
-
-
-# ---- steps within bounds
-
-
-def quadratic(size, seed, wide):
-    rng = np.random.default_rng(seed)
-    A, b = rng.standard_normal((3 * size, size)), rng.standard_normal(3 * size)
-    low, high = -wide * rng.random(size), wide * rng.random(size)
-    return A, b, low, high
-
-
-def objective(A, b, d):
-    return 0.5 * float(np.sum((A @ d + b) ** 2))
-
-
-@settings(max_examples=60, deadline=None)
-@given(size=st.integers(1, 8), seed=st.integers(0, 10_000), wide=st.sampled_from([0.05, 0.3, 10.0]))
-def test_a_step_stays_within_bounds_and_goes_nearly_as_far_down_as_can_be(size, seed, wide):
-    A, b, low, high = quadratic(size, seed, wide)
-    d = bounded_step(A.T @ A, A.T @ b, low, high, np.zeros(size, dtype=bool))
-    assert np.all(d >= low - 1e-12)
-    assert np.all(d <= high + 1e-12)
-    best = objective(A, b, lsq_linear(A, -b, (low, high), method="bvls").x)
-    still = objective(A, b, np.zeros(size))
-    assert objective(A, b, d) <= best + 0.05 * (still - best) + 1e-9
-
-
-@pytest.mark.parametrize("wide", [np.inf, 1e3])
-def test_a_step_that_no_bound_stops_is_the_minimiser(wide):
-    A, b, _, _ = quadratic(6, 1, 1.0)
-    d = bounded_step(A.T @ A, A.T @ b, np.full(6, -wide), np.full(6, wide), np.zeros(6, dtype=bool))
-    np.testing.assert_allclose(d, np.linalg.lstsq(A, -b)[0], atol=1e-7)
-
-
-def test_one_bound_in_the_way_is_held_and_the_rest_follows():
-    A, b, _, _ = quadratic(4, 2, 1.0)
-    free = np.linalg.lstsq(A, -b)[0]
-    low, high = np.full(4, -10.0), np.full(4, 10.0)
-    high[2] = max(free[2], 0.0) + 1.0
-    low[1], high[1] = (0.5 * free[1], 10.0) if free[1] < 0 else (-10.0, 0.5 * free[1])
-    expected = lsq_linear(A, -b, (low, high), method="bvls").x
-    d = bounded_step(A.T @ A, A.T @ b, low, high, np.zeros(4, dtype=bool))
-    np.testing.assert_allclose(d, expected, atol=1e-7)
-
-
-def test_what_is_held_does_not_move_and_the_rest_makes_the_best_of_it():
-    A, b, _, _ = quadratic(5, 3, 1.0)
-    held = np.array([False, True, False, False, True])
-    d = bounded_step(A.T @ A, A.T @ b, np.full(5, -np.inf), np.full(5, np.inf), held)
-    assert not np.any(d[held])
-    np.testing.assert_allclose(d[~held], np.linalg.lstsq(A[:, ~held], -b)[0], atol=1e-7)
-    assert not np.any(bounded_step(A.T @ A, A.T @ b, np.full(5, -1.0), np.full(5, 1.0), np.ones(5, dtype=bool)))
-
-
-def test_units_do_not_matter():
-    A, b, _, _ = quadratic(4, 4, 1.0)
-    units = np.array([1e-6, 1.0, 1e4, 1e7])
-    none = np.zeros(4, dtype=bool)
-    d = bounded_step(A.T @ A, A.T @ b, np.full(4, -np.inf), np.full(4, np.inf), none)
-    B = A * units
-    other = bounded_step(B.T @ B, B.T @ b, np.full(4, -np.inf), np.full(4, np.inf), none)
-    np.testing.assert_allclose(other * units, d, rtol=1e-6)
-
-
-# ---- refits
 
 
 def test_magnitudes_are_recovered_beside_tolerances():

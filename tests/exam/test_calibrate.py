@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from greybox_id.estimation.calibration import CAL, SEARCHED, Calibration, provenance
 from greybox_id.exam.answers import Answer, write_answer
-from greybox_id.exam.calibrate import RARER, costs, curves, main, search, thresholds
+from greybox_id.exam.calibrate import costs, curves, main, search, thresholds
 
 KINDS = [("null", {}), ("single", {"steering_delay": 0.05}), ("outside", {"torque_vectoring": 0.5})]
 
@@ -105,7 +105,7 @@ def test_what_equations_form_mimics_must_gain_more(tmp_path):
         write_answer(Answer(case, kind, "foreign", effects), tmp_path / "sealed" / case / "answer.json")
     found = costs([tmp_path])
     cost = {name: own["cost"] for name, own in found["effects"].items()}
-    alone = 0.5 * chi2.isf(RARER / 4, 1)
+    alone = 0.5 * chi2.isf(CAL.rare / 4, 1)
     assert found["nulls"] == 39
     assert cost["motor_gain"] == pytest.approx(alone, abs=0.06)
     assert alone < cost["wheel_speed_scale"] == pytest.approx(alone, rel=0.6)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from driven import driven
-from gap_cases import CAR, GivenBench, axis, linear_bench, search_on
+from gap_cases import CAR, GivenBench
 
 from greybox_id.errors import BadInput
 from greybox_id.estimation.bench import Bench
-from greybox_id.estimation.refit import refit
-from greybox_id.gap.closing import Misfit, closed_by, closure, left_open, misfit, refitted_tolerances
+from greybox_id.estimation.free_runs import Misfit
+from greybox_id.gap.closing import closed_by, closure, left_open
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.vehicle import Stated, Vehicle
@@ -88,7 +88,7 @@ def test_a_model_that_leaves_the_range_of_numbers_is_refused(laps, monkeypatch):
 
 def test_what_cannot_be_refitted_counts_as_it_stands(laps, monkeypatch):
     known = closed(laps, {"steering_lag": 0.08})
-    monkeypatch.setattr("greybox_id.gap.closing.refit", lambda *_: [])
+    monkeypatch.setattr("greybox_id.estimation.free_runs.refit", lambda *_: [])
     assert closed(laps, {"steering_lag": 0.08}).before == pytest.approx(known.before, rel=0.05)
 
 
@@ -101,16 +101,6 @@ def test_tolerances_are_refitted_in_both_and_charged_to_both():
     assert tolerant.before < rigid.before  # a part of it is taken up
     charge = 2.5**2 / (3 * 295)  # so many standard deviations, over readings
     assert tolerant.before == pytest.approx(1.0 + charge, abs=0.1)
-
-
-def test_a_nuisance_that_was_fitted_costs_what_is_believed_of_it():
-    X = np.random.default_rng(0).standard_normal((500, 2, 1))
-    search = search_on(linear_bench(X, [0.4], SD), SD, [axis(0, sd=0.14)])
-    (found,) = refit(search, [search.start_of(search.at_means())])
-    own = misfit(search, found)
-    assert own.charge == pytest.approx((found.theta[0] / 0.14) ** 2)
-    assert own.charge > 5
-    np.testing.assert_array_equal(own.e, found.e)
 
 
 # ---- of given errors
@@ -165,20 +155,3 @@ def test_readings_that_do_not_count_do_not():
     assert np.isfinite(found.closed)
     assert found.after == pytest.approx(1.0, abs=0.1)
     np.testing.assert_array_equal(np.isfinite(found.closed_interval), True)
-
-
-def test_what_noise_does_not_explain_does_not_press_tolerances_to_where_they_reach():
-    exact = {name: own.value for name, own in CAR.values.items()}
-    known = {p.name: exact[p.name] for p in build("lateral", None, {}, CAR).parameters if p.name in exact}
-    own = [driven("lateral", 1, 12.0, 0, {"steering_lag": 0.15, "tyre_relaxation": 0.8}, values=known)]
-    tolerant = Vehicle(
-        "car", CAR.values, {name: Stated(sd=0.01) for name in ("steering_ratio", "yaw_rate_scale")}, NOISE
-    )
-    model = build("lateral", None, {}, tolerant)
-    found, _ = refitted_tolerances(model, own, tolerant, EFFECTS)
-    trusting, _ = refitted_tolerances(model, own, tolerant, EFFECTS, trust=1.0)
-    assert found.trust < 0.2
-    assert found.charge < 0.2 * trusting.charge
-    assert np.sum(trusting.e**2) <= np.sum(found.e**2)
-    true = build("lateral", None, {"steering_lag": 0.15, "tyre_relaxation": 0.8}, tolerant)
-    assert refitted_tolerances(true, own, tolerant, EFFECTS)[0].trust > 0.8

@@ -14,13 +14,14 @@ from gap_cases import CAR, NOISE, NUMBERS, lap, lateral_lap, nominal
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
 from greybox_id.estimation.model_error import believed
+from greybox_id.estimation.variance import Scatter
 from greybox_id.gap import CHANNELS, REGIMES, Ranked
 from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
 from greybox_id.gap.examining import _sole
 from greybox_id.gap.gap import Unnamed
-from greybox_id.gap.variance import Scatter
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
+from greybox_id.reports.gap.words import whether
 from greybox_id.vehicle import Stated, StatedModelError, Vehicle
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),
@@ -63,6 +64,7 @@ def clean():
 
 def test_without_an_effect_there_is_no_gap(clean):
     assert not clean.gap_detected
+    assert clean.held == ""
     assert clean.applied == ()
     assert clean.p_value > 0.01
     assert clean.unknown_probability < 0.1
@@ -125,6 +127,14 @@ def test_the_closed_model_is_the_nominal_one_with_the_effect(delayed):
     before = nominal()
     for parameter in before.parameters:
         np.testing.assert_array_equal(model[parameter.name].array, parameter.array)
+
+
+def test_where_free_runs_spin_it_is_said_what_was_looked_at_in_their_place():
+    soft = Vehicle("car", {**NUMBERS, "B_r": Stated(2.0)}, noise=NOISE)
+    names = ("steering_offset", "yaw_rate_bias", "wheel_speed_scale")
+    found = diagnose(nominal(vehicle=soft), [lap(seconds=12.0)], {n: EFFECTS[n] for n in names}, vehicle=soft)
+    assert "Free runs spin here" in found.held
+    assert "within 0.5 s" in whether(found)
 
 
 @pytest.mark.slow

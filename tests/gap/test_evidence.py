@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from greybox_id.estimation.axes import Candidate
 from greybox_id.estimation.calibration import CAL
 from greybox_id.estimation.hypothesis import Hypothesis
+from greybox_id.estimation.noise import Colour
 from greybox_id.gap.evidence import (
+    by_chance,
     costs,
     evidence,
     heaviest,
     p_value,
+    plainly,
     price,
     probability,
     tempering,
@@ -121,6 +124,12 @@ def test_a_p_value_is_one(gain, axes, candidates):
     assert p_value(gain, axes, candidates + 1) >= own
 
 
+def test_what_costs_say_is_rare_is_as_rare():
+    assert by_chance(0.0) == pytest.approx(CAL.rare)  # exactly worth its cost
+    assert by_chance(1.0) == pytest.approx(CAL.rare / np.e)
+    assert by_chance(-50.0) == pytest.approx(1.0)
+
+
 def test_p_values_of_noise_alone_are_not_too_small():
     gains = 0.5 * np.max(np.random.default_rng(0).chisquare(1, (4000, 40)), axis=1)
     found = np.array([p_value(gain, 1, 40) for gain in gains])
@@ -150,3 +159,27 @@ def test_two_names_of_one_cause_cost_the_same():
     assert probability(found, tried, "cheap") == pytest.approx(0.5, abs=0.1)
     alone = evidence(selected(1000.0, [tried[0], tried[2]]), False, own)
     assert alone.scores[0] == 100.0 - 8.0
+
+
+@pytest.mark.parametrize(("ar", "lasting"), [((), 1.0), ((0.5,), 3.0)])
+def test_an_effect_gains_no_more_than_plain_errors_say(ar, lasting):
+    rng, rows = np.random.default_rng(0), (slice(0, 300),)
+    good = np.ones((300, 1), dtype=bool)
+    sd = np.array([0.5])
+    search = SimpleNamespace(colour=Colour(sd, (np.array(ar),), rows, good), trust=1.0)
+    nothing = np.empty(0)
+
+    def of(share, cost):
+        e = share * np.sqrt(1000.0) * base
+        return Hypothesis((), nothing, nothing, nothing, cost, e, np.zeros((300, 1, 0)))
+
+    base = rng.standard_normal((300, 1))
+    base /= np.sqrt(np.sum(base**2))
+    tried = (of(1.1, 0.0), of(0.8, 1.0), of(0.99, 2.0), of(0.5, 99.0))
+    found = plainly(Selection(search, of(1.0, 100.0), tried, ()), sd, good)
+    costs = {round(float(np.sum(own.e**2)) / 1000.0, 4): own.cost for own in found.tried}
+    assert [own.cost for own in found.tried] == sorted(own.cost for own in found.tried)
+    assert costs[1.21] > 100.0  # whitened it gained, plainly it lost
+    assert costs[0.64] == pytest.approx(max(1.0, 100.0 - 0.5 * 360.0 / 0.25 / lasting))
+    assert costs[0.9801] == pytest.approx(100.0 - 0.5 * 19.9 / 0.25 / lasting)
+    assert costs[0.25] == 99.0

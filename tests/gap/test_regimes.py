@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, candidate
 
+from greybox_id.estimation.shortlist import Promise
+from greybox_id.estimation.strip import running
 from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where
-from greybox_id.gap.shortlist import Promise
 from greybox_id.models.effects import EFFECTS
 
 ROWS = 3000
@@ -105,3 +106,9 @@ def test_regimes_are_told_by_the_simulation_and_by_readings_that_do_not_count():
     assert found["v_x"][200] == pytest.approx(7.0)
     assert found["a_y"][200] == pytest.approx(2.0)
     assert found["steer"][200] == pytest.approx(1.0)
+
+
+def test_time_runs_on_between_recordings():
+    one = np.array([0.5, 1.5, 2.5])
+    np.testing.assert_allclose(running(one), one)
+    np.testing.assert_allclose(running(np.concatenate([one, one])), [0.5, 1.5, 2.5, 3.5, 4.5, 5.5])

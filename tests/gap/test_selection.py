@@ -7,8 +7,8 @@ import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
 from greybox_id.estimation.calibration import CAL
-from greybox_id.estimation.colour import colour, white_noise
 from greybox_id.estimation.hypothesis import Start
+from greybox_id.estimation.noise import colour, white_noise
 from greybox_id.estimation.refit import refit
 from greybox_id.gap.selection import _in_each_place, _let_go, _polished, select
 

@@ -52,6 +52,8 @@ def test_intervals_have_the_unit_of_their_estimate():
 
 
 def test_whether_there_is_a_gap():
+    quiet = replace(clear(), where=replace(clear().where, channels={"yaw_rate": 1.02, "v_x": 1.0}))
+    assert "though hardly in free run" in whether(quiet)
     assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
     assert whether(none()).startswith("No gap: ")
     assert "cannot be told: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
@@ -131,6 +133,7 @@ def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
     assert how_far(gap, gap.gap, False) == "nothing was added to the model: the excess stays as it is on lap7"
     assert how_far(none(), none().gap, False) == "nothing to close on lap7"
+    assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
         "no effect was added to the model, its parameters went to where the recordings have them on lap7 (held out)"
     )

@@ -61,4 +61,5 @@ def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
         dynamics=dynamics,
         quantities=others,
         settings=model.settings,
+        learnt=True,
     )

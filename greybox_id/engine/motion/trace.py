@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as cs
 
@@ -107,7 +108,7 @@ class MotionTrace:
         relax = moves_just_after(*self._relaxing(relaxed), moved)
         rates, _ = self._evaluate(x, self._seen(z, segment, named), named, relax)
         seen, followed = {name: begin for name, (begin, _) in segment.lines.items()}, list[Symbol]()
-        for state, actuator in zip(actuators, self.model.actuators, strict=True):
+        for state, actuator in zip(self._standing(actuators), self.model.actuators, strict=True):
             followed.append(actuator.moves(state, seen[actuator.signal], named, JUST_AFTER) / JUST_AFTER)
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], named, JUST_AFTER)
         followed += [moved[relaxation.quantity] / JUST_AFTER for relaxation in self.model.relaxations]
@@ -208,10 +209,18 @@ class MotionTrace:
     ) -> tuple[list[Symbol], dict[str, tuple[Symbol, Symbol]]]:
         """Actuators' states at the segment's end, and the commands as the vehicle sees them."""
         lines, moved = dict(segment.lines), []
-        for state, actuator in zip(states, self.model.actuators, strict=True):
+        for state, actuator in zip(self._standing(states), self.model.actuators, strict=True):
             after, lines[actuator.signal] = actuator.segment(state, lines[actuator.signal], p, segment.h)
             moved.append(after)
         return moved, lines
+
+    def _standing(self, states: list[Symbol]) -> list[Any]:
+        """What actuators are given as their state: of those that read another one's, both."""
+        of = {actuator.name: state for actuator, state in zip(self.model.actuators, states, strict=True)}
+        return [
+            (state, of[actuator.beside]) if actuator.beside else state
+            for actuator, state in zip(self.model.actuators, states, strict=True)
+        ]
 
     def _relaxing(self, relaxed: list[Symbol]) -> tuple[dict[str, Symbol], TimeConstants]:
         """Where relaxed quantities stand, and their time constants."""
@@ -222,7 +231,7 @@ class MotionTrace:
     def _seen(self, z: Symbol, segment: _Segment, p: Namespace) -> dict[str, Symbol]:
         """Inputs as the vehicle sees them just after the segment began."""
         seen = {name: begin for name, (begin, _) in segment.lines.items()}
-        for state, actuator in zip(self._split(z)[1], self.model.actuators, strict=True):
+        for state, actuator in zip(self._standing(self._split(z)[1]), self.model.actuators, strict=True):
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], p, JUST_AFTER)
         return seen
 

@@ -1,4 +1,4 @@
-"""Dynamic elements between a command and the vehicle: lag, rate limit and play.
+"""Dynamic elements between a command and the vehicle: lag, servo of second order, rate limit and play.
 
 Over a segment of h seconds the command is a straight line. What the vehicle sees is again a straight line: the one of
 the same mean and first moment as the element's true response, so that nothing is lost to the length of a segment.
@@ -7,6 +7,7 @@ the same mean and first moment as the element's true response, so that nothing i
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import pi
 
 import casadi as cs
 
@@ -26,6 +27,12 @@ SHORTEST = 1e-12
 """Added to segments' lengths, s; segments that only fill up have none."""
 TINY = 1e-13
 """Added where zero would be divided by zero."""
+FASTEST = 1e15
+"""Hz, of a servo that follows at once: its product with a segment's length is a number."""
+FADED = 1e3
+"""Time, over 1 / w, after which nothing is left of a swing, whose sine would take long to calculate."""
+SHORT_SWING, SWING_TERMS = 0.03, 6
+"""Below this time, over 1 / w, swings follow from so many terms of their series, in which nothing cancels."""
 PLAY_WIDTH = 1e-5
 """Width over which play takes up, in the signal's unit."""
 
@@ -50,6 +57,108 @@ def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) ->
         return (state - command) * cs.expm1(-time / (time_constant(p) + TINY_TIME))
 
     return Actuator(signal, name, segment, after, moves)
+
+
+def servo(
+    signal: str, name: str, frequency: Callable[[Namespace], Symbol], damping: Callable[[Namespace], Symbol]
+) -> tuple[Actuator, Actuator]:
+    """A servo of second order, x'' = w^2 (u - x) - 2 d w x' with d < 1, exact for commands that are straight lines.
+
+    Its states are where it is, x, and where it would be at its speed after 1 / w, a = x + x' / w: both are at the
+    command when it rests. About what follows a ramp for ever, u - 2 d s / w at the ramp's speed s, the rest
+    y = (x, x' / w) obeys y' = A y in the time w t, A = [[0, 1], [-1, -2 d]].
+
+    Parameters
+    ----------
+    signal, name : the input it stands before; of its states.
+    frequency : p -> natural frequency, Hz; it follows at once at infinity.
+    damping : p -> damping ratio, below one.
+    """
+
+    def w(p: Namespace) -> Symbol:
+        return 2 * pi * cs.fmin(frequency(p), FASTEST)
+
+    def off(where: Symbol, ahead: Symbol, command: Line, p: Namespace, r: Symbol) -> tuple[Line, Symbol]:
+        behind = (command[1] - command[0]) / r
+        return (where - command[0] + 2 * damping(p) * behind, ahead - where - behind), behind
+
+    def ends(where: Symbol, ahead: Symbol, command: Line, p: Namespace, h: Symbol) -> Line:
+        r, d = w(p) * (h + SHORTEST), damping(p)
+        y, behind = off(where, ahead, command, p, r)
+        y_1, y_2 = _swung(y, r, d)
+        x = command[1] - 2 * d * behind + y_1
+        return x, x + y_2 + behind
+
+    def angle(state: Line, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
+        where, ahead = state
+        r, d = w(p) * (h + SHORTEST), damping(p)
+        y, behind = off(where, ahead, command, p, r)
+        mean, slope = _swing_line(y, r, d)
+        x, _ = ends(where, ahead, command, p, h)
+        late = 2 * d * behind
+        return x, (command[0] - late + mean - slope / 2, command[1] - late + mean + slope / 2)
+
+    def lead(state: Line, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
+        ahead, where = state
+        return ends(where, ahead, command, p, h)[1], command
+
+    def moved(where: Symbol, ahead: Symbol, command: Symbol, p: Namespace, time: float) -> Line:
+        return _swings((where - command, ahead - where), w(p) * time, damping(p))
+
+    def angle_moves(state: Line, command: Symbol, p: Namespace, time: float) -> Symbol:
+        return moved(*state, command, p, time)[0]
+
+    def lead_moves(state: Line, command: Symbol, p: Namespace, time: float) -> Symbol:
+        y_1, y_2 = moved(state[1], state[0], command, p, time)
+        return y_1 + y_2
+
+    def angle_after(state: Line, command: Symbol, p: Namespace, time: float) -> Symbol:
+        """So soon that a swing has hardly begun, or has faded: its first terms do, at a third of the cost."""
+        r, d = w(p) * time, damping(p)
+        return command + cs.exp(-d * r) * ((state[0] - command) * (1 + d * r) + (state[1] - state[0]) * r)
+
+    first, then = f"{name}_lead", f"{name}_angle"
+    return (
+        Actuator(signal, first, lead, lambda state, command, p, time: command, lead_moves, beside=then),
+        Actuator(signal, then, angle, angle_after, angle_moves, beside=first),
+    )
+
+
+def _swung(y: Line, r: Symbol, d: Symbol) -> Line:
+    """exp(A r) y."""
+    fast = cs.sqrt(1 - d**2)
+    turned = fast * cs.fmin(r, FADED)
+    fading, c, s = cs.exp(-d * r), cs.cos(turned), cs.sin(turned) / fast
+    y_1, y_2 = y
+    return fading * (c * y_1 + s * (d * y_1 + y_2)), fading * (c * y_2 - s * (y_1 + d * y_2))
+
+
+def _swings(y: Line, r: Symbol, d: Symbol) -> Line:
+    """(exp(A r) - 1) y without cancelling digits."""
+    terms, (y_1, y_2) = _swing_terms(y, r, d)[1:], _swung(y, r, d)
+    short = r < SHORT_SWING
+    return (cs.if_else(short, sum(own[0] for own in terms), y_1 - y[0]),
+            cs.if_else(short, sum(own[1] for own in terms), y_2 - y[1]))  # fmt: skip
+
+
+def _swing_line(y: Line, r: Symbol, d: Symbol) -> Line:
+    """Mean and slope of the line that stands for the first of exp(A r s) y, s from 0 to 1."""
+    (one, two), (y_1, y_2) = y, _swung(y, r, d)
+    mean, other = (-2 * d * (y_1 - one) - (y_2 - two)) / r, (y_1 - one) / r
+    moment = (-2 * d * (y_1 - mean) - (y_2 - other)) / r
+    terms, short = [own[0] for own in _swing_terms(y, r, d)], r < SHORT_SWING
+    mean = cs.if_else(short, sum(own / (n + 1) for n, own in enumerate(terms)), mean)
+    moment = cs.if_else(short, sum(own / (n + 2) for n, own in enumerate(terms)), moment)
+    return mean, 12 * (moment - mean / 2)
+
+
+def _swing_terms(y: Line, r: Symbol, d: Symbol) -> list[Line]:
+    """(A r)^n y / n! of the first n."""
+    found = [y]
+    for n in range(1, SWING_TERMS):
+        one, two = found[-1]
+        found.append((two * r / n, (-one - 2 * d * two) * r / n))
+    return found
 
 
 def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> Actuator:

@@ -1,8 +1,8 @@
 """What may stand between the steering command and the road wheels.
 
-The chain is delay, then play, rate limit and lag in the order in which they were added, then ratio and offset. For a
-delay, a lag and an offset the place in the chain makes no difference; behind a play or a rate limit, a ratio other than
-one scales them too.
+The chain is delay, then play, rate limit, lag and servo in the order in which they were added, then ratio and offset.
+For a delay, a lag, a servo and an offset the place in the chain makes no difference; behind a play or a rate limit, a
+ratio other than one scales them too.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import inf
 
 from ...motion_model import MotionModel
-from .elements import lag, play, rate_limit
+from ...parameter import Parameter
+from .elements import lag, play, rate_limit, servo
 from .memory import limit_steering_rate, scale_steering, shift_steering
 from .stating import alteration, effect
 
@@ -27,6 +28,11 @@ def _lag(model: MotionModel) -> MotionModel:
 
 def _rate_limit(model: MotionModel) -> MotionModel:
     return model.actuated(rate_limit("steer", "steering_rate_limit_state", lambda p: p.steering_rate_limit))
+
+
+def _servo(model: MotionModel) -> MotionModel:
+    both = servo("steer", "steering_bandwidth", lambda p: p.steering_bandwidth, lambda p: p.steering_damping)
+    return model.actuated(both[0]).actuated(both[1])
 
 
 def _backlash(model: MotionModel) -> MotionModel:
@@ -63,4 +69,13 @@ steering_ratio = alteration(
     typical=1.1, apply_to_memory=scale_steering, steer=lambda steer, q: steer * q.p.steering_ratio,
 )  # fmt: skip
 
-ALL = (steering_delay, steering_lag, steering_rate_limit, steering_backlash, steering_offset, steering_ratio)
+steering_bandwidth = effect(
+    GROUP, "steering_bandwidth", "Hz", inf, (0.5, inf), "natural frequency of the steering, a servo of second order",
+    touches=("steer",), apply=_servo, typical=5.0, gradual=False, instead_of=("steering_lag",),
+    others=(Parameter("steering_damping", "1", 0.7, (0.2, 0.98), fixed=True, about="damping ratio of the steering"),),
+)  # fmt: skip
+
+ALL = (
+    steering_delay, steering_lag, steering_bandwidth, steering_rate_limit, steering_backlash, steering_offset,
+    steering_ratio,
+)  # fmt: skip

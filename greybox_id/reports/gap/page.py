@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba_array
 
-from ...estimation.clock import running
+from ...estimation.strip import running
 from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
 from ...models.effects import EFFECTS
 from ...numbers import listed, number

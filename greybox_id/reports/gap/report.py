@@ -23,6 +23,7 @@ from .page import drawings
 from .saved import Made
 from .words import (
     REGIMES,
+    carried_over,
     handy,
     how_far,
     interval_words,
@@ -315,7 +316,7 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
     """How far the gap closes, or how far the simulation is from the recordings where there is none."""
     both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
     title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
-    judged = " ".join(f"{capital(how_far(gap, *one))}." for one in both)
+    judged = " ".join(f"{capital(words)}." for words in (*(how_far(gap, *one) for one in both), *carried_over(gap)))
     errors = [
         (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one, bool(gap.applied)))
         for one, held_out in reversed(both)

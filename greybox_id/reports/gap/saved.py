@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ...gap import Gap
-from ...gap.saved import as_plain_data, from_plain_data
 from ...model import Model
 from ...models.effects import EFFECTS
 from ...provenance import DataRecord
 from ...saved import Kind
 from ...vehicle import Vehicle
+from .plain_data import as_plain_data, from_plain_data
 
 KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")
 

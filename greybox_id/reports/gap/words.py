@@ -8,9 +8,8 @@ from math import fsum, isfinite, sqrt
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
+from ...statistics import NORMAL
 
-NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations."""
 LOPSIDED = 1.3
 """An interval whose arms differ by more than this factor is printed, not its standard deviation."""
 SMALLER = {"s": (1.0, "ms"), "rad": (0.1, "mrad"), "rad/s": (0.1, "mrad/s"), "m": (0.1, "mm")}
@@ -51,7 +50,35 @@ def is_factor(effect: str) -> bool:
 
 
 def magnitude_words(ranked: Ranked) -> str:
-    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02, or 18 ms [5, 60] where the interval is lopsided."""
+    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided."""
+    return " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
+
+
+def when_words(ranked: Ranked) -> str:
+    """From when on, or until when an effect acts; "" where it acts all the time."""
+    if ranked.since is not None:
+        return f"from {number(ranked.since)} s on"
+    return f"until {number(ranked.until)} s" if ranked.until is not None else ""
+
+
+def carried_over(gap: Gap) -> list[str]:
+    """What a closed model, which is one for all times, has of effects that begin or end within a recording."""
+    said = []
+    for own in gap.ranking:
+        if own.effect in gap.applied and own.since is not None:
+            said.append(
+                f"{own.effect} begins in {own.within} at {number(own.since)} s: the closed model is the vehicle after "
+                "that, and has it all the time"
+            )
+        elif own.effect in gap.applied and own.until is not None:
+            said.append(
+                f"{own.effect} ends in {own.within} at {number(own.until)} s: the closed model is the vehicle after "
+                "that, and does not have it"
+            )
+    return said
+
+
+def _size_words(ranked: Ranked) -> str:
     own, (low, high) = handy_of(ranked), ranked.interval
     value = own.factor * ranked.magnitude
     before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {own.unit}" if own.unit else "")
@@ -96,6 +123,8 @@ LEAST_SHARE = 0.1
 """Smaller shares of the gap are not named."""
 MOST_DOUBTS = 3
 """Doubts told before everything else; the rest is counted."""
+HARDLY = 1.05
+"""Errors that exceed noise by less, a tenth of its mean square: what need not be detected (`CAL.shows`)."""
 CONCENTRATED = 1.2
 """A regime is worth naming with shares when it holds so many times its share of the time."""
 
@@ -108,7 +137,11 @@ def p_words(p: float) -> str:
 
 
 def whether(gap: Gap) -> str:
-    """Is there a gap?"""
+    """Is there a gap? And where free runs spin, what was looked at in their place."""
+    return f"{_whether(gap)} {gap.held}." if gap.held else _whether(gap)
+
+
+def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
@@ -117,7 +150,7 @@ def whether(gap: Gap) -> str:
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
-            f"{_largest(gap)}."
+            f"{_largest(gap)}{' once parameters are moved within these' if gap.moved else ''}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
@@ -130,6 +163,8 @@ def _largest(gap: Gap) -> str:
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda own: channels[own])
     times = f"{number(channels[name], 2)} times its noise"
+    if gap.gap_detected and channels[name] < HARDLY and gap.applied:
+        return f", though hardly in free run: the error of {name}, the largest, is {times}"
     if gap.gap_detected:
         return f": in free run the error of {name} is {times}"
     return f"; the largest error in free run, that of {name}, is {times}"
@@ -208,7 +243,12 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ("Budget", budget(gap)),
         (
             "How far",
-            "; ".join(filter(None, [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure)])),
+            "; ".join(
+                filter(
+                    None,
+                    [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure), *carried_over(gap)],
+                )
+            ),
         ),
         ("Left", left(gap)),
     ]
@@ -238,8 +278,12 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     chose = ", which chose " + ("it" if len(gap.applied) == 1 else "them") if gap.applied else ""
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
-        if not gap.gap_detected:
+        if not gap.gap_detected and not gap.moved:
             return f"nothing to close {place}"
+        if not gap.gap_detected:
+            return (
+                f"no effect to add; parameters went, within their tolerances, to where the recordings have them {place}"
+            )
         if gap.moved:
             return f"no effect was added to the model, its parameters went to where the recordings have them {place}"
         return f"nothing was added to the model: the excess stays as it is {place}"

@@ -11,6 +11,7 @@ from ...gap import Budget, Closure, Errors, Gap
 from ...numbers import listed, number, pretty_unit, rmse
 from ..gap.words import (
     as_it_stands,
+    carried_over,
     how_far,
     judged,
     left,
@@ -129,6 +130,7 @@ def _how_far(gap: Gap, width: int) -> Group:
     said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
     if warning := as_it_stands(gap, closure):
         said.append(warning)
+    said += carried_over(gap)
     if not held_out and gap.applied:
         said.append("what it is worth on other recordings is not known: hold some out")
     if gap.moved:

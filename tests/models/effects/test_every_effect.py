@@ -21,6 +21,7 @@ TABLE = {
     "combined_slip": (0, "1"), "load_sensitivity": (0, "1"), "longitudinal_load_transfer": (0, "1"),
     "tyre_temperature": (0, "1"), "mass_change": (1, "1"), "cog_shift": (0, "m"), "yaw_inertia": (1, "1"),
     "roll_dynamics": (0, "rad s^2/m"), "steering_delay": (0, "s"), "steering_lag": (0, "s"),
+    "steering_bandwidth": (INF, "Hz"),
     "steering_rate_limit": (INF, "rad/s"), "steering_offset": (0, "rad"), "steering_ratio": (1, "1"),
     "steering_backlash": (0, "rad"), "motor_lag": (0, "s"), "motor_saturation": (INF, "m/s^2"), "motor_gain": (1, "1"),
     "brake_bias": (0, "1"), "aero_drag": (0, "N s^2/m^2"), "rolling_resistance": (0, "N"), "road_slope": (0, "rad"),

@@ -8,7 +8,7 @@ from gap_cases import candidate as gradual
 from greybox_id.estimation.axes import Candidate
 from greybox_id.estimation.hypothesis import Start
 from greybox_id.estimation.refit import refit
-from greybox_id.gap.shortlist import BETWEEN, from_where_best, promises
+from greybox_id.estimation.shortlist import BETWEEN, from_where_best, promises
 
 SD = np.array([0.1, 0.1])
 

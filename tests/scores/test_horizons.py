@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from driven import driven
 from gap_cases import CAR
+from toys import joined, tiny
 
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.gap.horizons import by_horizon, diverges
 from greybox_id.models.registry import build
+from greybox_id.scores.horizons import by_horizon, diverges
+from greybox_id.scores.memory import predictions
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 
@@ -39,3 +41,13 @@ def test_windows_that_overlap_less_predict_some_of_the_same_rows():
     at = np.searchsorted(every.rows, some.rows)
     np.testing.assert_array_equal(every.rows[at], some.rows)
     np.testing.assert_allclose(every.predicted[at], some.predicted, rtol=1e-9)
+
+
+def test_errors_of_a_map_with_memory_are_those_of_its_predictions():
+    model, drives = tiny("msnn_full"), joined(60, 45)
+    before = {(own.channel, own.horizon): own.before for own in by_horizon(model, model, [drives], np.ones(2))}
+    for horizon, protocol in {None: "closed_loop", 0.05: "honest"}.items():
+        found = predictions(model, drives, protocol)
+        for k, channel in enumerate(model.outputs):
+            rmse = np.sqrt(np.mean((found.predicted - found.measured)[:, k] ** 2))
+            assert before[channel, horizon] == pytest.approx(rmse)

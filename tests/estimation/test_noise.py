@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from greybox_id.estimation.colour import colour, sound, white_noise
+from greybox_id.estimation.noise import colour, sound, white_noise
 
 AR = (1.5, -0.7)
 

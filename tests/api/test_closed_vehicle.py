@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from driven import commands, driven, without
 from made_gaps import DELAY, clear, long_names
+from memory_cases import made
+from toys import tiny
 
+from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle, not_held
 from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
 from greybox_id.datasets.vehicle_file import write_vehicle
 from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.gap import Ranked
-from greybox_id.gap.closed_vehicle import closed_vehicle, fitted_vehicle, not_held
+from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.scores.prediction import simulate
@@ -120,3 +123,18 @@ def test_a_closed_model_with_memory_is_no_vehicle(car):
     gap = SimpleNamespace(closed=build("msnn_lat"), model="msnn_lat")
     with pytest.raises(BadInput, match="no place for the weights of msnn_lat"):
         closed_vehicle(car, gap)
+
+
+def test_a_fit_s_training_errors_are_its_noise():
+    drives = made(tiny("msnn_full"), rows=800)  # enough that its weights are near those that made it
+    found = fit(tiny("msnn_full"), [drives], how=How(strengths=1.0, solver="gauss-newton"))
+    stated = fitted_vehicle(found, "lap")
+    for output in found.model.outputs:
+        assert stated.noise[output] == found.metrics["train"]["closed_loop"][output]["rmse"]
+    assert not stated.values
+    assert stated.model.name == "msnn_full"
+    assert fitted_vehicle(replace(found, metrics={}), "lap").noise == {}
+    said = diagnose(found.model, [made(tiny("msnn_full"), seed=4)], EFFECTS, vehicle=stated)
+    assert not said.gap_detected
+    with pytest.raises(BadInput, match="no place for the weights of msnn_full"):
+        closed_vehicle(stated, said)

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 from gap_cases import GivenBench
+from memory_cases import FITTED
+from toys import drive, tiny
 
-from greybox_id.gap.variance import coin, dropped, fresh, jitter, repeats
+from greybox_id.estimation.preparing import prepare
+from greybox_id.estimation.variance import coin, dropped, fresh, jitter, repeats
+from greybox_id.models.effects import EFFECTS
 
 DT, SD = 0.01, np.array([0.05, 0.1])
 
@@ -212,3 +216,12 @@ def test_a_channel_without_readings_is_no_witness():
     bench, stale = held(0.1)
     bench.measured[:, 2] = np.nan
     np.testing.assert_array_equal(repeats(bench), stale)
+
+
+def test_scatter_is_not_looked_for_under_a_map_with_memory():
+    model, recordings = tiny("msnn_full"), [drive(60)]
+    bench = prepare(model, recordings, EFFECTS, FITTED).bench(recordings)
+    bench.measured[10:50] = bench.measured[9]
+    assert not np.any(repeats(bench))
+    e = bench.simulate(bench.model.values[None])[0] - bench.measured
+    assert jitter(bench, e, e + bench.measured, np.ones(2), bench.counted) is None

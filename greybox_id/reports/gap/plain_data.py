@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..json_data import plain
-from .gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...json_data import plain
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -57,6 +57,7 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         unnamed=_unnamed(body.get("model_error")),
         moved=tuple(_moved(own) for own in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
+        held=str(body.get("held", "")),
     )
 
 
@@ -66,10 +67,11 @@ def _moved(body: Mapping[str, Any]) -> Moved:
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
+    since, until = (None if body.get(end) is None else float(body[end]) for end in ("since", "until"))
     return Ranked(
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
-        str(body.get("reason", "")),
+        str(body.get("reason", "")), since, until, str(body.get("within", "")),
     )  # fmt: skip
 
 

@@ -19,8 +19,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
 
 from ..engine.simulation import FreeRuns
-from ..estimation.calibration import CAL
 from ..shorthands import Array
+from .calibration import CAL
 
 VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
 """Least and greatest logarithm of jitter's variance that is tried."""

@@ -3,26 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed, Prediction
-from ..estimation.calibration import CAL
 from ..memory_model import MemoryModel
 from ..recording import Recording
-from ..scores.memory import predictions
-from ..scores.metrics import ASTRAY
 from ..shorthands import Array
 from ..signals import unit_of
-from .gap import Errors
+from .memory import predictions
+from .metrics import ASTRAY
 
 Squares = dict[float | None, Array]
 """Horizon -> (outputs,) mean squares of errors."""
 HORIZONS = (0.1, 0.5, 2.0, None)
 """s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
 of readings; nothing is known of them in between."""
+OVERLAPPING = 10
+"""Windows that a row lies in: within a tenth of a horizon they err alike."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one channel at one horizon, root mean squares in the channel's unit.
+
+    Attributes
+    ----------
+    channel, unit : what is predicted.
+    horizon : s predicted from measured states; None for the free run.
+    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
+    floor : of a model that fits as well as noise lets it.
+    """
+
+    channel: str
+    unit: str
+    horizon: float | None
+    before: float
+    after: float
+    floor: float
 
 
 def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recording], sd: Array) -> tuple[Errors, ...]:
@@ -58,10 +79,9 @@ def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: S
     else:
         simulator = Simulator(model) if simulator is None else simulator.of(model)
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
-        overlapping = round(CAL.overlapping)
         for horizon in HORIZONS:
             found[horizon] = [
-                own.free_run() if horizon is None else own.ahead(horizon, overlapping) for own in predictors
+                own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors
             ]
     return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
 

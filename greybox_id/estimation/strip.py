@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..engine.simulation import FreeRuns
-from ..estimation.blocks import blocks
-from ..estimation.calibration import CAL
-from ..estimation.clock import running
 from ..shorthands import Array
 from ..statistics import welch
-from .gap import Strip
+from .calibration import CAL
+from .noise import blocks
+
+
+@dataclass(frozen=True)
+class Strip:
+    """What a picture of a gap along time and path is drawn from, per block of time.
+
+    Attributes
+    ----------
+    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
+    before, after : (n,) mean square of the errors over the noise's.
+    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
+    frequency : (k,) Hz.
+    spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
+    map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
+        the first NaN where never driven.
+    """
+
+    time: Array
+    before: Array
+    after: Array
+    x: Array
+    y: Array
+    frequency: Array
+    spectrum_before: Mapping[str, Array]
+    spectrum_after: Mapping[str, Array]
+    map: Mapping[str, Array]
 
 
 def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
@@ -80,3 +105,12 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
 def _edges(values: Array) -> Array:
     low, high = (float(end) for end in np.quantile(values, [0.001, 0.999]))
     return np.linspace(low, high, CAL.strip_cells + 1)
+
+
+def running(time: Array) -> Array:
+    """Time that goes on where it starts again, as it does between recordings."""
+    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+    if np.all(steps >= 0):
+        return time
+    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))

@@ -8,11 +8,11 @@ from math import inf
 
 import numpy as np
 
-from ..estimation.axes import Candidate
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.search import Search
 from ..shorthands import Array
+from .axes import Candidate
+from .calibration import CAL
+from .hypothesis import Hypothesis
+from .search import Search
 
 BETWEEN = CAL.between * CAL.starts[1] / CAL.starts[0]
 
@@ -41,7 +41,8 @@ class Promise:
 
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
     """What candidates promise beside a hypothesis, most promising first."""
-    new = [candidate for candidate in candidates if candidate.effect not in beside.names]
+    forms = frozenset[str]().union(beside.names, *(own.never_beside for own in beside.candidates))
+    new = [own for own in candidates if own.effect not in forms and own.never_beside.isdisjoint(beside.names)]
     if not new:
         return []
     p, found = search.vector(beside), dict[str, Promise]()
@@ -63,7 +64,7 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
         gone = search.reached(here, first.rest + (at - null) * with_it)
         found[candidate.effect] = Promise(
-            candidate, float(gain) * _of_gain(at - null, float(step)), (at,), gone, sd, told
+            candidate, float(gain) * of_gain(at - null, float(step)), (at,), gone, sd, told
         )
     curves = {
         (own.effect, start): float(curve) for (own, start), curve in zip(tried, first.curve[len(plain) :], strict=True)
@@ -122,10 +123,10 @@ def _promised(
     main = candidate.axes[0]
     step = start[0] - main.null
     if main.shift:  # its start stays where it is: readings jump with rows
-        return start, gain * _of_gain(min(share, 1 / share), 1.0) if share > 0 else 0.0, 1.0
+        return start, gain * of_gain(min(share, 1 / share), 1.0) if share > 0 else 0.0, 1.0
     if candidate.gradual:
         at = float(np.clip(main.null + share * step, main.low, main.high))
-        return (at, *start[1:]), gain * _of_gain(at - main.null, share * step), share
+        return (at, *start[1:]), gain * of_gain(at - main.null, share * step), share
     if share <= 0 or step == 0:
         return start, 0.0, 1.0
     wanted = np.log(share) / power
@@ -136,7 +137,7 @@ def _promised(
     at = float(np.clip(main.null + factor * step, main.low, main.high))
     reached = abs((at - main.null) / step) ** power
     believed = 1 - CAL.doubt * abs(np.log(factor)) / np.log(BETWEEN)
-    return (at, *start[1:]), float(gain * believed * _of_gain(reached, share)), reached
+    return (at, *start[1:]), float(gain * believed * of_gain(reached, share)), reached
 
 
 def _power(
@@ -156,6 +157,6 @@ def _power(
     return min(power, CAL.powers[1]) if power >= CAL.powers[0] else 1.0  # what acts at once grows with no power of it
 
 
-def _of_gain(step: float, wanted: float) -> float:
+def of_gain(step: float, wanted: float) -> float:
     """Share of a gain that is left of a step cut short by a bound: beyond it nothing can be promised."""
     return 1 - (1 - step / wanted) ** 2 if wanted != 0 else 1.0

@@ -1,4 +1,4 @@
-"""Noise of the channels: its size, and how much of it carries on from row to row.
+"""Noise of the channels: its size, stated or told, and how much of it carries on from row to row.
 
 Residuals of every channel are taken for an autoregressive process of low order. Whitened by it, they count as often as
 they say something new, and slow misfits of a model's form, which look like coloured noise, do not drown what is fast.
@@ -13,8 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.simulation import FreeRuns
 from ..shorthands import Array
-from ..statistics import robust_sd
+from ..statistics import robust_sd, white_noise_sd
+from ..vehicle import Vehicle
 from .calibration import CAL
 
 
@@ -170,3 +172,38 @@ def _innovations(values: Array, a: Array) -> Array:
     for lag, own in enumerate(a, 1):
         found[lag:] -= own * values[:-lag]
     return found
+
+
+def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
+    """Standard deviation of each channel's noise, (channels,), and whether all of them were stated.
+
+    Parameters
+    ----------
+    bench : whose channels.
+    vehicle : what is stated of its sensors; of a map with memory, what its training left, which holds in any case.
+    residuals : (N, channels) of any model: a slow misfit does not count as noise.
+    """
+    stated = vehicle.noise if vehicle is not None else {}
+    found, told = [], True
+    for c, channel in enumerate(bench.channels):
+        own = bench.counted[:, c]
+        if not np.any(own):
+            found.append(1.0)
+            continue
+        e = residuals[own, c]
+        spread = robust_sd(e - np.median(e))
+        held = bench.learnt or spread > CAL.too_large * stated.get(channel, 0.0)
+        if channel in stated and held:
+            found.append(stated[channel])
+            continue
+        told = told and channel in stated
+        fast = white_noise_sd([bench.measured[rows, c] for rows in bench.rows])
+        least = max(1e-9 * float(np.max(np.abs(bench.measured[own, c]))), 1e-12)
+        found.append(1.0 if np.isnan(fast) else max(fast, least))
+    return np.array(found), told
+
+
+def blocks(bench: FreeRuns, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
+    """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
+    length = max(1, round(seconds / bench.sample_time))
+    return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

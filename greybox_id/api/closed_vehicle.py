@@ -10,20 +10,20 @@ from math import isfinite
 import numpy as np
 
 from ..errors import BadInput
-from ..fit import Fit
+from ..fit import FREE_RUN, Fit
+from ..gap import Gap, Ranked
+from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
 from ..models.registry import build, model_of
 from ..parameter import Parameter
+from ..statistics import NORMAL
 from ..vehicle import ChosenModel, Stated, Vehicle
-from .gap import Gap, Ranked
 
-NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations."""
 CLOSED = ", gap closed"
 """Behind the name of a vehicle."""
-BY = "greybox gap"
-"""Who says so."""
+BY, FITTED = "greybox gap", "greybox fit"
+"""Who says so: of what a diagnosis found, and of what a fit did."""
 
 
 def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
@@ -43,9 +43,9 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
 
     Raises
     ------
-    BadInput : the model is one with memory, whose weights are no vehicle's.
+    BadInput : the model holds a network's weights, which are no vehicle's.
     """
-    if isinstance(gap.closed, MemoryModel):
+    if gap.closed is not None and gap.closed.learnt:
         raise BadInput(f"{gap.model} closed: {no_place(gap.model)}")
     own = vehicle.model
     closed = gap.closed
@@ -54,14 +54,14 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     if closed is None:
         settings = own.settings if own is not None and own.name == gap.model else {}
         known = before if own is not None and own.name == gap.model else {}
-        added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked}
+        added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked and ranked[name].lasts}
         chosen = ChosenModel(gap.model, settings, {**known, **added})
         values = dict(vehicle.values)
     else:
         added = {}
         for name in closed.effects:
             value = float(closed[name].array)
-            if name in gap.applied and name in ranked:
+            if name in gap.applied and name in ranked and ranked[name].lasts:
                 added[name] = replace(_magnitude(ranked[name]), value=value)
             elif isfinite(value):
                 added[name] = replace(before.get(name, Stated(source=BY)), value=value)
@@ -79,11 +79,8 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
 
 
 def no_place(model: str) -> str:
-    """Why there is no closed vehicle for a model with memory, and what there is instead."""
-    return (
-        f"a vehicle file has no place for the weights of {model}; to have an effect in the model, fit it to these "
-        f"recordings as {model} with the effect."
-    )
+    """Why there is no closed vehicle for a model that holds a network's weights, and what there is instead."""
+    return f"a vehicle file has no place for the weights of {model}; gb.diagnose hands over its closed model."
 
 
 def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
@@ -115,8 +112,8 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     """
     model = fit.model
     about = f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}."
-    if isinstance(model, MemoryModel):
-        effects = {effect: Stated(float(model[effect].array), source="greybox fit") for effect in model.effects}
+    if isinstance(model, MemoryModel | HybridModel):
+        effects = {effect: Stated(float(model[effect].array), source=FITTED) for effect in model.effects}
         chosen = ChosenModel(model.name, model.settings, effects)
         return Vehicle(name, noise=_left(fit, model), model=chosen, about=about)
     usual = build(model.name, model.settings)
@@ -128,7 +125,7 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
         low, high = parameter.bounds if parameter.name in usual else (None, None)
         same = parameter.name not in usual or usual[parameter.name].bounds == parameter.bounds
         limits = (None, None) if same else (low, high)
-        return Stated(float(parameter.array), sd if isfinite(sd) and sd > 0 else None, *limits, source="greybox fit")
+        return Stated(float(parameter.array), sd if isfinite(sd) and sd > 0 else None, *limits, source=FITTED)
 
     return Vehicle(
         name=name,
@@ -138,9 +135,26 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     )
 
 
-def _left(fit: Fit, model: MemoryModel) -> dict[str, float]:
+def with_sensors(fitted: Vehicle, stated: Vehicle) -> Vehicle:
+    """A fit as a vehicle, with what no fit tells: noise, steering range, model error and tolerances as stated.
+
+    Its numbers and the effects of its model stay the fit's.
+    """
+    own = fitted.model.effects if fitted.model is not None else {}
+    return replace(
+        fitted,
+        noise=stated.noise,
+        effects={name: tolerance for name, tolerance in stated.effects.items() if name not in own},
+        steer_max=stated.steer_max,
+        model_error=stated.model_error,
+    )
+
+
+def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
     """Output -> root mean square of what the fit left of it on its training data, where it says so."""
-    protocol = "honest" if model.feedback is None else "closed_loop"
+    protocol = FREE_RUN
+    if isinstance(model, MemoryModel):
+        protocol = "honest" if model.feedback is None else "closed_loop"
     told = fit.metrics.get("train", {}).get(protocol, {})
     left = {output: float(told[output]["rmse"]) for output in model.outputs if output in told}
     return {output: rmse for output, rmse in left.items() if isfinite(rmse) and rmse > 0}

@@ -1,0 +1,297 @@
+"""Effects that begin within a recording, or end: rain, a tyre that loses pressure, a load that falls off.
+
+Constant effects have been weighed before. Where the same effect gains more if it acts in part of the recordings alone,
+it is refitted so, the instant found to first order on a grid and then by simulation, and charged for: for the instants
+at which it might have begun, and for either way. All that is weighed then is refitted where the best of it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..estimation.axes import ActingRows, Candidate
+from ..estimation.bench import Bench
+from ..estimation.calibration import CAL
+from ..estimation.hypothesis import Hypothesis, Start, by_cost
+from ..estimation.model_error import ModelError
+from ..estimation.noise import Whitener
+from ..estimation.part_bench import PartBench
+from ..estimation.refit import refit, settled
+from ..estimation.search import Search
+from ..estimation.shortlist import of_gain
+from ..shorthands import Array
+from .evidence import Costs, price
+from .selection import Selection
+
+
+@dataclass(frozen=True)
+class _Hopeful:
+    """A candidate in part of the rows, what it promises beside a hypothesis, and where its magnitude would be."""
+
+    parent: Hypothesis
+    candidate: Candidate
+    rows: slice
+    gain: float
+    m: float
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """A hypothesis of which an effect acts in part of the rows, and what refits it."""
+
+    search: Search
+    own: Hypothesis
+
+
+def with_beginnings(
+    selection: Selection,
+    candidates: Sequence[Candidate],
+    whitener: Callable[[Search, Hypothesis | None], Whitener],
+    cost: Costs,
+) -> Selection:
+    """The selection with effects that begin or end, where one of these is the best of all; else as it was.
+
+    Parameters
+    ----------
+    selection : of effects that act everywhere.
+    candidates, whitener, cost : as of `select`.
+    """
+    search = selection.search
+    if not isinstance(search.bench, Bench) or not isinstance(search.colour, ModelError):
+        return selection
+
+    def score(own: Hypothesis) -> float:
+        return own.cost + price(own, cost)
+
+    known = min((selection.base, *selection.tried), key=score)
+    beside = {names: own for own in (selection.base, *selection.tried) for names in [frozenset(own.names)]}
+    parents = {frozenset[str](): selection.base}
+    parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
+    found = list[_Begun]()
+    for parent in parents.values():
+        for hopeful in _hopeful(search, parent, candidates, cost, min(known.cost, parent.cost))[: CAL.begun]:
+            begun = _refitted(search, hopeful)
+            if begun is not None and score(begun.own) < score(known) + CAL.alike:
+                found.append(begun)
+    if not found:
+        return selection
+    best = _placed(min(found, key=lambda each: score(each.own)))
+    if score(best.own) >= score(known):
+        return selection
+    return _weighed(selection, best, found, whitener, score)
+
+
+def _hopeful(
+    search: Search, parent: Hypothesis, candidates: Sequence[Candidate], cost: Costs, least: float
+) -> list[_Hopeful]:
+    """Which effects may gain enough by acting in part of the rows alone, to first order, best first.
+
+    Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
+    explanation gains.
+    """
+    new = [own for own in candidates if own.effect not in parent.names and not own.starts and len(own.axes) == 1]
+    if not new:
+        return []
+    J = search.bench.linearise(search.vector(parent), [own.axes[0].index for own in new])[1]
+    everywhere, places, gains, steps = _in_parts(search, parent, J)
+    found = []
+    for k, own in enumerate(new):
+        axis, null = own.axes[0], search.where(parent, own.axes[0])
+        at = np.clip(null + steps[:, k], axis.low, axis.high)
+        expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
+        best = int(np.argmax(expected))
+        needed = max(everywhere[k] + CAL.begins, cost(own.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
+        if expected[best] > needed:
+            found.append(_Hopeful(parent, own, places[best], float(expected[best]), float(at[best])))
+    return sorted(found, key=lambda each: -each.gain)
+
+
+def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
+    """What effects gain by themselves, nuisances and the parent's magnitudes refitted, everywhere and in parts.
+
+    Parameters
+    ----------
+    J : (N, channels, K) derivatives by their magnitudes.
+
+    Returns
+    -------
+    everywhere : (K,) log-likelihood.
+    places : P parts, up to an instant or from it on.
+    gains, steps : (P, K) log-likelihood and magnitudes, to first order; no gain where one side tells too little of an
+        effect: what it is there, tolerances of the other side may then be.
+    """
+    rows, channels, count = J.shape
+    W, r = search.weighed(J), search.weighed(parent.e[:, :, None])[:, :, 0]
+    own = search.weighed(parent.J)
+    A = np.concatenate([search.white.reshape(rows, channels, -1), own], axis=2)
+    u = np.concatenate([parent.theta, parent.linear])
+    n = len(u)
+    H, g = _products(A, A), _products(A, r[:, :, None])[:, 0]
+    H[:n, :n] += search.precision
+    g[:n] += search.precision @ (u - search.means)
+    free = np.ones(len(g), dtype=bool)
+    free[:n] = ~(((u <= search.low) & (g[:n] > 0)) | ((u >= search.high) & (g[:n] < 0)))
+    edges = np.unique(np.linspace(0, rows, CAL.places + 1).astype(int))
+    slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    cross = np.array([_products(A[own], W[own]) for own in slices])
+    raw = np.array([np.sum(W[own] ** 2, axis=(0, 1)) for own in slices])
+    slope = np.array([_products(W[own], r[own][:, :, None])[:, 0] for own in slices])
+    inner = [k for k in range(1, len(slices)) if CAL.least_part * rows <= edges[k] <= (1 - CAL.least_part) * rows]
+    sums = [(np.cumsum(each, axis=0)[[k - 1 for k in inner]], np.sum(each, axis=0)) for each in (cross, raw, slope)]
+    stacked = [np.concatenate([whole[None], until, whole - until]) for until, whole in sums]
+    C, own_raw, own_slope = stacked[0][:, free], stacked[1], stacked[2]
+    scale = 1 / np.sqrt(np.maximum(np.diag(H)[free], 1e-300))
+    scaled = H[np.ix_(free, free)] * np.outer(scale, scale) + CAL.ridge * np.eye(int(np.sum(free)))
+    wide = np.moveaxis(C, 1, 0).reshape(len(scale), -1)
+    solved = np.linalg.solve(scaled, np.column_stack([g[free], wide]) * scale[:, None]) * scale[:, None]
+    undone = np.moveaxis(solved[:, 1:].reshape(len(scale), len(C), count), 0, 1)
+    curve = np.maximum(own_raw - np.sum(C * undone, axis=1), 1e-6 * own_raw + 1e-300)
+    left = own_slope - np.einsum("pnk,n->pk", C, solved[:, 0])
+    told = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
+    both = np.vstack([np.ones(count, dtype=bool), (told >= CAL.least_told) & (told <= 1 - CAL.least_told)])
+    gains, steps = np.where(both, 0.5 * left**2 / curve, 0.0), -left / curve
+    places = [slice(0, int(edges[k])) for k in inner] + [slice(int(edges[k]), rows) for k in inner]
+    return gains[0], places, gains[1:], steps[1:]
+
+
+def _products(A: Array, B: Array) -> Array:
+    """(n, m) sums over rows and channels of (N, channels, n) times (N, channels, m)."""
+    return np.asarray(A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2]))
+
+
+def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
+    """A hopeful effect beside its parent, refitted from where the parent is and from where nuisances are believed."""
+    parent = hopeful.parent
+    there = _acting(search, hopeful.candidate, hopeful.rows)
+    candidates, m = (*parent.candidates, there.candidate), np.append(parent.m, hopeful.m)
+    null = np.append(parent.m, there.candidate.axes[0].null)
+    count = len(parent.theta)
+    starts = [
+        Start(candidates, m, parent.theta, parent.linear, (parent, null)),
+        Start(candidates, m, search.means[:count], search.means[count:]),
+    ]
+    found = refit(there.search, starts)
+    return _Begun(there.search, min(found, key=by_cost)) if found else None
+
+
+@dataclass(frozen=True)
+class _There:
+    search: Search
+    candidate: Candidate
+
+
+def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
+    """A search in which a candidate acts in some rows alone, and that candidate."""
+    bench = search.bench.whole if isinstance(search.bench, PartBench) else search.bench
+    assert isinstance(bench, Bench)
+    size, (axis,) = bench.model.size, candidate.axes
+    other = copy(search)
+    other.bench = PartBench(bench, _place(bench, candidate), rows)
+    other.nominal = np.append(search.nominal[:size], np.nan)
+    other.expanded = search.expanded.copy()
+    return _There(other, replace(candidate, axes=(replace(axis, index=size),), part=_part(bench, rows)))
+
+
+def _part(bench: Bench, rows: slice) -> ActingRows:
+    """Some rows in words: since when, or until when, by the clock of the recording."""
+    begins = rows.start > 0
+    row = rows.start if begins else rows.stop
+    run = next(k for k, own in enumerate(bench.rows) if own.start <= row < own.stop)
+    at = float(bench.time[row])
+    return ActingRows(rows, bench.runs[run].name, *((at, None) if begins else (None, at)))
+
+
+def _placed(begun: _Begun) -> _Begun:
+    """The same with its effect beginning or ending at the best row that is found by ever shorter steps."""
+    best = begun
+    rows = len(best.search.bench.time)
+    step = rows / (CAL.places / 4)
+    while step >= 1:
+        for sign in (-1, 1):
+            moved = _moved(best, round(sign * step), rows)
+            if moved is not None and moved.own.cost < best.own.cost:
+                best = moved
+                break
+        step /= 2
+    return best
+
+
+def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
+    """The same with its effect beginning or ending so many rows later; None where that is not in the middle."""
+    own, *others = reversed(begun.own.candidates)
+    assert own.part is not None
+    old = own.part.rows
+    edge = (old.start or old.stop) + by
+    if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
+        return None
+    there = _acting(begun.search, own, slice(edge, rows) if old.start else slice(0, edge))
+    candidates = (*reversed(others), there.candidate)
+    found = refit(there.search, [replace(begun.search.start_of(begun.own), candidates=candidates)])
+    return _Begun(there.search, found[0]) if found else None
+
+
+def _weighed(
+    selection: Selection,
+    best: _Begun,
+    found: Sequence[_Begun],
+    whitener: Callable[[Search, Hypothesis | None], Whitener],
+    score: Callable[[Hypothesis], float],
+) -> Selection:
+    """A selection in which the best hypothesis acts in part: all of it refitted in the noise that this one leaves."""
+    search = best.search
+    search.recoloured(whitener(search, best.own))
+    search.about(best.own)
+    own = settled(search, min(refit(search, [search.start_of(best.own)]), key=by_cost, default=best.own))
+    best = _placed(_Begun(search, own))
+    search, own = best.search, best.own
+    constant = (selection.base, *selection.tried[: CAL.rivals])
+    starts = [Start(each.candidates, each.m, own.theta, own.linear) for each in constant]
+    again = refit(search, [*(search.start_of(each) for each in constant), *starts])
+    bases, tried = [each for each in again if not each.names], {frozenset(own.names): own}
+    places = own.candidates[-1].part
+    assert places is not None
+    for candidates, m, rows in (
+        (own.candidates[-1:], own.m[-1:], places.rows),
+        *((each.own.candidates, each.own.m, at) for each in found for at in _rows(each.own, places)),
+    ):
+        if (names := frozenset(each.effect for each in candidates)) == frozenset(own.names):
+            continue
+        there = _acting(search, candidates[-1], rows)
+        for one in refit(there.search, [Start((*candidates[:-1], there.candidate), m, own.theta, own.linear)]):
+            placed = _placed(_Begun(there.search, one)).own if score(one) < score(own) + CAL.cost else one
+            if names not in tried or placed.cost < tried[names].cost:
+                tried[names] = placed
+    for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):
+        tried.setdefault(frozenset(each.names), each)
+    base, first = min(bases, key=by_cost, default=None), min(tried.values(), key=score)
+    if base is None or score(first) >= min(score(each) for each in again):
+        return selection
+    return Selection(as_it_acts(search, first), base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
+
+
+def _rows(own: Hypothesis, other: ActingRows) -> list[slice]:
+    """Where a hypothesis has its effect act that begins or ends, and where another one has its own."""
+    part = own.candidates[-1].part
+    assert part is not None
+    return [part.rows, *([other.rows] if other.rows != part.rows else [])]
+
+
+def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
+    """The search in which a hypothesis' effects act where they do."""
+    for own in hypothesis.candidates:
+        bench = search.bench
+        if own.part is not None and isinstance(bench, PartBench):
+            index = _place(bench, own)
+            if (index, own.part.rows) != (bench.index, bench.part):
+                search = copy(search)
+                search.bench = PartBench(bench.whole, index, own.part.rows)
+    return search
+
+
+def _place(bench: Bench, own: Candidate) -> int:
+    """Where a candidate's magnitude stands among the model's parameters."""
+    return [parameter.name for parameter in bench.model.parameters].index(own.axes[0].name)
