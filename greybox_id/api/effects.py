@@ -6,7 +6,7 @@ Examples
 >>> gb.effects.steering_lag.at(0.05)
 Effect steering_lag: first-order time constant of the steering [s], nothing changes at 0; here 0.05 (fixed)
 >>> len(gb.effects.names())
-43
+44
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class GapResult(Gap):
     >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> gap = gb.diagnose("kinematic", lap, vehicle="roboracer", effects=["steering_delay"])
     >>> gap.to_pandas().columns.tolist()
-    ['effect', 'probability', 'magnitude', 'lower', 'upper', 'unit', 'applied']
+    ['effect', 'probability', 'magnitude', 'lower', 'upper', 'unit', 'since', 'until', 'applied']
     >>> gap.closed_model.name
     'kinematic'
     """
