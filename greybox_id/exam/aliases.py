@@ -28,11 +28,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
 }
 
-ALWAYS_ALIKE = (
-    *(("imu_mount_pitch", "accel_bias_x"), ("imu_mount_roll", "accel_bias_y")),
-    ("steering_lag", "steering_bandwidth"),
-)
-"""Nothing that these vehicles record tells one from the other; a lag of a foreign one is a servo of second order."""
+ALWAYS_ALIKE = (("imu_mount_pitch", "accel_bias_x"), ("imu_mount_roll", "accel_bias_y"))
+"""Nothing that these vehicles record tells one from the other."""
+ONE_CAUSE = (("steering_lag", "steering_bandwidth"),)
+"""A lag of a foreign vehicle is a servo of second order: forms of one cause, which readings may tell apart."""
 
 _CONFUSABLE = (
     ("steering_delay", "steering_lag", "steering_rate_limit", "tyre_relaxation", "yaw_inertia"),
@@ -60,8 +59,8 @@ def group_of(effect: str) -> str:
 
 
 def always_alike(effect: str) -> tuple[str, ...]:
-    """Effects that no recording tells from this one."""
-    return tuple(other for pair in ALWAYS_ALIKE if effect in pair for other in pair if other != effect)
+    """Effects that no recording tells from this one, or that are another form of it."""
+    return tuple(other for pair in (*ALWAYS_ALIKE, *ONE_CAUSE) if effect in pair for other in pair if other != effect)
 
 
 def partners(effect: str) -> tuple[str, ...]:
