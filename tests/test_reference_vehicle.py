@@ -12,6 +12,7 @@ SOME = {
     "grip_scale": 0.8, "front_stiffness": 0.8, "rear_stiffness": 1.2, "tyre_relaxation": 0.3, "combined_slip": 0.9,
     "load_sensitivity": 0.2, "longitudinal_load_transfer": 1.0, "tyre_temperature": 0.2, "mass_change": 1.1,
     "cog_shift": 0.02, "yaw_inertia": 1.2, "roll_dynamics": 0.005, "steering_delay": 0.0313, "steering_lag": 0.05,
+    "steering_bandwidth": 3.0,
     "steering_rate_limit": 0.2, "steering_offset": 0.01, "steering_ratio": 0.9, "steering_backlash": 0.005,
     "motor_lag": 0.1, "motor_saturation": 0.5, "motor_gain": 0.9, "brake_bias": 0.2, "aero_drag": 0.3,
     "rolling_resistance": 5.0, "road_slope": 0.03, "road_bank": 0.03, "wind_gust": 5.0, "downforce": 0.5,

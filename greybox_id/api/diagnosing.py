@@ -154,8 +154,8 @@ def doubted(found: Gap, nominal: Diagnosed, stated: Vehicle | None, own: Sequenc
     if found.applied or not found.absorbed or not of_a_fit:
         return found
     since = (
-        f"What the fit leaves open would take up {listed([*found.absorbed])}: name recordings from before with --since "
-        "(since=), which tell more sharply what changed."
+        f"What the fit leaves open would take up {listed([*found.absorbed])}: a diagnosis since recordings from before "
+        "tells more sharply what changed."
     )
     return replace(found, advice=(*found.advice, since))
 

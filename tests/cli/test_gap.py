@@ -307,5 +307,5 @@ def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
 
 def test_a_fit_that_would_take_up_changes_says_what_tells_them(laps, asked, fitted):
     asked.said = replace(none(), absorbed=("grip_scale",))
-    assert "--since" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
-    assert "--since" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out
+    assert "since recordings from before" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
+    assert "from before" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out
