@@ -32,6 +32,7 @@ class VaryingNumber:
     mean, sd : what is believed of the coordinate.
     step : of differences, in the coordinate.
     low, high : of the coordinate.
+    usual : standard deviation between runs to which nothing was done; zero where runs share it.
     """
 
     name: str
@@ -41,6 +42,7 @@ class VaryingNumber:
     step: float
     low: float
     high: float
+    usual: float = 0.0
 
     def value(self, at: float) -> float:
         """The number at a coordinate."""
@@ -303,39 +305,54 @@ def descended(
 ) -> tuple[Array, Curve]:
     """Where a cost is least within bounds, and what it is there.
 
-    Gauss-Newton steps, damped where they lead too far. What the Hessian lacks (how foreseen variances bend, how scales
-    of noise follow) is learned from gradients on the way, as of structured quasi-Newton methods (Dennis, Gay & Welsch,
-    ACM Trans. Math. Softw. 7, 1981, with the damped update of Broyden, Fletcher,
-    Goldfarb and Shanno).
+    Gauss-Newton steps, damped as much as the last one asked for (Nielsen's rule: Madsen, Nielsen & Tingleff, Methods
+    for Non-Linear Least Squares Problems, 2nd ed., 2004, Sec. 3.2). What the Hessian lacks (how foreseen variances
+    bend, how scales of noise follow) is learned from gradients on the way, and added as long as that foretells better
+    what a step gains (structured quasi-Newton: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7, 1981, Sec. 3 and 5).
     """
     u = np.clip(start, low, high)
     here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.ones(len(u), dtype=bool)
-    still = 0
+    damping, firmer, still, augmented = 0.0, 2.0, 0, False
     for _ in range(CAL.between_steps):
-        if np.any(np.linalg.eigvalsh(here.H + lacking) <= 0):  # what was learned elsewhere does not hold here
-            lacking = np.zeros_like(lacking)
-        B = here.H + lacking
-        step = least_within(B, here.g, low - u, high - u, free)
-        if -float(step @ (here.g + 0.5 * B @ step)) < CAL.between_settled:
+        B = here.H + lacking if augmented else here.H
+        if augmented and np.any(np.linalg.eigvalsh(B) <= 0):  # what was learned elsewhere does not hold here
+            B = here.H
+        if _promises(here.g, B, least_within(B, here.g, low - u, high - u, free)) < CAL.between_settled:
             break  # that is what is left to be gained
         there, gained = u, 0.0
-        for firm in CAL.damping:
-            step = least_within(B, here.g, low - u, high - u, free, firm)
+        while not gained > 0:
+            step = least_within(B, here.g, low - u, high - u, free, damping)
+            expected = _promises(here.g, B, step)
+            if expected < CAL.least_promise * CAL.between_settled:
+                break
             there = np.clip(u + step, low, high)
             gained = here.cost - cost(there)
-            if gained > 0:
-                break
+            if not gained > 0:
+                damping, firmer = max(damping, CAL.damping) * firmer, 2 * firmer
         if not gained > 0:
             break
+        damping, firmer = max(damping, CAL.damping) * max(1 / 3, 1 - (2 * gained / expected - 1) ** 3), 2.0
+        damping = damping if damping > CAL.damping else 0.0
         then, step = curve(there), there - u
-        bend, expected = then.g - here.g, (then.H + lacking) @ step
-        least, own = CAL.least_bend * (step @ expected), float(bend @ step)
-        if own < least:  # a Hessian stays positive (Powell, 1978)
-            share = (step @ expected - least) / (step @ expected - own)
-            bend = share * bend + (1 - share) * expected
-        lacking += np.outer(bend, bend) / (bend @ step) - np.outer(expected, expected) / (step @ expected)
+        plain = _promises(here.g, here.H, step)
+        own = float(step @ lacking @ step)
+        augmented = abs(plain - 0.5 * own - gained) < abs(plain - gained)
+        turned = then.g - here.g
+        missed = turned - then.H @ step
+        if own != 0:  # what is learned fades where it does not hold
+            lacking *= min(1.0, abs(float(step @ missed) / own))
+        bend = float(step @ turned)
+        if bend > 0:
+            missed = missed - lacking @ step
+            both = np.outer(missed, turned) / bend
+            lacking = lacking + both + both.T - float(step @ missed) * np.outer(turned, turned) / bend**2
         u, here = there, then
         still = still + 1 if gained < CAL.between_settled else 0
         if still == CAL.between_still:
             break
     return u, here
+
+
+def _promises(g: Array, B: Array, step: Array) -> float:
+    """What a quadratic model gains by a step."""
+    return -float(step @ (g + 0.5 * B @ step))

@@ -238,7 +238,7 @@ class Follower:
         weight = float(self.model["m"].array) * G if "m" in self.model else 1.0
         forces = [name for name, _ in FORCES.values() if name in self.model]
         tracked = [Tracked(name, "N", 0.0, CAL.floor_of_weight * weight, False, True) for name in forces]
-        self.space = StateSpace(self.model, tracked, self.read)
+        self.space = StateSpace(self.model, tracked, self.read, throughout=True)  # rows are cut where delays move
         self._filter = filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
         self.p = np.empty(0)
         self._places = {}

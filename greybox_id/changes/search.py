@@ -16,7 +16,6 @@ from ..estimation.calibration import CAL
 from ..shorthands import Array
 from .between_runs import Common, RunExplained, explained
 from .innovations import FollowedRun
-from .usual import USUAL
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,11 @@ def changes(
     refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
     if refits:  # what is compared must have had the same chance
         nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
-        base = min(base, without(rides, known.x, nearest.x), key=lambda one: one.cost)
+        again = without(rides, known.x, nearest.x)
+        if again.cost < base.cost:
+            base = again
+            refits = [(own, *_refitted(known, rides, replace(own, starts=(base.x,)), moved, [best]))
+                      for own, best, _ in refits]  # fmt: skip
     found = list[Change]()
     for own, best, shift in refits:
         occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
@@ -128,19 +131,23 @@ def changes(
             elif least - there.cost > CAL.cost_held_out:
                 least = min(least, without(judge, known.x, there.x).cost)
             held += least - there.cost
-        width = CAL.widened * USUAL[known.numbers[own.place].name]
+        width = CAL.widened * known.numbers[own.place].usual
         gain = base.cost - best.cost - occam
         found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
     return base, sorted(found, key=lambda own: (-own.least, -own.total))
 
 
 def _refitted(
-    known: Common, rides: Sequence[FollowedRun], own: Promised, moved: Sequence[int]
+    known: Common,
+    rides: Sequence[FollowedRun],
+    own: Promised,
+    moved: Sequence[int],
+    found: Sequence[RunExplained] = (),
 ) -> tuple[RunExplained, float]:
-    """The best explanation with a prior widened, and how far its number is off beyond scatter."""
+    """The best explanation with a prior widened, and how far its number is off beyond scatter; of these found too."""
     weigher, V = known.weigher, known.of_a_run
-    tried = (explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts)
-    best = min(tried, key=lambda one: one.cost)
+    tried = [explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts]
+    best = min([*found, *tried], key=lambda one: one.cost)
     widened = own.covariance[own.place, own.place] - V[own.place, own.place]
     return best, float(widened * np.linalg.solve(own.covariance, best.x - known.x)[own.place])
 
@@ -148,7 +155,7 @@ def _refitted(
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
     """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
     number, V = known.numbers[place], known.of_a_run
-    width = CAL.widened * USUAL[number.name]
+    width = CAL.widened * number.usual
     wide = V.copy()
     wide[place, place] += width**2
     precision = np.linalg.inv(wide)

@@ -20,16 +20,16 @@ from .innovations import FollowedRun, Follower, noise_of, plain_noise
 USUAL: dict[str, float] = {
     own.name.removeprefix("scatter_"): getattr(CAL, own.name) for own in fields(CAL) if own.name.startswith("scatter_")
 }
-"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done. Only these
-may be named as changed."""
+"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done; of a lever
+arm, over the wheelbase. Only these may be named as changed."""
 GAINS = ("yaw_rate_scale",)
 """Of these, gains of sensors, which filters take from as well."""
-SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw")
+LEVER_ARM = "velocity_lever_arm"
+"""Of these, where speed is measured: files seldom state it."""
+SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
 """Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
 TIMED = ("steering_delay",)
 """Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
-MEASURED_AT = "velocity_lever_arm"
-"""A number of the vehicle that no file states: where speed is measured."""
 
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
@@ -38,7 +38,7 @@ def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
 
 
 def numbers_of(
-    model: MotionModel, own: Mapping[str, Effect], effects: Mapping[str, Effect], vehicle: Vehicle, read: Sequence[str]
+    model: MotionModel, own: Mapping[str, Effect], vehicle: Vehicle
 ) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
     """The model with all that may change, and the numbers that are searched."""
     found = list[VaryingNumber]()
@@ -46,6 +46,7 @@ def numbers_of(
         if stated.sd is not None and name in model and model[name].shape == ():
             found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
     tyres = any(own.name.endswith(("_f", "_r")) for own in found)
+    wheelbase = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
     full = model
     for name, effect in own.items():
         parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
@@ -55,19 +56,17 @@ def numbers_of(
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)
-        wide = CAL.filtered if name in GAINS else CAL.nominal * USUAL[name]
+        between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
+        wide = CAL.filtered if name in GAINS else CAL.nominal * between
+        if name == LEVER_ARM and mean == null:  # nobody stated it
+            wide = CAL.of_wheelbase * wheelbase
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
-            wide = CAL.indifference * USUAL[name]
+            wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
-        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=USUAL[name])
+        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
         if name in TIMED:
             one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
-        found.append(one)
-    arm = effects.get(MEASURED_AT)
-    if "v_y" in read and arm is not None and arm.concerns(model) and MEASURED_AT not in model.effects:
-        length = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
-        full = full + arm.at(0.0)
-        found.append(_number(arm.parameter.name, 0.0, CAL.of_wheelbase * length, arm.parameter.bounds))
+        found.append(replace(one, usual=between))
     return full, tuple(found)
 
 
@@ -112,7 +111,7 @@ def usual(
     numbers: Sequence[VaryingNumber],
     rides: Sequence[FollowedRun],
     tell: Callable[..., None],
-    scatter: Mapping[str, float] = USUAL,
+    filters: Mapping[str, float],
 ) -> Common:
     """Learn from recordings what is usual for a vehicle.
 
@@ -122,11 +121,12 @@ def usual(
     numbers : that are searched.
     rides : from before.
     tell : told of progress.
-    scatter : what is usual between runs.
+    filters : name -> standard deviation between runs that have passed other filters.
     """
     known = tuple(numbers)
     tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
     nominal = values_of(known, np.array([own.mean for own in known]))
+    scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))

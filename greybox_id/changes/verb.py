@@ -23,6 +23,7 @@ from ..errors import BadInput
 from ..estimation.calibration import CAL
 from ..gap.gap import Budget, Closure, Gap, Ranked, Share, Where
 from ..motion_model import MotionModel
+from ..numbers import listed
 from ..recording import Recording
 from ..shorthands import Array
 from ..statistics import resampled
@@ -123,15 +124,14 @@ def diagnose_change(
     if not own:
         raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
     with threadpool_limits(1):  # matrices are tiny
-        full, numbers = numbers_of(model, own, effects, vehicle, read)
+        full, numbers = numbers_of(model, own, vehicle)
         before, rides, others = (
             [FollowedRun.of(one, read) for one in part] for part in (since, after, held_out)
         )  # fmt: skip
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], before) > CAL.driven
         nameless = () if filtered and driven else GAINS
-        scatter = USUAL | dict.fromkeys(nameless, CAL.filters)
-        known = usual(Follower(full, read), numbers, before, tell, scatter)
+        known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
         if not driven:  # errors of form do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
@@ -194,6 +194,8 @@ def _answer(
     weights = np.array([exp(min(one.least, 300.0)) for one in found])
     sure = weights / (1.0 + np.sum(weights))
     first = found[0] if found and found[0].least > 0 else None
+    alike = [] if first is None else [effects[known.numbers[one.place].name] for one in found[1:]
+                                      if first.least - one.least < CAL.alike]  # fmt: skip
     mean, spans = known.x.copy(), list[tuple[float, float]]()
     for one in found:
         number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
@@ -209,8 +211,11 @@ def _answer(
         number = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
             reasons[first.place] = "it does not make predictions better on what chose nothing"
+        elif alike:
+            reasons[first.place] = f"as much speaks for {listed(alike)}: these recordings do not tell them apart"
         elif not number.low < mean[first.place] < number.high:
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
+    first_found = first
     if reasons:
         first, mean = None, known.x
         chosen, judged = (_closure(known, ones, mean, each.recordings)
@@ -223,7 +228,8 @@ def _answer(
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
             reason = "it would be further off than ever changes: a symptom of something else, no size"
-        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, (), one.total, reason))
+        beside = tuple(alike) if first_found is one else ()
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, beside, one.total, reason))
     applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
     budget = None
     if applied:
@@ -358,10 +364,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         about = at - np.sum(weights * at) / np.sum(weights)
         information = float(np.sum(weights * about**2))
         trend = float(np.sum(weights * about * own)) / information
-        if (
-            abs(trend) * np.sqrt(information) > CAL.drifts
-            and abs(trend) > 2 * USUAL[effects[known.numbers[place].name]]
-        ):
+        if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
             said.append(
                 f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
                 "since then may be no more than that."

@@ -180,6 +180,9 @@ class Calibration:
     scatter_imu_mount_yaw: float = _known(
         0.005, "sd of its direction, rad: what is screwed on stays within 0.3 degrees"
     )
+    scatter_velocity_lever_arm: float = _known(
+        0.02, "the same of where speed is measured, over the wheelbase: a sensor stays where it is mounted", RUNS
+    )
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")
@@ -284,7 +287,6 @@ class Calibration:
     between_steps: int = _known(40, "steps of numbers between runs: from two starts alike within 0.1 nats", RUNS)
     between_settled: float = _known(0.1, "nats: where steps between runs are expected to gain less they end")
     between_still: int = _known(5, "steps that gain less, one after the other: readings past rows make plateaus")
-    least_bend: float = _known(0.2, "of what is expected, that a gradient changes by at least: Powell, 1978")
     between_beside: float = _known(1e-2, "of the width of a number, how far beside its derivative is taken")
     most_relative: float = _known(0.1, "of a number, of which that width is at most")
     delay_step: float = _known(5e-3, "the same of delays, s: rows cut what they move")
@@ -292,9 +294,8 @@ class Calibration:
     amplitude_steps: int = _known(8, "of the search for amplitudes", SEARCHED)
     coefficient_rows: int = _known(20, "rows that a coefficient of residuals' colour needs", SEARCHED)
     smooth: float = _known(0.2, "s that regimes are smoothed over: noise tells none", DEFINED)
-    damping: tuple[float, ...] = _known(
-        (0.0, 0.5, 5.0, 50.0, 500.0, 5000.0), "of such steps, over the Hessian's diagonal"
-    )
+    damping: float = _known(1e-3, "least of such steps but none, over the Hessian's diagonal: Nielsen's first")
+    least_promise: float = _known(0.01, "of between_settled, below which a damped step is not tried: noise of costs")
     scatter_rounds: int = _known(4, "times that scatter is learned, numbers found anew for each")
     scatter_settled: float = _known(0.03, "of a scatter, below which a change of it asks for no more")
     most_rows: int = _known(24_000, "rows that are examined, four minutes at 100 Hz: time goes with them")

@@ -84,8 +84,9 @@ class CompiledFilter:
         self.space, self.kind = space, kind
         self._weights = points.weights(space.size)
         functions = (space.step, space.output)
-        known_by = "\0".join([_writers(), cs.__version__, kind, str(many), *(f.serialize() for f in functions)])
-        made = library(lambda: [_source(kind, functions, many)], known_by)
+        asked = f"{kind} {many} {space.throughout}"
+        known_by = "\0".join([_writers(), cs.__version__, asked, *(f.serialize() for f in functions)])
+        made = library(lambda: [_source(kind, functions, many, space.throughout)], known_by)
         made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
         made.filter.restype = None
         self._library = made
@@ -135,8 +136,8 @@ def _place(array: Array) -> int | None:
     return array.ctypes.data if len(array) else None
 
 
-def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool) -> str:
-    return ekf_source(*functions, many) if kind == "ekf" else ukf_source(*functions)
+def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool, throughout: bool) -> str:
+    return ekf_source(*functions, many, throughout) if kind == "ekf" else ukf_source(*functions)
 
 
 @lru_cache

@@ -84,7 +84,10 @@ class _Ekf:
         """Go on; the covariance of x with what it becomes."""
         ahead, noise, F = _numbers(self.space.step, self.x, s, self.p)
         forward = self.P @ F.T
-        self.x, self.P = ahead[:, 0], F @ forward + np.diag(noise[:, 0])
+        Q = np.diag(noise[:, 0])
+        if self.space.throughout:  # the mean of (1 + t (F - 1)) Q (1 + t (F - 1))' over t from 0 to 1
+            Q = (Q + 0.5 * (F @ Q + Q @ F.T) + F @ Q @ F.T) / 3
+        self.x, self.P = ahead[:, 0], F @ forward + Q
         return forward
 
 

@@ -134,6 +134,9 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
             v next[NX], noise[NX], F[NF + 1], T[NX * NX], U[NX * NX];
             step(x, now, q, ws, next, noise, F);
             memcpy(x, next, sizeof next);
+#ifdef THROUGHOUT /* noise Q joins all along: the mean of (1 + t (F - 1)) Q (1 + t (F - 1))' over t from 0 to 1 */
+            for (ptrdiff_t a = 0; a < NX; a++) noise[a] *= splat(1.0 / 3), P[a * NX + a] += noise[a];
+#endif
             F_times(F, P, T, NX);
             for (ptrdiff_t a = 0; a < NX; a++)
                 for (ptrdiff_t b = 0; b < NX; b++) U[b * NX + a] = T[a * NX + b];
@@ -144,6 +147,12 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
                 for (ptrdiff_t b = 0; b < a; b++)
                     P[a * NX + b] = P[b * NX + a] = splat(0.5) * (T[a * NX + b] + T[b * NX + a]);
             }
+#ifdef THROUGHOUT
+            for (ptrdiff_t i = 0; i < NF; i++) {
+                const v half = splat(0.5) * F[i] * noise[F_COLUMN[i]];
+                P[F_ROW[i] * NX + F_COLUMN[i]] += half, P[F_COLUMN[i] * NX + F_ROW[i]] += half;
+            }
+#endif
         }
         scatter(x, NX, x_all, NX, row, real);
         scatter(P, NX * NX, P_all, NX * NX, row, real);
@@ -153,12 +162,13 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
 """
 
 
-def ekf_source(step: cs.Function, output: cs.Function, many: bool) -> str:
+def ekf_source(step: cs.Function, output: cs.Function, many: bool, throughout: bool) -> str:
     """The C of extended Kalman filters.
 
     Parameters
     ----------
     many : whether many filters are to run side by side; a single one is a quarter faster in vectors of four lanes.
+    throughout : whether a segment's noise joins all along it; smoothers know of none that does.
     step : (x, s, p) -> x_next, variance of its noise, F = d x_next / d x (sparse).
     output : (x, s, p) -> y, variance of its noise, H = d y / d x (sparse).
     """
@@ -170,6 +180,8 @@ def ekf_source(step: cs.Function, output: cs.Function, many: bool) -> str:
         _table("H_PLACE", by_row),
         _table("H_COLUMN", [column[k] for k in by_row]),
         product("F_times", F),
+        *(_table(f"F_{name}", own) for name, own in zip(("ROW", "COLUMN"), F.get_triplet(), strict=True)),
+        *(["#define THROUGHOUT"] if throughout else []),
     ]
     return written(step, output, tables, _EKF, narrow=not many, NF=F.nnz(), NH=H.nnz())
 

@@ -78,11 +78,15 @@ class StateSpace:
     names : of the entries of x.
     noises : names of the noise parameters, which follow the model's in p.
     step : (x, s, p) -> x at the segment's end, variance of the noise that joined, F = d x_end / d x.
+    throughout : whether that noise joins all along a segment, and not at its end.
     output : (x, s, p) -> readings at the segment's start, variance of their white noise, H = d y / d x.
     """
 
-    def __init__(self, model: MotionModel, tracked: Sequence[Tracked], coloured: Sequence[str] = ()) -> None:
+    def __init__(
+        self, model: MotionModel, tracked: Sequence[Tracked], coloured: Sequence[str] = (), *, throughout: bool = False
+    ) -> None:
         self.model, self.tracked, self.coloured = model, tuple(tracked), tuple(coloured)
+        self.throughout = throughout
         self.trace = trace = MotionTrace(model)
         own_names = tuple(one.name for one in self.tracked)
         self.walking = (*trace.names, *own_names)
@@ -166,11 +170,19 @@ class StateSpace:
         for one in self.tracked:
             if one.returns:
                 T = noise[f"memory_{one.name}"]
-                walks[one.name] *= -cs.expm1(-2 * h / T) * T / (2 * h + TINY_TIME)
+                walks[one.name] *= self._joined(h, T) * T / (2 * h + TINY_TIME)
         carried = [cs.SX(0)] * len(self.carried)  # exact responses, and followers of what has noise already
-        coloured = [noise[f"colour_{n}"] ** 2 * -cs.expm1(-2 * h / noise[f"memory_{n}"]) for n in self.coloured]
+        coloured = [noise[f"colour_{n}"] ** 2 * self._joined(h, noise[f"memory_{n}"]) for n in self.coloured]
         states = [walks[name] for name in self.trace.names]
         return cs.vertcat(*states, *carried, *[walks[one.name] for one in self.tracked], *coloured)
+
+    def _joined(self, h: cs.SX, T: cs.SX) -> cs.SX:
+        """Variance of a Gauss-Markov process's noise over a segment, in shares of the process's own."""
+        own = -cs.expm1(-2 * h / T)
+        if not self.throughout:
+            return own
+        decay = cs.exp(-h / T)
+        return own * 3 / (1 + decay + decay**2)  # what joins early fades until the end
 
 
 def _differentiated(name: str, x: cs.SX, s: cs.SX, p: cs.SX, value: cs.SX, variance: cs.SX) -> cs.Function:

@@ -85,7 +85,7 @@ def test_what_would_be_further_off_than_ever_changes_is_no_change():
 def test_what_drifts_over_recordings_from_before_is_said(offsets, said):
     known = SimpleNamespace(
         deviations=np.array(offsets)[:, None], deviation_sds=np.full((3, 1), 0.002), varying=(0,),
-        numbers=(VaryingNumber("steering_offset", False, 0.0, 0.02, 1e-4, -0.2, 0.2),),
+        numbers=(VaryingNumber("steering_offset", False, 0.0, 0.02, 1e-4, -0.2, 0.2, USUAL["steering_offset"]),),
     )  # fmt: skip
     names = [SimpleNamespace(name=f"lap{k}") for k in (1, 2, 3)]
     found = drifting(known, {"steering_offset": "steering_offset"}, names)
