@@ -121,3 +121,17 @@ def test_readings_that_are_late_are_foreseen_for_when_they_were_taken():
     assert all(kept - 3 <= np.count_nonzero(own.there[:, 1::2]) < kept for own in found.values())
     noise = plain_noise(follower.size, 2)
     assert min(found, key=lambda late: noise.cost(found[late])) == 0.047
+
+
+@pytest.mark.slow
+def test_where_nothing_is_steered_a_delay_that_cuts_rows_changes_nothing():
+    """A cut of rows that alters what noise does would draw delays to whole rows, and all else with them."""
+    own = lap(seconds=20.0, seed=3)
+    own = own.with_signals(steer=np.full(len(own), 0.02))
+    model = nominal(vehicle=CAR) + EFFECTS["steering_delay"].at(0.0)
+    ride = FollowedRun.of(own, READ)
+    follower = Follower(model, READ)
+    follower.tune([ride], {})
+    noise = plain_noise(follower.size, 2)
+    costs = [noise.cost(follower.innovations(ride, {"steering_delay": d * own.sample_time})) for d in (0.0, 0.2, 0.5)]
+    assert np.ptp(costs) < 0.5

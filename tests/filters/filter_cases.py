@@ -66,9 +66,9 @@ class LinearCase:
     x = [v_y, yaw_rate, d, colour]
     """
 
-    def __init__(self, T=None, colour=True):
+    def __init__(self, T=None, colour=True, throughout=False):
         own = Tracked("d", "rad", 0.05, 0.2, logarithmic=False, returns=T is not None)
-        self.space = StateSpace(linear_model(), (own,), ("a_y",) if colour else ())
+        self.space = StateSpace(linear_model(), (own,), ("a_y",) if colour else (), throughout=throughout)
         self.T, self.start, self.colour = T, own.value, colour
         sizes = {"walk_v_y": 0.3, "walk_yaw_rate": 0.1, "walk_d": 0.2, "memory_d": T, "noise_yaw_rate": 0.05,
                  "noise_a_y": 0.2, "colour_a_y": 0.4, "memory_a_y": 0.7}  # fmt: skip

@@ -3,10 +3,11 @@
 import casadi as cs
 import numpy as np
 import pytest
-from filter_cases import NEVER, LinearCase, assert_close, driven_space, driving, filtered, needs_compiler
+from filter_cases import NEVER, A, B, LinearCase, assert_close, driven_space, driving, filtered, needs_compiler
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from greybox_id.filters import SigmaPoints
 from greybox_id.filters.kernel import CompiledFilter
@@ -35,6 +36,31 @@ def test_on_a_linear_model_it_is_kalman_s_filter(kind, close, T, missing):
     for a, b in zip(found, expected, strict=True):
         assert_close(a, b, close)
     assert cost == pytest.approx(expected_cost, rel=close)
+
+
+@pytest.mark.parametrize("T", [None, 0.8])
+def test_noise_that_joins_throughout_is_that_of_white_noise_however_rows_are_cut(T):
+    case = LinearCase(T, throughout=True)
+    n, h, sizes = case.space.size, 0.04, case.sizes
+    drift = np.zeros((n, n))  # x' = drift x + noise, whose covariance is integrated exactly (Van Loan, 1978)
+    drift[:2, :2], drift[:2, 2], drift[3, 3] = A, B, -1 / sizes["memory_a_y"]
+    drift[2, 2] = 0.0 if T is None else -1 / T
+    white = np.diag([0.3**2, 0.1**2, 0.2**2, 2 * sizes["colour_a_y"] ** 2 / sizes["memory_a_y"]])
+    both = expm(np.block([[-drift, white], [np.zeros((n, n)), drift.T]]) * h)
+    exact = both[n:, n:].T @ both[:n, n:]
+
+    def joined(segments, compiled=True):
+        s = np.array([[h / segments, 0.0, 0.0]] * segments + [[0.0, 0.0, 0.0]])
+        y = np.full((len(s), 2), np.nan)
+        known = np.zeros((1, n)), np.zeros((1, n, n)), s, y
+        return filtered(case.space, "ekf", *known, case.p, compiled=compiled)[1].predicted_P[-1]
+
+    scale = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+    assert np.max(np.abs(joined(1) - exact) / scale) < 2e-3
+    assert np.max(np.abs(joined(2) - exact) / scale) < 5e-4
+    np.testing.assert_allclose(joined(2), joined(2, compiled=False), rtol=1e-12, atol=1e-18)
+    ends = LinearCase(T).step(h, 0.0)[2]  # which joins at the end alone
+    assert np.max(np.abs(ends - exact) / scale) > 1e-2
 
 
 @both_kinds
