@@ -33,6 +33,7 @@ class VaryingNumber:
     step : of differences, in the coordinate.
     low, high : of the coordinate.
     usual : standard deviation between runs to which nothing was done; zero where runs share it.
+    change : width of what a change may be.
     """
 
     name: str
@@ -43,6 +44,7 @@ class VaryingNumber:
     low: float
     high: float
     usual: float = 0.0
+    change: float = 0.0
 
     def value(self, at: float) -> float:
         """The number at a coordinate."""

@@ -131,7 +131,7 @@ def changes(
             elif least - there.cost > CAL.cost_held_out:
                 least = min(least, without(judge, known.x, there.x).cost)
             held += least - there.cost
-        width = CAL.widened * known.numbers[own.place].usual
+        width = known.numbers[own.place].change
         gain = base.cost - best.cost - occam
         found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
     return base, sorted(found, key=lambda own: (-own.least, -own.total))
@@ -155,7 +155,7 @@ def _refitted(
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
     """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
     number, V = known.numbers[place], known.of_a_run
-    width = CAL.widened * number.usual
+    width = number.change
     wide = V.copy()
     wide[place, place] += width**2
     precision = np.linalg.inv(wide)

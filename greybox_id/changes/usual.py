@@ -57,16 +57,17 @@ def numbers_of(
         else:
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
-        wide = CAL.filtered if name in GAINS else CAL.nominal * between
-        if name == LEVER_ARM and mean == null:  # nobody stated it
-            wide = CAL.of_wheelbase * wheelbase
+        wide, change = CAL.filtered if name in GAINS else CAL.nominal * between, CAL.widened * between
+        if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
+            change = CAL.of_wheelbase * wheelbase
+            wide = change if mean == null else wide
         if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
             wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
         if name in TIMED:
             one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
-        found.append(replace(one, usual=between))
+        found.append(replace(one, usual=between, change=change))
     return full, tuple(found)
 
 

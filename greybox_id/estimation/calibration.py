@@ -181,7 +181,7 @@ class Calibration:
         0.005, "sd of its direction, rad: what is screwed on stays within 0.3 degrees"
     )
     scatter_velocity_lever_arm: float = _known(
-        0.02, "the same of where speed is measured, over the wheelbase: a sensor stays where it is mounted", RUNS
+        0.005, "the same of where speed is measured, over the wheelbase: a centre of gravity moves by as much"
     )
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
