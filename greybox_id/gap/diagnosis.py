@@ -133,7 +133,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         absorbed=absorbed,
         advice=advice(sets, list(weak), found.effects),
         closed=closed,
-        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
+        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen, excess),
         noise_stated=found.told,
         limits=limits(found),
         budget=shared,
