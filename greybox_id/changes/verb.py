@@ -211,8 +211,11 @@ def _answer(
         number = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
             reasons[first.place] = "it does not make predictions better on what chose nothing"
-        elif alike:
-            reasons[first.place] = f"as much speaks for {listed(alike)}: these recordings do not tell them apart"
+        elif sure[0] <= CAL.present:
+            reasons[first.place] = (
+                f"its probability is {sure[0]:.2f}, no more than one half, and as much speaks for {listed(alike)}: "
+                "these recordings do not tell them apart"
+            )
         elif not number.low < mean[first.place] < number.high:
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
     first_found = first
