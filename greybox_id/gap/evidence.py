@@ -1,9 +1,11 @@
 """From likelihoods to probabilities: which effects are present, and is there anything at all.
 
-Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. Where tolerances
-are stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in proportion
-to how much was read, for which readings count for less in refits already, and to how much the best hypothesis leaves:
-that tempers weights. An effect's probability is the weight of the hypotheses that hold it.
+Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. An effect whose
+magnitude differs between parts of a drive costs more, by as much as that widens the variance of the whole. Where
+models know no unknown forces and tolerances are stated, equations are stated to be rough too, and misfits of their form
+gain likelihood here and there in proportion to how much was read, for which readings count for less in refits already,
+and to how much the best hypothesis leaves: that tempers weights. An effect's probability is the weight of the
+hypotheses that hold it.
 """
 
 from __future__ import annotations
@@ -13,8 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
+from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.noise import Colour
@@ -27,11 +30,22 @@ Costs = Callable[[str], float]
 """Log-odds against an effect before anything was read, by its name."""
 
 
-def costs(forces: bool) -> Costs:
-    """Those of models that know unknown forces, or of others."""
-    known = dict(CAL.costs) if forces else {}
-    other = CAL.cost if forces else CAL.cost_without_forces
-    return lambda effect: known.get(effect, other)
+Stretches = Callable[[Hypothesis], Sequence[float]]
+"""By what the variance of each effect's magnitude exceeds what is expected: by how much more it costs."""
+
+
+def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
+    """Those of models that know unknown forces, or of others.
+
+    Twice what noise and tolerances gain by an effect is distributed as chi-square of one degree of freedom: the cost is
+    what the best of all candidates rarely gains. Where a tolerance beside an effect acts abruptly and enters to first
+    order alone, as those of delays and lags do, the effect may gain more by being simulated.
+    """
+    if not forces:
+        return lambda effect: CAL.cost_without_forces
+    by_chance = 0.5 * float(chdtri(1, CAL.rare / max(len(candidates), 1)))
+    known = {own.effect: by_chance if own.gradual else CAL.cost for own in candidates}
+    return lambda effect: known.get(effect, CAL.cost)
 
 
 @dataclass(frozen=True)
@@ -50,7 +64,9 @@ class Evidence:
     scores: tuple[float, ...]
 
 
-def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) -> Evidence:
+def evidence(
+    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, stretches: Stretches | None = None
+) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
@@ -59,11 +75,14 @@ def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) 
     rough : whether tolerances are stated.
     cost : of effects.
     left : mean square over that of noise, less one, of what the best of them leaves.
+    stretches : of hypotheses' effects; None: all are one.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
-    prices = _as_dear(selection.tried, cost)
     gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
+    prices = _as_dear(
+        selection.tried, [_stretched(*own, cost, stretches) for own in zip(selection.tried, gained, strict=True)]
+    )
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
@@ -83,11 +102,24 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def price(hypothesis: Hypothesis, cost: Costs) -> float:
-    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
+def _stretched(hypothesis: Hypothesis, gained: float, cost: Costs, stretches: Stretches | None) -> float:
+    """The price of a hypothesis that is worth the least it may cost; that of one which is not, as it is."""
+    least = price(hypothesis, cost)
+    return least if stretches is None or gained <= least else price(hypothesis, cost, stretches(hypothesis))
+
+
+def price(hypothesis: Hypothesis, cost: Costs, stretches: Sequence[float] = ()) -> float:
+    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows.
+
+    Parameters
+    ----------
+    hypothesis, cost : of effects.
+    stretches : by effect, what multiplies its cost; none: one.
+    """
     total = 0.0
-    for own, at in hypothesis.parts:
-        total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+    for k, (own, at) in enumerate(hypothesis.parts):
+        stretch = stretches[k] if stretches else 1.0
+        total += stretch * cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
         total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(
@@ -97,12 +129,11 @@ def price(hypothesis: Hypothesis, cost: Costs) -> float:
     return total
 
 
-def _as_dear(tried: Sequence[Hypothesis], cost: Costs) -> list[float]:
+def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float]:
     """What each costs: as much as the dearest that explains the same, with as many effects.
 
     Where two names are one cause, nothing that was read says which: a lower cost must not decide it.
     """
-    prices = [price(own, cost) for own in tried]
     return [
         max(
             asked
