@@ -10,8 +10,9 @@ hypotheses that hold it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ Costs = Callable[[str], float]
 """Log-odds against an effect before anything was read, by its name."""
 
 
+NONE: Mapping[str, float] = MappingProxyType({})
 Stretches = Callable[[Hypothesis], Sequence[float]]
 """By what the variance of each effect's magnitude exceeds what is expected: by how much more it costs."""
 
@@ -80,9 +82,10 @@ def evidence(
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
     gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
-    prices = _as_dear(
-        selection.tried, [_stretched(*own, cost, stretches) for own in zip(selection.tried, gained, strict=True)]
-    )
+    least = [price(own, cost) for own in selection.tried]
+    worth = [gain - asked for gain, asked in zip(gained, least, strict=True)]
+    grown = _stretches(selection.tried, worth, stretches) if stretches is not None else {}
+    prices = _as_dear(selection.tried, [price(own, cost, grown) for own in selection.tried] if grown else least)
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
@@ -102,24 +105,30 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def _stretched(hypothesis: Hypothesis, gained: float, cost: Costs, stretches: Stretches | None) -> float:
-    """The price of a hypothesis that is worth the least it may cost; that of one which is not, as it is."""
-    least = price(hypothesis, cost)
-    return least if stretches is None or gained <= least else price(hypothesis, cost, stretches(hypothesis))
+def _stretches(tried: Sequence[Hypothesis], worth: Sequence[float], stretches: Stretches) -> dict[str, float]:
+    """Effect -> by what its cost grows: as the best hypothesis that holds it has it, if that is worth its least price.
+
+    The same in all of them: else a partner beside which a large effect differs a little less would seem to gain that.
+    """
+    best: dict[str, int] = {}
+    for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
+        for name in tried[k].names:
+            best.setdefault(name, k)
+    told = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    return {name: told[k][name] for name, k in best.items() if k in told}
 
 
-def price(hypothesis: Hypothesis, cost: Costs, stretches: Sequence[float] = ()) -> float:
+def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:
     """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows.
 
     Parameters
     ----------
     hypothesis, cost : of effects.
-    stretches : by effect, what multiplies its cost; none: one.
+    stretches : effect -> what multiplies its cost; one where there is none.
     """
     total = 0.0
-    for k, (own, at) in enumerate(hypothesis.parts):
-        stretch = stretches[k] if stretches else 1.0
-        total += stretch * cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+    for own, at in hypothesis.parts:
+        total += stretches.get(own.effect, 1.0) * cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
         total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(

@@ -159,17 +159,27 @@ def test_an_effect_whose_magnitude_differs_costs_more_where_it_would_be_there():
 
     def stretches(own):
         asked.append(own.names)
-        return [1.0 if own.names == ("constant",) else 3.0]
+        return [3.0 if name == "varies" else 1.0 for name in own.names]
 
     usual = costs(forces=False)
     gain = 2.5 * CAL.cost_without_forces
     own = [hypothesis(1000.0 - gain, "varies"), hypothesis(1001.0 - gain, "constant"), hypothesis(999.0, "hardly")]
     found = evidence(selected(1000.0, own), False, usual, stretches=stretches)
-    assert asked == [("varies",), ("constant",)]  # what is not worth the least it may cost is not asked about
+    assert sorted(asked) == [("constant",), ("varies",)]  # what is not worth the least it may cost is not asked about
     assert found.scores[0] == pytest.approx(gain - 3.0 * CAL.cost_without_forces)
     assert found.scores[1] == pytest.approx(gain - 1.0 - CAL.cost_without_forces)
     assert heaviest(selected(1000.0, own), found).names == ("constant",)
-    assert price(hypothesis(0.0, "a", "b"), usual, [2.0, 1.0]) == 3 * CAL.cost_without_forces
+    assert price(hypothesis(0.0, "a", "b"), usual, {"a": 2.0}) == 3 * CAL.cost_without_forces
+
+
+def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
+    own = [hypothesis(0.0, "large", "partner"), hypothesis(4.0, "large")]
+    found = evidence(
+        selected(1000.0, own), False, costs(forces=False), stretches=lambda each: [30.0 - 10.0 * len(each.names), 1.0]
+        [: len(each.names)],
+    )  # fmt: skip
+    assert heaviest(selected(1000.0, own), found).names == ("large",)
+    assert found.scores[1] - found.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
 
 
 def test_two_names_of_one_cause_cost_the_same():
