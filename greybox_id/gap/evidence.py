@@ -11,7 +11,7 @@ hypotheses that hold it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -59,11 +59,13 @@ class Evidence:
     temper : what log-likelihoods of readings are multiplied with.
     weights : of `selection.tried`, and the base last; they add up to one.
     scores : of `selection.tried`, over the base's.
+    outdone : effect -> what multiplied its cost, of those that would be part of the best explanation without that.
     """
 
     temper: float
     weights: tuple[float, ...]
     scores: tuple[float, ...]
+    outdone: Mapping[str, float] = field(default_factory=dict)
 
 
 def evidence(
@@ -89,7 +91,9 @@ def evidence(
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
-    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
+    beyond = [own for own, each in zip(selection.tried, worth, strict=True) if each > np.max(total)]
+    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in own.names for own in beyond)}
+    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores), outdone)
 
 
 def heaviest(selection: Selection, found: Evidence) -> Hypothesis:
