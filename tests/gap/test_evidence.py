@@ -174,13 +174,24 @@ def test_an_effect_whose_magnitude_differs_costs_more_where_it_would_be_there():
 
 
 def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
-    own = [hypothesis(0.0, "large", "partner"), hypothesis(4.0, "large")]
-    found = evidence(
-        selected(1000.0, own), False, costs(forces=False), stretches=lambda each: [30.0 - 10.0 * len(each.names), 1.0]
-        [: len(each.names)],
-    )  # fmt: skip
+    gain = 25.0 * CAL.cost_without_forces
+    own = [hypothesis(1000.0 - gain, "large", "partner"), hypothesis(1004.0 - gain, "large")]
+
+    def stretches(each):
+        return [30.0 - 10.0 * len(each.names), 1.0][: len(each.names)]
+
+    found = evidence(selected(1000.0, own), False, costs(forces=False), stretches=stretches)
     assert heaviest(selected(1000.0, own), found).names == ("large",)
     assert found.scores[1] - found.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
+
+
+def test_what_is_surely_there_is_told_from_its_rivals_by_what_it_gains():
+    own = [hypothesis(0.0, "true"), hypothesis(5.0, "rival")]
+    found = evidence(
+        selected(1000.0, own), False, costs(forces=False), stretches=lambda each: [3.0 if "true" in each.names else 1.0]
+    )
+    assert found.scores[0] - found.scores[1] == pytest.approx(5.0)
+    assert found.outdone == {}
 
 
 def test_two_names_of_one_cause_cost_the_same():
