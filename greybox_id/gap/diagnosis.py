@@ -188,7 +188,7 @@ def _without_forces(found: Examined) -> float:
     return p if found.best.candidates or scattered else max(p, CAL.nameless)
 
 
-def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget:
+def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
     names = found.best.names
     if held_out:
