@@ -136,7 +136,9 @@ def diagnose_change(
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
-        base, found = changes(known, rides, others, halves, nameless, CAL.cost_changed if driven else CAL.cost)
+        base, found = changes(
+            known, rides, others, halves, nameless, CAL.cost_changed if driven else CAL.cost_elsewhere
+        )
     return _answer(
         model, own, vehicle, known, base, found, rides, others or rides, list(after), list(held_out), list(since)
     )

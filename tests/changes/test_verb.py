@@ -9,7 +9,7 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.changes.between_runs import Told, VaryingNumber
 from greybox_id.changes.search import Change, changes
-from greybox_id.changes.usual import USUAL, driven_alike
+from greybox_id.changes.usual import LEVER_ARM, USUAL, driven_alike
 from greybox_id.changes.verb import diagnose_change, drifting, filtered_alike
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
@@ -53,7 +53,9 @@ def test_where_nothing_changed_nothing_is_named():
     found = changed({})
     assert found.changed == []
     assert set(found.scatter) <= set(USUAL)
-    assert all(0 < sd <= 1.2 * USUAL[name] for name, (_, sd) in found.scatter.items())
+    wheelbase = NUMBERS["l_f"].value + NUMBERS["l_r"].value
+    assert all(0 < sd <= 1.2 * USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
+               for name, (_, sd) in found.scatter.items())  # fmt: skip
     assert {own.effect for own in found.gap.ranking} <= set(USUAL)
 
 
