@@ -223,7 +223,7 @@ def common(
             H[np.ix_(places, places)] += one.H
         return Curve(own.cost + sum(one.cost for one in told), g, H)
 
-    for _ in range(CAL.scatter_rounds):
+    for _ in range(CAL.rounds_of_scatter):
         u, last = descended(cost, curve, u, low, high)
         everything = np.asarray(np.linalg.inv(last.H), dtype=float)
         beyond = u[n:].reshape(runs, m) - u[varying]
@@ -232,7 +232,7 @@ def common(
         squares = np.sum(beyond**2 + spread, axis=0)
         counted, before = np.where(learned, runs_of, 1.0), scatter
         scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
-        if np.all(np.abs(scatter - before) < CAL.scatter_settled * before):
+        if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
             break
     full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
     full[varying] = scatter
