@@ -137,3 +137,8 @@ def search_on(bench, sd, nuisances=()):
     found = Search(bench, own, white_noise(np.asarray(sd, dtype=float), bench.counted, bench.rows))
     found.about(None)
     return found
+
+
+def place(bench, name):
+    """Of a parameter in the vectors of a bench."""
+    return [parameter.name for parameter in bench.model.parameters].index(name)

@@ -122,8 +122,7 @@ def discriminating(
     """
     names = ambiguous(gap)
     if not names:
-        why = "no gap was detected" if not gap.gap_detected else "its explanations are distinguished already"
-        return _nothing("discriminate", model, asked, (f"There is nothing to tell apart: {why}.",), ())
+        return _nothing("discriminate", model, asked, (f"There is nothing to tell apart: {_alone(gap)}.",), ())
     rest, alike = parted(names)
     impossible = tuple(
         f"{one} and {other} read the same whatever is driven: no manoeuvre tells them apart; measure the mounting."
@@ -159,6 +158,18 @@ def discriminating(
         criterion={"name": "t", "parameters": [own.name for own in rivals], "before": 0.0, "after": worst},
         drive=bench.drive, impossible=impossible, separation=separation, said=tuple(said),
     )  # fmt: skip
+
+
+def _alone(gap: Gap) -> str:
+    """Why a diagnosis leaves no two effects to tell apart."""
+    if not gap.gap_detected:
+        return "no gap was detected"
+    if gap.applied or gap.unknown_probability <= LIKELY:
+        return "its explanations are distinguished already"
+    return (
+        f"no two effects that have a name are as likely, and something without a name is there with probability "
+        f"{min(gap.unknown_probability, 0.99):.2f}"
+    )
 
 
 def detecting(

@@ -99,12 +99,13 @@ class ActingRows:
     Attributes
     ----------
     rows : of all N.
-    recording : the name of the one in which it does.
+    recording, run : the name of the one in which it does, and the number of its run, from 1.
     since, until : s of its clock; None where it acts from the start, or to the end.
     """
 
     rows: slice
     recording: str
+    run: int = 1
     since: float | None = None
     until: float | None = None
 

@@ -19,7 +19,7 @@ from ..statistics import correlation_time, robust_sd
 from ..vehicle import Vehicle
 from .axes import nuisances, shifting
 from .calibration import CAL
-from .hypothesis import Hypothesis, by_cost
+from .hypothesis import Hypothesis, Start, by_cost
 from .model_error import ModelError
 from .noise import sound, stated_noise, white_noise
 from .preparing import excerpt, prepare_plain
@@ -88,13 +88,24 @@ def refitted_tolerances(
         tried = list[Hypothesis]()
         for begin in starts:
             search.about(begin)
-            tried += [settled(search, each) for each in refit(search, [search.start_of(begin)])]
+            for each in refit(search, _about(search, begin)):
+                tried += [each, settled(search, each)]
         if tried:  # none where derivatives leave the range of numbers
             found = min(tried, key=by_cost)
             starts, most = [found], _worth(found.e / sd, good) if trust is None else trust
     if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
         return Misfit(start, 0.0), bench
     return replace(misfit(search, found), trust=search.trust, values=search.values(found)), bench
+
+
+def _about(search: Search, begin: Hypothesis) -> list[Start]:
+    """Where tolerances are, and the same with linear nuisances as they are believed to be.
+
+    Where the vehicle nearly spins, derivatives taken anew may say something else of these than they were found by.
+    """
+    believed = Start((), begin.m, begin.theta, search.means[len(begin.theta) :])
+    same = np.array_equal(begin.linear, believed.linear)
+    return [search.start_of(begin), *([] if same else [believed])]
 
 
 def _worth(e: Array, good: Mask) -> float:

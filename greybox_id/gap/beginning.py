@@ -202,7 +202,8 @@ def _part(bench: Bench, rows: slice) -> ActingRows:
     row = rows.start if begins else rows.stop
     run = next(k for k, own in enumerate(bench.rows) if own.start <= row < own.stop)
     at = float(bench.time[row])
-    return ActingRows(rows, bench.runs[run].name, *((at, None) if begins else (None, at)))
+    own = bench.runs[run]
+    return ActingRows(rows, own.name, own.number, *((at, None) if begins else (None, at)))
 
 
 def _placed(begun: _Begun) -> _Begun:

@@ -61,9 +61,10 @@ def budget(
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
-        E = np.minimum(E, max(E[0], E[-1]))  # some effects without others may spin: they explain nothing
         floor = min(1.0, E[-1])
         excess = max(E[0] - floor, CAL.least_gap)
+        E = np.minimum(E, E[0] + excess)  # where effects make it spin, how much worse they are says nothing
+        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # some of them may without the others: they explain nothing
         closed = weights @ E / excess
         return np.append(closed, (E[-1] - floor) / excess)
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
+from ..estimation.axes import ActingRows
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.preparing import excerpt, thinned, with_beliefs
@@ -101,16 +102,22 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
 
 def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
     """The recordings from where every effect that begins or ends has done so: the closed model is of that vehicle."""
-    left = list(found.recordings)
-    for part in (own.part for own in best.candidates):
-        names = [own.name for own in left]
-        if part is None or part.recording not in names:
-            continue
-        first, at = names.index(part.recording), part.until if part.since is None else part.since
-        assert at is not None
-        row = int(np.argmax(left[first].time >= at))
-        left = [left[first].rows(row, len(left[first])), *left[first + 1 :]]
-    return left
+    first, row = max(
+        (place_of(found, own.part)[::2] for own in best.candidates if own.part is not None), default=(0, 0)
+    )
+    partly, *whole = found.recordings[first:]
+    return [partly.rows(row, len(partly)), *whole]
+
+
+def place_of(found: Examined, part: ActingRows) -> tuple[int, int, int]:
+    """Which recording and which run of it, from 0, an effect begins or ends in, and at which row of the recording."""
+    k = [own.name for own in found.recordings].index(part.recording)
+    own, at = found.recordings[k], part.until if part.since is None else part.since
+    assert at is not None
+    holding = [n for n, (a, b) in enumerate(own.runs) if own.time[a] <= at <= own.time[b - 1]]
+    run = part.run - 1 if part.run - 1 in holding else holding[0]  # an excerpt counts runs of its own
+    start, stop = own.runs[run]
+    return k, run, start + int(np.searchsorted(own.time[start:stop], at))
 
 
 def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:

@@ -15,6 +15,7 @@ from ..checks.finding import listed
 from ..effect import Effect
 from ..engine.simulation import Diagnosed
 from ..errors import BadInput
+from ..estimation.axes import ActingRows
 from ..estimation.calibration import CAL
 from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
@@ -27,7 +28,7 @@ from ..statistics import NORMAL
 from ..vehicle import Vehicle
 from .advice import advice, limits, not_excited
 from .budget import budget, subsets
-from .closed_model import closed_model, moved, with_effects
+from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
 from .constancy import Spread, varies
 from .evidence import by_chance, p_value, probability
@@ -318,7 +319,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
                 reasons.get(name, ""),
-                *((None, None, "") if part is None else (part.since, part.until, part.recording)),
+                *((None, None, "") if part is None else (part.since, part.until, _place(found, part))),
             )
         )
     for name, (own, present) in found.scatter.items():
@@ -392,6 +393,12 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
     half = 1.96 * sd
     ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
+
+
+def _place(found: Examined, part: ActingRows) -> str:
+    """The name of the recording in which an effect begins or ends, and of its run where it has several."""
+    k, run, _ = place_of(found, part)
+    return f"{part.recording}, run {run + 1}" if len(found.recordings[k].runs) > 1 else part.recording
 
 
 def _alike(found: Examined, name: str, within: float) -> tuple[str, ...]:

@@ -59,7 +59,8 @@ class Ranked:
     reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
     since, until : s, by the clock of `within`, where it begins or ends there; None where it acts from the start, or to
         the end.
-    within : name of the recording in which it begins or ends; "" where it acts everywhere.
+    within : name of the recording, and of its run if it has several, in which it begins or ends; "" where it acts
+        everywhere.
     """
 
     effect: str

@@ -75,6 +75,9 @@ def test_where_nothing_is_ambiguous_that_is_said(saved):
     assert gb.design(saved(none()), arena="disc:60").said[0].endswith("no gap was detected.")
     assert design.plan is None
     assert ambiguous(clear()) == ()
+    nameless = replace(clear(), applied=(), unknown_probability=0.97)
+    (said,) = gb.design(saved(nameless), arena="disc:60").said
+    assert said.endswith("something without a name is there with probability 0.97.")
 
 
 def test_what_stays_likely_beside_what_is_not_sure_is_not_told_apart():

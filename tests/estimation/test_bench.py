@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driven import driven, without
-from gap_cases import CAR
+from gap_cases import CAR, place
 
 from greybox_id.estimation.bench import Bench
 from greybox_id.estimation.calibration import CAL
@@ -21,22 +21,6 @@ COLUMNS = (*HERE, "m", "D_r", "B_f")
 
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
-
-
-@pytest.fixture(scope="module")
-def drive():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GREYBOX_COMPILE", "0")
-        return driven("single_track", runs=2, seconds=5.0, effects=HERE)
-
-
-@pytest.fixture
-def bench(drive):
-    return Bench(build("single_track", None, HERE, CAR), [drive])
-
-
-def place(bench, name):
-    return [parameter.name for parameter in bench.model.parameters].index(name)
 
 
 def moved(bench, name, by):

@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from driven import driven
-from gap_cases import CAR
+from gap_cases import place
 
-from greybox_id.estimation.bench import Bench
 from greybox_id.estimation.part_bench import PartBench
-from greybox_id.models.registry import build
 
 HERE = {
     "mass_change": 1.05, "steering_lag": 0.04, "steering_delay": 0.033, "sensor_latency_yaw": 0.0271,
@@ -17,22 +14,6 @@ PARTS = {"begins": slice(300, 500), "ends": slice(0, 120), "within": slice(60, 1
 
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
-
-
-@pytest.fixture(scope="module")
-def drive():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GREYBOX_COMPILE", "0")
-        return driven("single_track", runs=2, seconds=5.0, effects=HERE)
-
-
-@pytest.fixture
-def bench(drive):
-    return Bench(build("single_track", None, HERE, CAR), [drive])
-
-
-def place(bench, name):
-    return [parameter.name for parameter in bench.model.parameters].index(name)
 
 
 def vector(bench, value):

@@ -51,7 +51,7 @@ def test_grip_that_goes_within_a_lap_is_told_from_when_on(rain):
     assert (first.until, first.within) == (None, "lap")
     assert first.magnitude == pytest.approx(0.8, abs=0.02)
     assert rain.gap.closed > 0.9
-    assert magnitude_words(first).endswith("from 12.0 s on")
+    assert magnitude_words(first).endswith("from 12.0 s on (lap)")
 
 
 def test_the_closed_vehicle_is_the_one_at_the_end_and_that_is_said(rain):

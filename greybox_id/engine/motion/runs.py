@@ -28,6 +28,7 @@ class MotionRun:
     held : (inputs,) whether an input is held between rows; else it runs straight to the next row.
     measured : (n, outputs) readings, NaN where there is none.
     rows : rows of the recording that the n samples are.
+    number : of the recording's runs the one that they are in, from 1.
     """
 
     name: str
@@ -36,6 +37,7 @@ class MotionRun:
     held: Mask
     measured: Array
     rows: range
+    number: int = 1
 
     def __len__(self) -> int:
         return len(self.time)
@@ -88,13 +90,14 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
     measured = np.column_stack([recording.signals.get(n, nothing) for n in model.outputs])
     held = np.array([name in model.commands and recording.hold == "zero" for name in model.inputs], dtype=bool)
     found = []
-    for start, stop in recording.runs:
+    for number, (start, stop) in enumerate(recording.runs, 1):
         complete = np.all(np.isfinite(table[start:stop]), axis=1)
         for a, b in _stretches(complete):
             rows = range(start + a, start + b)
             own = slice(rows.start, rows.stop)
             if len(rows) >= FEWEST_ROWS:
-                found.append(MotionRun(recording.name, recording.time[own], table[own], held, measured[own], rows))
+                part = recording.time[own], table[own], held, measured[own]
+                found.append(MotionRun(recording.name, *part, rows, number))
     if not found:
         raise BadInput(
             f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all "

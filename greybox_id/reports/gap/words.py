@@ -57,8 +57,8 @@ def magnitude_words(ranked: Ranked) -> str:
 def when_words(ranked: Ranked) -> str:
     """From when on, or until when an effect acts; "" where it acts all the time."""
     if ranked.since is not None:
-        return f"from {number(ranked.since)} s on"
-    return f"until {number(ranked.until)} s" if ranked.until is not None else ""
+        return f"from {number(ranked.since)} s on ({ranked.within})"
+    return f"until {number(ranked.until)} s ({ranked.within})" if ranked.until is not None else ""
 
 
 def carried_over(gap: Gap) -> list[str]:
