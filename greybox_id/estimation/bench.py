@@ -189,20 +189,18 @@ class Bench:
         S : (N, outputs, runs * loose) by the starts of every run.
         """
         moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.model.size])
-        cut, by_lane, held = self._lanes_in(self._scheduled(tuple(shifts)), p, self._cuts)
-        by_p = self._starts(p[None])[1][0]
-        (found,) = self._simulations(p[None])
-        begins = found.cuts
-        if any(moving):  # other segments, in which runs are cut elsewhere
+        plans = self._scheduled(tuple(shifts))
+        if any(moving):
             plans = [
                 schedule(self.simulator.trace, run, shifts, longest, moving)
                 for run, longest in zip(self.runs, self.longest, strict=True)
             ]
-            begins = begins[np.diff(cut.interval, prepend=-1) > 0]
-            cut, by_lane, held = self._lanes_in(plans, p, 1)
+        cut, by_lane, held = self._lanes_in(plans, p)
+        by_p = self._starts(p[None])[1][0]
+        (found,) = self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            _, Z_end, _, Y = kernel.linearise(begins, cut.segments, by_lane, cut.reads, chosen)
+            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)
             for lanes_held, index in held:
                 at = size + np.flatnonzero(chosen == index)
                 Z_end[np.ix_(lanes_held, np.arange(size), at)] = 0.0
@@ -220,11 +218,9 @@ class Bench:
             S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
         return found.y.copy(), J[:, :, : len(chosen)], S
 
-    def _lanes_in(
-        self, plans: Sequence[Schedule], p: Array, cuts: int
-    ) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
         """Lanes that runs are cut into to be differentiated, their parameters, and in which lanes which do not act."""
-        return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], cuts), p, ()
+        return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], self._cuts), p, ()
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
         """Which shifts any of the parameters moves."""

@@ -128,10 +128,8 @@ class PartBench(Bench):
             self._laid[shifts] = lay(plans, intervals)
         return self._laid[shifts]
 
-    def _lanes_in(
-        self, plans: Sequence[Schedule], p: Array, cuts: int
-    ) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
-        cut = lay(plans, [piece.interval for piece in self.pieces], cuts)
+    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+        cut = lay(plans, [piece.interval for piece in self.pieces], self._cuts)
         held = np.flatnonzero(self._inside[cut.interval]) if self._differs(p) else np.empty(0, dtype=np.intp)
         first = cut.first & self._first[cut.interval]
         return replace(cut, first=first), self._of_pieces(p)[cut.interval], [(held, self.index)]

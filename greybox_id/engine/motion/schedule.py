@@ -59,8 +59,7 @@ def schedule(
     run : the run.
     shifts : the delays' and latencies' values, s.
     longest : no segment is longer than this, s; one number, or (n,) from each row to the next.
-    moving : which shifts are differentiated by; the others, where they are zero, cut nothing, and where none is,
-        instants at once are one. None: all of them.
+    moving : which shifts are differentiated by; the others, where they are zero, cut nothing. None: all of them.
     read : (n,) rows at which something may be read late; at the others latencies cut nothing. None: all of them.
     """
     rows, delays = len(run), len(trace.delayed)
@@ -85,22 +84,18 @@ def schedule(
     first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)
-    lasting = np.append(np.diff(instant) > AT_ONCE, True)
-    if moving is None or any(moving):
-        lasting[:] = True  # at once now, not when a shift moves
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
     for k in cuts:
         sign[kind == k, k] = 1.0 if k < delays else -1.0
-    begin, sign_of = instant[lasting], sign[lasting]
-    length = np.append(np.diff(begin), 0.0)
-    length_by = np.vstack([np.diff(sign_of, axis=0), np.zeros((1, count))])
-    values, slopes = (own[lasting] for own in _commands(trace, run, instant, kind, row, shifts, cuts))
-    guess = np.broadcast_to(shifts, (len(begin), count))
-    segments = np.column_stack([length, values, slopes, length_by, sign_of, guess])
+    length = np.append(np.diff(instant), 0.0)
+    length_by = np.vstack([np.diff(sign, axis=0), np.zeros((1, count))])
+    values, slopes = _commands(trace, run, instant, kind, row, shifts, cuts)
+    guess = np.broadcast_to(shifts, (len(kind), count))
+    segments = np.column_stack([length, values, slopes, length_by, sign, guess])
 
-    places = np.cumsum(lasting) - lasting  # of what is at once, that of the last, when all has arrived
+    places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
     row_segment[row[kind == -1]] = places[kind == -1]
     taken = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
@@ -111,7 +106,7 @@ def schedule(
         column = trace.model.outputs.index(name)
         taken[:, column] = -1
         taken[row[own], column] = places[own]
-    reads = np.zeros(len(begin), dtype=bool)
+    reads = np.zeros(len(kind), dtype=bool)
     reads[taken[taken >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)
 

@@ -1,7 +1,5 @@
 """Segments of a run: lengths and commands, readings, shifts in time; how long they may be at standstill."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -178,20 +176,3 @@ def test_rows_that_follow_each_other_fast_are_cut_no_finer_than_they_were():
     assert least_segment(0.01) == 0.01 / MOST_STEPS
     assert least_segment(0.005) == 0.005 / MOST_STEPS
     assert least_segment(0.04) == 2.5e-4
-
-
-def test_what_is_read_at_once_shares_a_segment_where_no_shift_is_differentiated_by():
-    time, latency = 0.1 * np.arange(12), 0.13
-    model = replace(PULLED, parameters=(Parameter("latency", "s", latency),)).late(lambda p: p.latency, "a_x", "speed")
-    (run,) = motion_runs(model, Recording("r", time, {"steer": time**2, "speed": 0.0 * time, "a_x": 0.0 * time}))
-    trace, shifts = MotionTrace(model), np.array([latency, latency])
-    apart = schedule(trace, run, shifts, FAR)
-    once = schedule(trace, run, shifts, FAR, [False, False])
-    assert np.count_nonzero(apart.segments[:, 0] <= AT_ONCE) > 8
-    assert np.all(once.segments[:-1, 0] > AT_ONCE)
-    ends = [np.concatenate(([0.0], np.cumsum(plan.segments[:-1, 0]))) for plan in (apart, once)]
-    for name in ("row_segment", "read_segment"):
-        there, here = getattr(apart, name), getattr(once, name)
-        np.testing.assert_array_equal(here < 0, there < 0)
-        np.testing.assert_allclose(ends[1][here][here >= 0], ends[0][there][there >= 0], atol=1e-9)
-    np.testing.assert_array_equal(once.read_segment[2:, 0], once.read_segment[2:, 1])
