@@ -40,7 +40,7 @@ class Strip:
     map: Mapping[str, Array]
 
 
-def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array]) -> Strip:
+def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array], excess: Array) -> Strip:
     """The picture's data.
 
     Parameters
@@ -49,6 +49,7 @@ def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping
     before, after : (N, channels) residuals, zero where nothing counts.
     sd : (channels,) of noise.
     seen : signals per row.
+    excess : (N,) what the map is of: squares of errors over noise that count as the gap.
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
@@ -73,7 +74,7 @@ def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping
         frequency=frequency,
         spectrum_before=spectra[0],
         spectrum_after=spectra[1],
-        map=_map(first - then, seen),
+        map=_map(excess, seen),
     )
 
 

@@ -38,8 +38,8 @@ def budget(
     bench: FreeRuns,
     recordings: tuple[str, ...],
     held_out: bool,
-) -> Budget:
-    """Share out the excess error.
+) -> Budget | None:
+    """Share out the excess error; None where there is none to share.
 
     Parameters
     ----------
@@ -61,17 +61,23 @@ def budget(
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
-        floor = min(1.0, E[-1])
-        excess = max(E[0] - floor, CAL.least_gap)
+        excess, floor = over(E)
         E = np.minimum(E, E[0] + excess)  # where effects make it spin, how much worse they are says nothing
         E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # some of them may without the others: they explain nothing
         closed = weights @ E / excess
         return np.append(closed, (E[-1] - floor) / excess)
 
+    def over(E: Array) -> tuple[float, float]:
+        floor = float(min(1.0, E[0], E[-1]))  # noise has no more than is left
+        return max(float(E[0]) - floor, CAL.least_gap), floor
+
+    whole = np.sum(sums, axis=0)
+    if over((whole[:-1] + charges) / max(whole[-1], 1.0))[0] <= CAL.least_gap:
+        return None
     low, high = resampled(sums, shares, CAL.draws)
     found = [
         Share(name, float(s), float(a), float(b))
-        for name, s, a, b in zip((*names, "unnamed"), shares(np.sum(sums, axis=0)), low, high, strict=True)
+        for name, s, a, b in zip((*names, "unnamed"), shares(whole), low, high, strict=True)
     ]
     return Budget(tuple(found[:-1]), found[-1], recordings, held_out)
 

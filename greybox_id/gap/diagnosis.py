@@ -133,7 +133,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         absorbed=absorbed,
         advice=advice(sets, list(weak), found.effects),
         closed=closed,
-        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen),
+        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen, excess),
         noise_stated=found.told,
         limits=limits(found),
         budget=shared,
@@ -187,7 +187,7 @@ def _without_forces(found: Examined) -> float:
     return p if found.best.candidates or scattered else max(p, CAL.nameless)
 
 
-def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget:
+def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
     names = found.best.names
     if held_out:

@@ -46,6 +46,18 @@ def test_effects_that_spin_without_the_others_explain_nothing():
     assert found.of("b").share == pytest.approx(0.75)
 
 
+def test_how_much_worse_a_spin_is_says_nothing():
+    levels = dict(zip(subsets(("a", "b")), (11.0, 10.0, 1e90, 1e90), strict=True))
+    found = shared(levels, ("a", "b"))
+    assert found.of("b").share == pytest.approx(-1.05)
+    assert found.of("a").share == pytest.approx(0.05)
+    assert found.unnamed.share == pytest.approx(2.0)
+
+
+def test_of_no_excess_there_are_no_shares():
+    assert shared({frozenset(): 0.9, frozenset({"a"}): 3.0}, ("a",)) is None
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(1.0, 50.0), min_size=8, max_size=8))
 def test_shares_add_up_to_one_with_the_rest(levels):

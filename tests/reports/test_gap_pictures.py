@@ -16,8 +16,19 @@ from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
 from greybox_id.reports.figures.sheet import Sheet
+from greybox_id.reports.gap.page import (
+    MOVED,
+    after_words,
+    aliases,
+    bars,
+    drawings,
+    regimes,
+    relative,
+    spectra,
+    strips,
+    write_picture,
+)
 from greybox_id.reports.gap.page import SHARE_OPACITY as OPACITY
-from greybox_id.reports.gap.page import aliases, bars, drawings, regimes, relative, spectra, strips, write_picture
 from greybox_id.reports.gap.report import gap_report, ranked, write_report
 from greybox_id.reports.gap.saved import Made
 from greybox_id.reports.html import page as html
@@ -34,7 +45,7 @@ MADE = Made(
 
 def test_bars_are_as_high_as_errors_and_the_floor_lies_across():
     closure = clear().gap
-    ax = bars(closure, True).axes[2]
+    ax = bars(closure, after_words(closure, True)).axes[2]
     own = [e for e in closure.errors if e.channel == "yaw_rate"]
     before, after = ([bar.get_height() for bar in bars] for bars in ax.containers)
     assert before == [e.before for e in own]
@@ -43,11 +54,11 @@ def test_bars_are_as_high_as_errors_and_the_floor_lies_across():
     assert floor.get_ydata()[::3].tolist() == [e.floor for e in own]
     assert ax.get_title() == "yaw rate [rad/s]"
     assert [words.get_text() for words in ax.get_xticklabels()] == ["0.1", "0.5", "2", "free"]
-    assert len(bars(closure, False).axes[2].containers) == 1
+    assert len(bars(closure, "").axes[2].containers) == 1
 
 
 def test_a_channel_that_is_not_recorded_has_no_panel():
-    assert len(bars(without_v_y().gap, True).axes) == 4
+    assert len(bars(without_v_y().gap, MOVED).axes) == 4
     assert len(spectra(without_v_y().strip, True).axes) == 4
 
 

@@ -27,6 +27,7 @@ from .words import judged, magnitude_words, verdict
 
 BEFORE = look(ORANGE, 1.1, "model as it was")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
+MOVED = "its parameters where the recordings have them"
 FLOOR = look(INK, 1.2, "floor: as well as noise lets a model fit")
 EXCESS = RUST
 """Colour of what is too much, from pale to dark."""
@@ -48,13 +49,20 @@ WIDE = 0.36
 """Of a bar; the distance between horizons is one."""
 
 
-def bars(closure: Closure, applied: bool) -> Sheet:
+def after_words(closure: Closure, applied: bool) -> str:
+    """What errors after are of: effects, or parameters alone that went elsewhere; "" where nothing differs."""
+    if applied:
+        return str(AFTER["label"])
+    return MOVED if any(own.after != own.before for own in closure.errors) else ""
+
+
+def bars(closure: Closure, after: str) -> Sheet:
     """A panel for each channel: bars of RMSE over the horizons, the floor as a line across each pair.
 
     Parameters
     ----------
     closure : whose errors.
-    applied : whether there is anything after; without, only what was before is drawn.
+    after : what there is after, in words; "" draws what was before alone.
     """
     channels = list(dict.fromkeys(own.channel for own in closure.errors))
     if not channels:
@@ -65,7 +73,7 @@ def bars(closure: Closure, applied: bool) -> Sheet:
         own = {error.horizon: error for error in closure.errors if error.channel == channel}
         at = [k for k, horizon in enumerate(horizons) if horizon in own]
         found = [own[horizons[k]] for k in at]
-        _draw(ax, np.array(at, dtype=float), found, applied)
+        _draw(ax, np.array(at, dtype=float), found, after)
         ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, found[0].unit))
         ax.set_xticks(range(len(horizons)), ["free" if h is None else f"{h:g}" for h in horizons])
         ax.grid(visible=False, axis="x")
@@ -73,11 +81,11 @@ def bars(closure: Closure, applied: bool) -> Sheet:
     return sheet
 
 
-def _draw(ax: Axes, at: Array, found: list[Errors], applied: bool) -> None:
-    shift = WIDE / 2 if applied else 0.0
+def _draw(ax: Axes, at: Array, found: list[Errors], after: str) -> None:
+    shift = WIDE / 2 if after else 0.0
     ax.bar(at - shift, [own.before for own in found], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
-    if applied:
-        ax.bar(at + shift, [own.after for own in found], WIDE, color=AFTER["color"], label=AFTER["label"], **EDGED)
+    if after:
+        ax.bar(at + shift, [own.after for own in found], WIDE, color=AFTER["color"], label=after, **EDGED)
     across = np.concatenate([[k - 1.25 * WIDE, k + 1.25 * WIDE, np.nan] for k in at])
     ax.plot(across, np.concatenate([[own.floor, own.floor, np.nan] for own in found]), **FLOOR)
 
@@ -348,7 +356,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     on = f"{listed([*(closure.recordings or gap.recordings)])}{' (held out)' if held_out else ''}"
     found = [
         Drawing(
-            "gap_errors", bars(closure, applied),
+            "gap_errors", bars(closure, after_words(closure, applied)),
             f"How far: errors of every channel by horizon of prediction, on {on}.",
             "Bars of errors over horizons, before and after, with the floor.",
         ),

@@ -19,7 +19,7 @@ from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Tog
 from ..equations.expression import readable
 from ..equations.motion import motion_equations
 from ..report import write
-from .page import drawings
+from .page import after_words, drawings
 from .saved import Made
 from .words import (
     REGIMES,
@@ -317,12 +317,13 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
     both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
     title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
     judged = " ".join(f"{capital(words)}." for words in (*(how_far(gap, *one) for one in both), *carried_over(gap)))
+    after = any(after_words(one, bool(gap.applied)) for one, _ in both)
     errors = [
-        (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one, bool(gap.applied)))
+        (f"{'Held out' if held_out else 'Diagnosed'}: {listed([*one.recordings])}", _errors(one, after))
         for one, held_out in reversed(both)
         if one.errors
     ]
-    said = (ERRORS if gap.applied else ERRORS_ALONE) if errors else ""
+    said = (ERRORS if after else ERRORS_ALONE) if errors else ""
     return (
         *titled(title, Text(judged, small=False), closures(both), Text(CLOSURE)),
         *(part for title, table in errors for part in titled(title, table, level=2)),
