@@ -19,7 +19,6 @@ RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ram
 PAIRS = "changed tier, development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
-NULLS = "calibrate costs: fiala and exponential seed 1778 (48 nulls)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
 BEGUN = "foreign tier, fiala and exponential, seed 5501 (12 nulls), benchmarks/beginnings.py, seeds 71, 72"
 DEFINED = "by definition: says what the words of an answer mean"
@@ -67,20 +66,10 @@ class Calibration:
     loose: tuple[float, float, float] = _known((0.3, 0.1, 0.5), "sd of B and C, relative, and of E: published tyres")
 
     # ---- what an effect must gain, and when there is something unnamed
-    cost: float = _known(12.0, "log-odds against an effect: one of 20 nulls gained 9.8, another 9.0, none more", DRAWN)
-    costs: tuple[tuple[str, float], ...] = _known(
-        (
-            ("accel_bias_x", 8.2), ("accel_bias_y", 8.2), ("cog_shift", 8.2), ("imu_mount_roll", 8.2),
-            ("imu_mount_yaw", 8.2), ("load_sensitivity", 8.2), ("imu_mount_pitch", 8.2), ("motor_gain", 8.2),
-            ("road_slope", 8.2), ("rolling_resistance", 8.2), ("sensor_latency_vx", 8.2),
-            ("sensor_latency_yaw", 8.2), ("motor_lag", 8.2), ("wind_gust", 8.2), ("wheel_speed_scale", 8.2),
-            ("velocity_lever_arm", 8.2), ("yaw_rate_scale", 8.2), ("mass_change", 8.3), ("sensor_latency_imu", 8.5),
-            ("steering_rate_limit", 8.5), ("aero_drag", 9.0), ("steering_delay", 9.2), ("yaw_rate_bias", 9.4),
-            ("longitudinal_load_transfer", 10.0), ("steering_offset", 10.6), ("imu_lever_arm", 10.7),
-        ),
-        "the same of effects that equations' form hardly mimics: what one of 500 nulls gains by any", NULLS,
-    )  # fmt: skip
-    rare: float = _known(0.002, "share of vehicles without a gap that gain a cost by any effect", DEFINED)
+    cost: float = _known(
+        12.0, "log-odds against an effect that acts abruptly: one of 20 nulls gained 9.8, another 9.0, none more", DRAWN
+    )
+    rare: float = _known(0.002, "share of vehicles without a gap that gain by any effect what it costs", DEFINED)
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
     cost_without_forces: float = _known(7.0, "the same of models that know no forces: of 40 effects, 1 in 1 000")
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")

@@ -1,11 +1,10 @@
-"""Deriving the numbers of a diagnosis again: `python -m greybox_id.exam.calibrate curves|thresholds|costs|search`.
+"""Deriving the numbers of a diagnosis again: `python -m greybox_id.exam.calibrate curves|thresholds|search`.
 
     curves                    how far magic formulas are from curves of the families for development
     thresholds FOLDER ..      what nulls gain and leave, and what causes do; of examinations for development
-    costs FOLDER ..           what each effect gains where nothing is the matter, and must gain therefore; alike
     search FOLDER .. --draws  verdicts with all numbers of the search halved and doubled at random, at once
 
-FOLDER is an examination that was made, and for thresholds and costs also diagnosed, of families that no examination
+FOLDER is an examination that was made, and for thresholds also diagnosed, of families that no examination
 draws from: `greybox exam make --tier foreign --family development`, or of any tier by a seed that is used for nothing
 else. Answers are read, so that such an examination proves nothing afterwards. All print one JSON object.
 """
@@ -29,7 +28,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import curve_fit, minimize
 from scipy.special import expit
-from scipy.stats import chi2
 
 from ..errors import BadInput
 from ..estimation.calibration import CAL, SEARCHED, Calibration
@@ -40,8 +38,6 @@ from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
 
 RARE = 0.02
 """Share of vehicles without a gap that may be given a name."""
-PRIOR_NULLS = 4.0
-"""Vehicles that what all effects gain counts as, for each of them: a twelfth of the 48 there are."""
 DIAGNOSER = "greybox_id.cli.exam:diagnose_case"
 SLIPS = (1.5, 2.4, 3.6)
 """How far drives slip, over the slip at which a linear tyre would reach its peak."""
@@ -92,35 +88,6 @@ def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
     if any(named) and not all(named):
         body["unnamed"] = _halfway(np.log(shares), np.array(named))
     return body
-
-
-def costs(folders: Sequence[Path]) -> dict[str, Any]:
-    """What each effect gains on vehicles without a gap, and what it must gain so that hardly any of these has a name.
-
-    Twice what noise alone gains is distributed as chi-square of one degree of freedom. Equations' form stretches that,
-    by as much as the effect mimics it: the factor is the mean of twice the gains, shrunk towards that of all effects,
-    which counts as so many vehicles as `PRIOR_NULLS`; it is no less than one. Tails are heavier where form has them:
-    from the largest gain on they fall as fast. What `CAL.rare` of all effects together surpass is the cost, at most
-    `CAL.cost`: beyond that it is for the rules that tell mimics. Refits gain more than is expected to first order, and
-    effects are tried beside others as well: with one in fifty in place of 500, 3 of 46 blind cases were given a name
-    that gained 6.1 to 6.6, hardly more than it had to (foreign tier, seed 876053633).
-    """
-    nulls = [found["tried"] for folder in folders for answer, found in _read(folder) if answer.kind == "null"]
-    names = sorted({name for own in nulls for name in own})
-    gains = np.array([[max(float(own.get(name, 0.0)), 0.0) for name in names] for own in nulls])
-    n = len(nulls)
-    if not n:
-        return {"nulls": 0, "effects": {}}
-    rare, mean, most = CAL.rare / len(names), np.mean(gains, axis=0), np.max(gains, axis=0)
-    usual = max(1.0, 2 * float(np.median(mean)))
-    stretch = np.maximum(1.0, (2 * n * mean + PRIOR_NULLS * usual) / (n + PRIOR_NULLS))
-    needed = stretch * 0.5 * chi2.isf(rare, 1)
-    needed = np.minimum(np.maximum(needed, most + stretch * max(log(1 / (n * rare)), 0.0)), CAL.cost)
-    return {
-        "nulls": n, "used": {"cost": CAL.cost, "costs": dict(CAL.costs)},
-        "effects": {names[k]: {"mean": _round(mean[k]), "most": _round(most[k]), "cost": round(float(needed[k]), 1)}
-                    for k in np.argsort(needed)},
-    }  # fmt: skip
 
 
 def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser: str) -> dict[str, Any]:
@@ -263,7 +230,7 @@ def _round(x: float) -> float:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print one part's figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("curves", "thresholds", "costs", "search"))
+    parser.add_argument("part", choices=("curves", "thresholds", "search"))
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("--draws", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
@@ -277,8 +244,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             body = curves()
         elif own.part == "thresholds":
             body = thresholds(own.folders)
-        elif own.part == "costs":
-            body = costs(own.folders)
         else:
             body = search(own.folders, own.draws, own.seed, own.jobs, own.diagnoser)
     except BadInput as error:

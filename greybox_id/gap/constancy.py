@@ -1,4 +1,8 @@
-"""Is a magnitude the same everywhere? A true cause's is; an impostor's changes with speed, load, time and channel."""
+"""Is a magnitude the same everywhere? A true cause's is; an impostor's changes with speed, load, time and channel.
+
+Magnitudes of parts are what the recording says of each with all else refitted to first order, tolerances among it: what
+these take up differs from part to part, and is no spread of the magnitude.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,8 @@ from ..estimation.hypothesis import Hypothesis
 from ..estimation.search import Search
 from ..shorthands import Array
 
+BETWEEN_CHANNELS = "between channels"
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -22,19 +28,87 @@ class Spread:
     Attributes
     ----------
     place : between what parts, in words: along what, or between channels.
-    relative : weighted standard deviation of the parts' magnitudes over the magnitude.
+    relative : weighted standard deviation of the parts' magnitudes over the magnitude, beyond that of noise.
     p_value : how often so much would come from noise.
     parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
+    ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
     """
 
     place: str
     relative: float
     p_value: float
     parts: tuple[float, ...]
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """What a recording says of one coordinate of a hypothesis, all else refitted to first order.
+
+    Attributes
+    ----------
+    does : (N, channels) what the coordinate does, whitened.
+    itself : (N, channels) the same less what all else can undo.
+    told : information on it, all else refitted within its priors.
+    pulls : (N, channels) what residuals pull at it.
+    all_else : (N, channels, n) times what it does.
+    inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
+    """
+
+    does: Array
+    itself: Array
+    told: float
+    pulls: Array
+    all_else: Array
+    inverse: Array
+    slope: Array
+
+    @property
+    def noise_share(self) -> float:
+        """Share of the coordinate's variance that is noise's; the rest is that of priors of what acts alike."""
+        return float(np.sum(self.itself**2) / self.told)
+
+    def in_parts(self, part: Array) -> tuple[Array, Array]:
+        """Hessian and gradient by the coordinate in K parts, all else refitted.
+
+        Parameters
+        ----------
+        part : (N, K) or (channels, K), one where rows or channels belong to a part.
+        """
+        axis = 1 if len(part) == len(self.does) else 0
+        cross = np.sum(self.all_else, axis=axis).T @ part
+        undone = self.inverse @ cross
+        H = np.diag(np.sum(self.does**2, axis=axis) @ part) - cross.T @ undone
+        g = np.sum(self.pulls, axis=axis) @ part - undone.T @ self.slope
+        return H, g
+
+
+def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
+    """One coordinate of a hypothesis; None where it does nothing."""
+    shape = found.e.shape
+    both = search.weighed(np.concatenate([found.e[:, :, None], found.J], axis=2)).reshape(found.e.size, -1)
+    r, J = both[:, 0], both[:, 1:]
+    u = np.concatenate([found.theta, found.linear])
+    g = search.white.T @ r + search.precision @ (u - search.means)
+    stays = ((u <= search.low) & (g > 0)) | ((u >= search.high) & (g < 0)) | search.among({a.index for a in found.axes})
+    others = np.arange(J.shape[1]) != at
+    T, W = np.column_stack([search.white[:, ~stays], J[:, others]]), J[:, at]
+    H = T.T @ T
+    H[: np.sum(~stays), : np.sum(~stays)] += search.precision[np.ix_(~stays, ~stays)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    inverse = np.linalg.pinv(H * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+    undone = inverse @ (T.T @ W)
+    told = float(W @ W - (T.T @ W) @ undone)
+    if not told > CAL.ridge * float(W @ W):
+        return None
+    slope = np.concatenate([g[~stays], J[:, others].T @ r])
+    all_else = (T * W[:, None]).reshape(*shape, -1)
+    own = (W.reshape(shape), (W - T @ undone).reshape(shape), told, (W * r).reshape(shape))
+    return _Alone(*own, all_else, inverse, slope)
 
 
 def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
-    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel, the others held.
+    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel.
 
     Parameters
     ----------
@@ -42,32 +116,73 @@ def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effe
     orders : "along ..." -> (N,) by which rows are sorted.
     effect : which one.
     """
-    at = sum(len(own.axes) for own in found.candidates[:effect])
-    r = search.colour.white(found.e[:, :, None])[:, :, 0]
-    W = search.colour.white(found.J[:, :, at : at + 1])[:, :, 0]
-    informs, pulls = W**2, W * r
-    axis, total = found.axes[at], float(np.sum(informs))
-    if total <= 0:
-        return []
-    rows, channels = np.sum(informs, axis=1), np.arange(informs.shape[1])
-    cuts = {place: (_thirds(values, rows)[:, None], CAL.parts) for place, values in orders.items()}
-    cuts["between channels"] = (channels, len(channels))
+    at = found.parts[effect][1].start
+    alone = _alone(search, found, at)
+    return [] if alone is None else _spreads(alone, found, orders, at)
+
+
+def _spreads(alone: _Alone, found: Hypothesis, orders: Mapping[str, Array], at: int) -> list[Spread]:
+    informs = np.sum(alone.itself**2, axis=1)
+    cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
+    cuts[BETWEEN_CHANNELS] = np.eye(found.e.shape[1])
+    m = float(found.m[at])
+    size = abs(m - found.axes[at].null) + 1e-300
     result = []
-    for place, (part, count) in cuts.items():
-        of = np.broadcast_to(part, informs.shape).ravel()
-        told_by = np.bincount(of, informs.ravel(), count)
-        offs = -np.bincount(of, pulls.ravel(), count)
-        told = told_by > CAL.part_least * total
-        offs = np.where(told, offs / np.where(told, told_by, 1.0), np.nan)
-        mean = np.nansum(offs * told_by) / np.sum(told_by[told]) if np.any(told) else 0.0
-        Q = float(np.nansum(told_by * (offs - mean) ** 2))
-        size = abs(found.m[at] - axis.null) + 1e-300
-        relative = (
-            float(np.sqrt(max(Q - (np.sum(told) - 1), 0.0) / np.sum(told_by[told])) / size) if np.any(told) else 0.0
-        )
-        p = float(chdtrc(max(int(np.sum(told)) - 1, 1), Q))
-        result.append(Spread(place, relative, p, tuple(float(found.m[at] + off) for off in offs)))
+    for place, part in cuts.items():
+        H, g = alone.in_parts(part)
+        weight = np.diag(H)
+        told = weight > CAL.part_least * float(np.sum(weight))
+        count = int(np.sum(told))
+        offs = np.full(len(told), np.nan)
+        ratio, relative, p = 1.0, 0.0, 1.0
+        if count:
+            own, pull = H[np.ix_(told, told)], g[told]
+            offs[told] = -np.linalg.solve(own + CAL.ridge * np.diag(np.diag(own)), pull)
+        if count > 1:
+            Q = max(float(-pull @ offs[told]) - float(np.sum(pull)) ** 2 / max(float(np.sum(own)), 1e-300), 0.0)
+            ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
+            mean = float(np.average(offs[told], weights=weight[told]))
+            variance = float(np.average((offs[told] - mean) ** 2, weights=weight[told]))
+            relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
+        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio))
     return result
+
+
+def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
+    """What rows are ordered by: "along ..." -> (N,).
+
+    Parameters
+    ----------
+    seen : signals per row.
+    rows : how many there are.
+    """
+    found = {
+        "along time": np.arange(rows, dtype=float),
+        "along speed": seen.get("v_x"),
+        "along longitudinal acceleration": seen.get("a_x"),
+        "along lateral acceleration": None if "a_y" not in seen else np.abs(seen["a_y"]),
+        "from right to left": seen.get("a_y"),
+        "along steering": seen.get("steer"),
+        "along yaw rate": seen.get("yaw_rate"),
+    }
+    return {place: values for place, values in found.items() if values is not None}
+
+
+def stretch(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
+    """By what the variance of a magnitude exceeds that which noise and tolerances give it; at least one.
+
+    What equations' form leaves moves a magnitude differently in each part of a drive, and what moves the parts moves
+    the whole (random effects, DerSimonian & Laird, Control. Clin. Trials 7, 1986; of the variance that is noise's
+    alone: tolerances are as they are stated). The largest of n ratios is about 1 + 1/2 + .. + 1/n where magnitudes
+    are constant and parts three; what is beyond that counts.
+    """
+    at = found.parts[effect][1].start
+    alone = _alone(search, found, at)
+    if alone is None:
+        return 1.0
+    ratios = [own.ratio for own in _spreads(alone, found, orders, at)]
+    by_chance = float(np.sum(1 / np.arange(1, len(ratios) + 1)))
+    return 1.0 + alone.noise_share * max(max(ratios) - by_chance, 0.0)
 
 
 def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
@@ -78,14 +193,10 @@ def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict
     search, found : as of `spreads`.
     seen : signals per row.
     """
-    orders = {"along speed": seen.get("v_x"), "along longitudinal acceleration": seen.get("a_x"),
-              "along time": np.arange(len(found.e), dtype=float)}  # fmt: skip
-    if "a_y" in seen:
-        orders["along lateral acceleration"] = np.abs(seen["a_y"])
-    known = {name: own for name, own in orders.items() if own is not None}
+    orders = orders_of(seen, len(found.e))
     result = {}
     for k, name in enumerate(found.names):
-        told = [own for own in spreads(search, found, known, k) if own.p_value < CAL.surely_varies]
+        told = [own for own in spreads(search, found, orders, k) if own.p_value < CAL.surely_varies]
         if told:
             result[name] = max(told, key=lambda own: own.relative)
     return result

@@ -38,6 +38,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
+DIFFERS = "its magnitude differs between parts of the drive, for which it had to gain {:.1f} times as much"
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -305,6 +306,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
         magnitude, interval = _magnitude(found, most, name)
         part = next(own.part for own in most.candidates if own.effect == name)
+        by = 1.0 if name in found.best.names else weighed.outdone.get(name, 1.0)
         ranked.append(
             Ranked(
                 name,
@@ -318,7 +320,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 interval,
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
-                reasons.get(name, ""),
+                reasons.get(name, DIFFERS.format(by) if by > 1.0 else ""),
                 *((None, None, "") if part is None else (part.since, part.until, _place(found, part))),
             )
         )

@@ -1,20 +1,24 @@
 """From likelihoods to probabilities: which effects are present, and is there anything at all.
 
-Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. Where tolerances
-are stated, equations are stated to be rough too, and misfits of their form gain likelihood here and there in proportion
-to how much was read, for which readings count for less in refits already, and to how much the best hypothesis leaves:
-that tempers weights. An effect's probability is the weight of the hypotheses that hold it.
+Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. An effect whose
+magnitude differs between parts of a drive costs more, by as much as that widens the variance of the whole. Where
+models know no unknown forces and tolerances are stated, equations are stated to be rough too, and misfits of their form
+gain likelihood here and there in proportion to how much was read, for which readings count for less in refits already,
+and to how much the best hypothesis leaves: that tempers weights. An effect's probability is the weight of the
+hypotheses that hold it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
+from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.noise import Colour
@@ -27,11 +31,23 @@ Costs = Callable[[str], float]
 """Log-odds against an effect before anything was read, by its name."""
 
 
-def costs(forces: bool) -> Costs:
-    """Those of models that know unknown forces, or of others."""
-    known = dict(CAL.costs) if forces else {}
-    other = CAL.cost if forces else CAL.cost_without_forces
-    return lambda effect: known.get(effect, other)
+NONE: Mapping[str, float] = MappingProxyType({})
+Stretches = Callable[[Hypothesis], Sequence[float]]
+"""By what the variance of each effect's magnitude exceeds what is expected: by how much more it costs."""
+
+
+def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
+    """Those of models that know unknown forces, or of others.
+
+    Twice what noise and tolerances gain by an effect is distributed as chi-square of one degree of freedom: the cost is
+    what the best of all candidates rarely gains. Where a tolerance beside an effect acts abruptly and enters to first
+    order alone, as those of delays and lags do, the effect may gain more by being simulated.
+    """
+    if not forces:
+        return lambda effect: CAL.cost_without_forces
+    by_chance = 0.5 * float(chdtri(1, CAL.rare / max(len(candidates), 1)))
+    known = {own.effect: by_chance if own.gradual else CAL.cost for own in candidates}
+    return lambda effect: known.get(effect, CAL.cost)
 
 
 @dataclass(frozen=True)
@@ -43,14 +59,18 @@ class Evidence:
     temper : what log-likelihoods of readings are multiplied with.
     weights : of `selection.tried`, and the base last; they add up to one.
     scores : of `selection.tried`, over the base's.
+    outdone : effect -> what multiplied its cost, of those that would be part of the best explanation without that.
     """
 
     temper: float
     weights: tuple[float, ...]
     scores: tuple[float, ...]
+    outdone: Mapping[str, float] = field(default_factory=dict)
 
 
-def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) -> Evidence:
+def evidence(
+    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, stretches: Stretches | None = None
+) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
@@ -59,15 +79,21 @@ def evidence(selection: Selection, rough: bool, cost: Costs, left: float = 0.0) 
     rough : whether tolerances are stated.
     cost : of effects.
     left : mean square over that of noise, less one, of what the best of them leaves.
+    stretches : of hypotheses' effects; None: all are one.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
-    prices = _as_dear(selection.tried, cost)
     gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
+    least = [price(own, cost) for own in selection.tried]
+    worth = [gain - asked for gain, asked in zip(gained, least, strict=True)]
+    grown = _stretches(selection, worth, cost, stretches) if stretches is not None else {}
+    prices = _as_dear(selection.tried, [price(own, cost, grown) for own in selection.tried] if grown else least)
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
-    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores))
+    beyond = [own for own, each in zip(selection.tried, worth, strict=True) if each > np.max(total)]
+    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in own.names for own in beyond)}
+    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores), outdone)
 
 
 def heaviest(selection: Selection, found: Evidence) -> Hypothesis:
@@ -83,11 +109,39 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def price(hypothesis: Hypothesis, cost: Costs) -> float:
-    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows."""
+def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, stretches: Stretches) -> dict[str, float]:
+    """Effect -> by what its cost grows: as the best hypothesis that holds it has it, if that is worth its least price.
+
+    The same in all of them: else a partner beside which a large effect differs a little less would seem to gain that.
+    It says whether an effect is there, not which: where one gains more than it must by far, up to twice as much, its
+    cost falls back, for names that explain the same surely are told apart by what they gain.
+    """
+    tried, best = selection.tried, dict[str, int]()
+    for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
+        for name in tried[k].names:
+            best.setdefault(name, k)
+    told = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    found = dict[str, float]()
+    for name, k in best.items():
+        if k in told:
+            others = set(tried[k].names) - {name}
+            without = min([selection.base.cost, *(own.cost for own in tried if set(own.names) == others)])
+            by, gained = told[k][name], (without - tried[k].cost) / selection.search.trust
+            found[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
+    return found
+
+
+def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:
+    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows.
+
+    Parameters
+    ----------
+    hypothesis, cost : of effects.
+    stretches : effect -> what multiplies its cost; one where there is none.
+    """
     total = 0.0
     for own, at in hypothesis.parts:
-        total += cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+        total += stretches.get(own.effect, 1.0) * cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
         total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(
@@ -97,12 +151,11 @@ def price(hypothesis: Hypothesis, cost: Costs) -> float:
     return total
 
 
-def _as_dear(tried: Sequence[Hypothesis], cost: Costs) -> list[float]:
+def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float]:
     """What each costs: as much as the dearest that explains the same, with as many effects.
 
     Where two names are one cause, nothing that was read says which: a lower cost must not decide it.
     """
-    prices = [price(own, cost) for own in tried]
     return [
         max(
             asked

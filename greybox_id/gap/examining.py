@@ -30,7 +30,8 @@ from ..shorthands import Array
 from ..vehicle import Vehicle
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
-from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
+from .constancy import orders_of, stretch
+from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Firmly, Selection, select
@@ -119,7 +120,7 @@ def examine(
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
     whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
-    cost = costs(forces)
+    cost = costs(forces, own)
     selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
     selection = with_beginnings(selection, own, whitener, cost)
     if bench.learnt:
@@ -127,7 +128,9 @@ def examine(
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
-    weighed = evidence(selection, tempered, cost, left)
+    seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
+    stretches = _stretches(selection.search, seen) if forces else None
+    weighed = evidence(selection, tempered, cost, left, stretches)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
     selection, bench = replace(selection, search=search), search.bench
@@ -142,7 +145,6 @@ def examine(
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
-    seen = signals(bench, y)
     ways = {frozenset(own.names): own for own in (selection.base, best)}
     freed_ways = dict(zip(ways, at_their_best(search, list(ways.values()), sd, good), strict=True))
     before, then = (misfit(search, freed_ways[frozenset(own.names)]) for own in (selection.base, best))
@@ -165,6 +167,16 @@ def examine(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, expected,
     )  # fmt: skip
+
+
+def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
+    """By what a cost grows of each effect of a hypothesis."""
+
+    def stretches(own: Hypothesis) -> list[float]:
+        orders = orders_of(seen, len(own.e))
+        return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
+
+    return stretches
 
 
 def _whitener(

@@ -7,7 +7,7 @@ from scipy.stats import kstest
 
 from greybox_id.estimation.hypothesis import Start
 from greybox_id.estimation.refit import refit
-from greybox_id.gap.constancy import spreads
+from greybox_id.gap.constancy import spreads, stretch
 
 ROWS, SD = 900, np.array([0.2, 0.5])
 
@@ -90,3 +90,30 @@ def test_an_effect_that_is_not_excited_has_no_spread():
     base = search.at_means()
     (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
     assert spreads(search, found, {"time": np.arange(ROWS)}) == []
+
+
+def stretched(form, prior=1e3, seed=0):
+    """By what the cost of a magnitude grows that is 1, and beyond it `form` of the speed, beside a tolerance alike."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((ROWS, 2, 1)) * np.ones((1, 1, 2)) + [0.0, 0.1] * rng.standard_normal((ROWS, 2, 2))
+    speed = rng.uniform(-1, 1, ROWS)
+    measured = X[:, :, 0] * (1 + form * speed[:, None]) + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 2), SD, [axis(1, sd=prior)])
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    return stretch(search, found, {"along speed": speed, "along time": np.arange(ROWS)})
+
+
+def test_a_constant_magnitude_hardly_costs_more():
+    found = np.array([stretched(0.0, seed=seed) for seed in range(60)])
+    assert np.min(found) == 1.0
+    assert np.median(found) < 1.1
+    assert np.mean(found) < 2.0
+
+
+def test_a_magnitude_that_differs_costs_more_where_its_variance_is_noise():
+    """Where a tolerance that acts alike is what makes it uncertain, what noise adds to that is little."""
+    assert stretched(1.0, prior=1e-4) > 100.0
+    tight, loose = stretched(0.15, prior=1e-4), stretched(0.15, prior=0.03)
+    assert tight > 3 * loose
+    assert loose > 1.0

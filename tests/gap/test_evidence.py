@@ -1,5 +1,6 @@
 """Weights add to one, aliases share, and gains count as much as the equations are exact."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,12 +145,53 @@ def test_gains_of_readings_that_counted_for_less_are_not_tempered_twice():
     assert less.scores == pytest.approx(full.scores)
 
 
-def test_an_effect_costs_what_it_is_known_to_and_else_what_any_does():
-    own = costs(forces=True)
-    assert own("an effect of one's own") == CAL.cost
-    for name, cost in CAL.costs:
-        assert own(name) == cost <= CAL.cost
-        assert costs(forces=False)(name) == CAL.cost_without_forces
+def test_an_effect_costs_what_the_best_of_all_rarely_gains_by_chance():
+    many = [replace(Candidate("gradual", (axis(0),)), effect=f"gradual_{k}") for k in range(39)]
+    own = costs(True, [*many, Candidate("abrupt", (axis(0),), gradual=False)])
+    assert own("abrupt") == own("one that is no candidate") == CAL.cost
+    gains = 0.5 * np.max(np.random.default_rng(0).chisquare(1, (50_000, 40)), axis=1)
+    assert np.mean(gains > own("gradual_0")) == pytest.approx(CAL.rare, rel=0.3)
+    assert costs(False, many)("gradual_0") == CAL.cost_without_forces
+
+
+def test_an_effect_whose_magnitude_differs_costs_more_where_it_would_be_there():
+    asked = []
+
+    def stretches(own):
+        asked.append(own.names)
+        return [3.0 if name == "varies" else 1.0 for name in own.names]
+
+    usual = costs(forces=False)
+    gain = 2.5 * CAL.cost_without_forces
+    own = [hypothesis(1000.0 - gain, "varies"), hypothesis(1001.0 - gain, "constant"), hypothesis(999.0, "hardly")]
+    found = evidence(selected(1000.0, own), False, usual, stretches=stretches)
+    assert sorted(asked) == [("constant",), ("varies",)]  # what is not worth the least it may cost is not asked about
+    assert found.scores[0] == pytest.approx(gain - 3.0 * CAL.cost_without_forces)
+    assert found.scores[1] == pytest.approx(gain - 1.0 - CAL.cost_without_forces)
+    assert heaviest(selected(1000.0, own), found).names == ("constant",)
+    assert found.outdone == {"varies": 3.0}
+    assert price(hypothesis(0.0, "a", "b"), usual, {"a": 2.0}) == 3 * CAL.cost_without_forces
+
+
+def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
+    gain = 25.0 * CAL.cost_without_forces
+    own = [hypothesis(1000.0 - gain, "large", "partner"), hypothesis(1004.0 - gain, "large")]
+
+    def stretches(each):
+        return [30.0 - 10.0 * len(each.names), 1.0][: len(each.names)]
+
+    found = evidence(selected(1000.0, own), False, costs(forces=False), stretches=stretches)
+    assert heaviest(selected(1000.0, own), found).names == ("large",)
+    assert found.scores[1] - found.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
+
+
+def test_what_is_surely_there_is_told_from_its_rivals_by_what_it_gains():
+    own = [hypothesis(0.0, "true"), hypothesis(5.0, "rival")]
+    found = evidence(
+        selected(1000.0, own), False, costs(forces=False), stretches=lambda each: [3.0 if "true" in each.names else 1.0]
+    )
+    assert found.scores[0] - found.scores[1] == pytest.approx(5.0)
+    assert found.outdone == {}
 
 
 def test_two_names_of_one_cause_cost_the_same():
