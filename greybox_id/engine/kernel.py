@@ -73,35 +73,43 @@ class Kernel:
         """
         self._load(PAYS)
 
-    def simulate(self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike) -> tuple[Array, Array]:
+    def simulate(
+        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, keeps: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
         """Integrate.
 
         Parameters
         ----------
         z0 : (L, nz) initial states.
-        s : (L, S, ns) numbers of each segment.
+        s : (L, S, ns) numbers of each segment; where all lanes have the same, `np.broadcast_to` spares memory and time.
         p : (L, np) parameters, or (np,) for all lanes.
         reads : (S,) bool, the segments at whose start the outputs are read.
+        keeps : (S + 1,) bool, the segments at whose start states are wanted, and whether at the end; None: all.
 
         Returns
         -------
-        z : (L, S + 1, nz) states at the segments' starts and at the end.
+        z : (L, K, nz) the states that are wanted.
         y : (L, R, ny) readings.
         """
         given = self._checked(z0, s, p, reads)
         lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        keep = np.ones(segments + 1, dtype=bool) if keeps is None else np.ascontiguousarray(keeps, dtype=bool)
+        if keep.shape != (segments + 1,):
+            raise ValueError(f"Shape {keep.shape} of keeps does not go with {segments} segments.")
         self._load(lanes * segments)
         if self._library is None:
-            return self._model.virtual.simulate(*given)
-        z = np.empty((lanes, segments + 1, self._model.states))
+            z, y = self._model.virtual.simulate(*given)
+            return z if keeps is None else z[:, keep], y
+        kept, apart = np.count_nonzero(keep), given[1].strides[0] // given[1].itemsize
+        z = np.empty((lanes, kept, self._model.states))
         y = np.empty((lanes, readings, self._model.outputs))
         few = lanes % WIDE if hasattr(self._library, "simulate_few") else 0
         whole = lanes - few if few <= FEW else lanes
         for run, first, last in (("simulate", 0, whole), ("simulate_few", whole, lanes)):
             if first < last:
                 own = [array[first:last] for array in (*given[:3], z, y)]
-                places = _places(*own[:3], given[3], *own[3:])
-                getattr(self._library, run)(last - first, segments, readings, *places)
+                places = _places(*own[:3], given[3], keep, *own[3:])
+                getattr(self._library, run)(last - first, segments, readings, kept, apart, *places)
         return z, y
 
     def along(self, s: ArrayLike, p: ArrayLike) -> Callable[[Array, int, int], Array]:
@@ -122,7 +130,8 @@ class Kernel:
         _, _, parameters, _ = self._checked(np.zeros((1, self._model.states)), numbers[None], p, nothing)
         start, y = np.empty(self._model.states), np.empty((1, 0, self._model.outputs))
         z = np.empty((len(numbers) + 1, self._model.states))
-        arrays = (start, numbers, parameters, nothing, z, y)  # C knows where they are: they must stay there
+        everything = np.ones(len(z), dtype=bool)
+        arrays = (start, numbers, parameters, nothing, everything, z, y)  # C knows where they are: they must stay there
         at_start, at_numbers, *others = _places(*arrays)
         size = numbers.strides[0]
 
@@ -134,7 +143,7 @@ class Kernel:
                 return states
             arrays[0][:] = z0
             run = library.simulate_few if hasattr(library, "simulate_few") else library.simulate
-            run(1, last - first, 0, at_start, at_numbers + first * size, *others)
+            run(1, last - first, 0, last - first + 1, 0, at_start, at_numbers + first * size, *others)
             return z[: last - first + 1]
 
         return simulated
@@ -169,14 +178,17 @@ class Kernel:
         states, outputs, moved = self._model.states, self._model.outputs, self._model.states + len(chosen)
         z, Z = np.empty((lanes, states)), np.empty((lanes, states, moved))
         y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, moved))
-        self._library.linearise(lanes, segments, readings, len(chosen), *_places(moving, *given, z, Z, y, Y))
+        apart = given[1].strides[0] // given[1].itemsize
+        self._library.linearise(lanes, segments, readings, len(chosen), apart, *_places(moving, *given, z, Z, y, Y))
         return z, Z, y, Y
 
     def _checked(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """The arguments as C reads them; wrong shapes would have it read beyond their ends."""
-        numbers = np.ascontiguousarray(s, dtype=float)
+        numbers = np.asarray(s, dtype=float)
+        shared = len(numbers) > 1 and numbers.strides[0] == 0 and numbers[0].flags.c_contiguous
+        numbers = numbers if shared else np.ascontiguousarray(numbers)
         lanes, segments, _ = numbers.shape
         model = self._model
         states = np.ascontiguousarray(z0, dtype=float)
@@ -254,8 +266,8 @@ def _writers() -> str:
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library that has been told what its functions take: counts, then arrays."""
-    made.simulate.argtypes = [ctypes.c_ssize_t] * 3 + [ctypes.c_void_p] * 6
-    made.linearise.argtypes = [ctypes.c_ssize_t] * 4 + [ctypes.c_void_p] * 9
+    made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 7
+    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
     made.simulate.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):
         made.simulate_few.argtypes, made.simulate_few.restype = made.simulate.argtypes, None

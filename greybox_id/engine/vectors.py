@@ -42,6 +42,7 @@ PRELUDE = r"""
 #define LANES for (int l = 0; l < W; l++)
 
 typedef double v __attribute__((vector_size(8 * W)));
+typedef double u __attribute__((vector_size(8 * W), aligned(8)));
 typedef long long m __attribute__((vector_size(8 * W)));
 
 static inline v splat(double x) { v r; LANES r[l] = x; return r; }
@@ -68,7 +69,14 @@ static inline v v_ceil(v a) { LANES a[l] = __builtin_ceil(a[l]); return a; }
 #define LIBRARY(name) v MVEC(v, name)(v); static inline v v_##name(v a) { return MVEC(v, name)(a); }
 #define LIBRARY2(name) v MVEC(vv, name)(v, v); static inline v v_##name(v a, v b) { return MVEC(vv, name)(a, b); }
 #if LIBMVEC >= 222
-LIBRARY(sin) LIBRARY(cos) LIBRARY(exp) LIBRARY(log) LIBRARY2(pow)
+LIBRARY(sin) LIBRARY(cos) LIBRARY(log) LIBRARY2(pow)
+v MVEC(v, exp)(v);
+/* where it is nothing it would be called for each lane: what fades at once is a lag of none */
+static inline v v_exp(v a)
+{
+    const m gone = a < splat(-746);
+    return choose(gone, splat(0), MVEC(v, exp)(choose(gone, splat(0), a)));
+}
 #else
 LANEWISE(sin) LANEWISE(cos) LANEWISE(exp) LANEWISE(log) LANEWISE2(pow)
 #endif
@@ -81,17 +89,63 @@ LANEWISE(acosh) LANEWISE(atanh) LANEWISE(expm1) LANEWISE(log1p) LANEWISE(erf) LA
 #endif
 LANEWISE2(fmod) LANEWISE2(remainder)
 
-/* n numbers of each lane, between rows of memory and vectors; lanes beyond the last one repeat it and are not stored */
-static inline void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, const ptrdiff_t *row)
+/* W numbers of W lanes, from a vector of each lane to one of each number, and back: pairs of vectors exchange halves */
+#if defined __GNUC__ && !defined __clang__
+#define TRANSPOSES 1
+#define EXCHANGE(distance, LOW, HIGH) \
+    _Pragma("GCC unroll 8") \
+    for (int i = 0; i < W; i++) \
+        if (!(i & distance)) { \
+            const v a = x[i], b = x[i + distance]; \
+            x[i] = __builtin_shuffle(a, b, (m)LOW); \
+            x[i + distance] = __builtin_shuffle(a, b, (m)HIGH); \
+        }
+#define SET(...) {__VA_ARGS__}
+static inline __attribute__((always_inline)) void transpose(v *x)
 {
-    LANES {
+#if W == 8
+    EXCHANGE(1, SET(0, 8, 2, 10, 4, 12, 6, 14), SET(1, 9, 3, 11, 5, 13, 7, 15))
+    EXCHANGE(2, SET(0, 1, 8, 9, 4, 5, 12, 13), SET(2, 3, 10, 11, 6, 7, 14, 15))
+    EXCHANGE(4, SET(0, 1, 2, 3, 8, 9, 10, 11), SET(4, 5, 6, 7, 12, 13, 14, 15))
+#elif W == 4
+    EXCHANGE(1, SET(0, 4, 2, 6), SET(1, 5, 3, 7))
+    EXCHANGE(2, SET(0, 1, 4, 5), SET(2, 3, 6, 7))
+#else
+    EXCHANGE(1, SET(0, 2), SET(1, 3))
+#endif
+}
+#else
+#define TRANSPOSES 0
+static void transpose(v *x) {}
+#endif
+
+/* n numbers of each lane, between rows of memory and vectors; lanes beyond the last one repeat it and are not stored */
+static NOINLINE void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, const ptrdiff_t *row)
+{
+    if (TRANSPOSES && n >= W) {
+        for (ptrdiff_t k = 0; k < n; k += W) {
+            const ptrdiff_t own = k + W <= n ? k : n - W;
+            v x[W];
+            LANES x[l] = *(const u *)(from + row[l] * stride + own);
+            transpose(x);
+            LANES to[own + l] = x[l];
+        }
+    } else LANES {
         const double *at = from + row[l] * stride;
         for (ptrdiff_t k = 0; k < n; k++) ((double *)to)[k * W + l] = at[k];
     }
 }
-static inline void scatter(const v *from, ptrdiff_t n, double *to, ptrdiff_t stride, const ptrdiff_t *row, int lanes)
+static NOINLINE void scatter(const v *from, ptrdiff_t n, double *to, ptrdiff_t stride, const ptrdiff_t *row, int lanes)
 {
-    for (int l = 0; l < lanes; l++) {
+    if (TRANSPOSES && n >= W) {
+        for (ptrdiff_t k = 0; k < n; k += W) {
+            const ptrdiff_t own = k + W <= n ? k : n - W;
+            v x[W];
+            LANES x[l] = from[own + l];
+            transpose(x);
+            for (int l = 0; l < lanes; l++) *(u *)(to + row[l] * stride + own) = x[l];
+        }
+    } else for (int l = 0; l < lanes; l++) {
         double *at = to + row[l] * stride;
         for (ptrdiff_t k = 0; k < n; k++) at[k] = ((const double *)from)[k * W + l];
     }
@@ -105,31 +159,32 @@ static inline int rows(ptrdiff_t *row, ptrdiff_t first, ptrdiff_t lanes)
 """
 
 SIMULATE = r"""
-void simulate(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, const double *z0, const double *s,
-    const double *p, const unsigned char *reads, double *z_out, double *y_out)
+void simulate(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t kept, ptrdiff_t apart,
+    const double *z0, const double *s, const double *p, const unsigned char *reads, const unsigned char *keeps,
+    double *z_out, double *y_out)
 {
     for (ptrdiff_t first = 0; first < lanes; first += W) {
-        ptrdiff_t row[W], reading = 0;
+        ptrdiff_t row[W], reading = 0, at = 0;
         const int real = rows(row, first, lanes);
         v z[NZ], next[NZ], now[NS + 1], q[NP + 1], w[VALUE_KEPT + 1], y[NY + 1];
         gather(z, NZ, z0, NZ, row);
         gather(q, NP, p, NP, row);
         value_fixed(q, w);
         for (ptrdiff_t k = 0; k < segments; k++) {
-            scatter(z, NZ, z_out + k * NZ, (segments + 1) * NZ, row, real);
-            gather(now, NS, s + k * NS, segments * NS, row);
+            if (keeps[k]) scatter(z, NZ, z_out + at++ * NZ, kept * NZ, row, real);
+            gather(now, NS, s + k * NS, apart, row);
             value(z, now, q, w, next, y, reads[k]);
             if (reads[k]) scatter(y, NY, y_out + reading++ * NY, readings * NY, row, real);
             memcpy(z, next, sizeof z);
         }
-        scatter(z, NZ, z_out + segments * NZ, (segments + 1) * NZ, row, real);
+        if (keeps[segments]) scatter(z, NZ, z_out + at * NZ, kept * NZ, row, real);
     }
 }
 """
 
 LINEARISE = r"""
-void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t moved, const ptrdiff_t *moving,
-    const double *z0, const double *s, const double *p, const unsigned char *reads,
+void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t moved, ptrdiff_t apart,
+    const ptrdiff_t *moving, const double *z0, const double *s, const double *p, const unsigned char *reads,
     double *z_out, double *Z_out, double *y_out, double *Y_out)
 {
     const ptrdiff_t columns = NZ + moved;
@@ -144,7 +199,7 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
         memset(Z, 0, sizeof Z);
         for (ptrdiff_t i = 0; i < NZ; i++) Z[i * columns + i] = splat(1);
         for (ptrdiff_t k = 0; k < segments; k++) {
-            gather(now, NS, s + k * NS, segments * NS, row);
+            gather(now, NS, s + k * NS, apart, row);
             slope(z, now, q, w, next, y, A, B, C, D, reads[k], moving);
             if (reads[k]) {
                 C_times(C, Z, Y, columns);

@@ -140,13 +140,18 @@ class Bench:
             lanes = self._lanes(tuple(shifts[k] for k in own))
             p = np.repeat(P[own], len(self.runs), axis=0)
             z0 = starts[own].reshape(len(p), -1)
+            cuts = [[self._cut(plan) for plan in self._scheduled(shifts[k])] for k in own]
+            keeps = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
+            for each in cuts:
+                keeps[np.concatenate(each)] = True
+            place = np.cumsum(keeps) - 1
             with np.errstate(all="ignore"):
-                z, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads)
+                z, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads, keeps)
             read = lanes.gathered(y).reshape(len(own), *self.measured.shape)
             z = z.reshape(len(own), len(self.runs), *z.shape[1:])
             for at, k in enumerate(own):
-                cuts = [z[at, i, self._cut(plan)] for i, plan in zip(runs, self._scheduled(shifts[k]), strict=True)]
-                found[k] = Simulated(read[at].copy(), np.concatenate(cuts))
+                cut = [z[at, i, place[each]] for i, each in zip(runs, cuts[at], strict=True)]
+                found[k] = Simulated(read[at].copy(), np.concatenate(cut))
         return [own for own in found if own is not None]
 
     def _cut(self, plan: Schedule) -> Index:

@@ -46,7 +46,7 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
         white = white.reshape(-1, white.shape[2])
         with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
-            cross = search.white.T @ white
+            cross = (white.T @ search.white).T  # several times as fast as the product the other way round
         for own, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
             own.take(each, white[:, a:b], cross[:, a:b])
 

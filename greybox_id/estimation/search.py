@@ -298,7 +298,7 @@ class Search:
         u = np.concatenate([theta, linear])
         H = self.gram + self.precision
         g = self.white.T @ r + self.precision @ (u - self.means)
-        C = self.white.T @ W
+        C = (W.T @ self.white).T
         free = ~(((u <= self.low) & (g > 0)) | ((u >= self.high) & (g < 0)))  # the others would leave their bounds
         solved = np.zeros((len(g), 1 + W.shape[1]))
         solved[free] = np.linalg.solve(H[np.ix_(free, free)], np.column_stack([g, C])[free])
@@ -331,7 +331,7 @@ class Search:
         """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         own = ~self.among({axis.index for axis in hypothesis.axes})
-        H, cross = (self.gram + self.precision)[np.ix_(own, own)], self.white.T @ plain
+        H, cross = (self.gram + self.precision)[np.ix_(own, own)], (plain.T @ self.white).T
         undone = np.zeros(cross.shape)
         undone[own] = np.linalg.solve(H, cross[own]) if len(H) else cross[own]
         S = plain.T @ plain - cross.T @ undone

@@ -259,6 +259,32 @@ def test_shared_parameters_no_segments_no_readings_no_lanes(compiled):
     assert made.simulate(z0[:0], s[:0], p[:0], reads)[1].shape == (0, reads.sum(), 3)
 
 
+@both_ways
+def test_states_are_kept_where_asked_and_numbers_may_be_shared(compiled):
+    made = Kernel(*single_track(), compiled=compiled)
+    z0, s, p, reads = driven(11, 12)
+    shared = np.broadcast_to(s[:1], s.shape)
+    z, y = made.simulate(z0, s[:1].repeat(11, axis=0), p, reads)
+    keeps = np.arange(13) % 5 == 2
+    kept, read = made.simulate(z0, shared, p, reads, keeps)
+    np.testing.assert_array_equal(kept, z[:, keeps])
+    np.testing.assert_array_equal(read, y)
+    np.testing.assert_array_equal(
+        made.linearise(z0, shared, p, reads, [3])[3], made.linearise(z0, shared.copy(), p, reads, [3])[3]
+    )
+    with pytest.raises(ValueError, match="keeps"):
+        made.simulate(z0, s, p, reads, keeps[1:])
+
+
+@needs_compiler
+def test_what_fades_at_once_is_nothing():
+    fading = functions(1, 1, 1, lambda z, s, p: z, lambda z, s, p: cs.exp(-s / p))
+    s = np.array([0.0, 1e-3, 0.7446, 0.7455, 0.8, 1.0, np.inf, -1e-3, 0.708, np.nan])[:, None, None]
+    with np.errstate(all="ignore"):
+        _, y = Kernel(*fading, compiled=True).simulate(np.zeros((10, 1)), s, [1e-3], [True])
+        np.testing.assert_allclose(y[:, 0, 0], np.exp(-s[:, 0, 0] / 1e-3), rtol=1e-14, atol=1e-322)
+
+
 def test_shapes_that_do_not_go_together_and_doubled_columns_are_refused():
     made = Kernel(*single_track(), compiled=False)
     z0, s, p, reads = driven(3, 6)

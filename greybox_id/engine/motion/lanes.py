@@ -35,7 +35,8 @@ class Lanes:
 
     Attributes
     ----------
-    segments : (L, S, segment size); lanes shorter than the longest are filled up with segments of no length.
+    segments : (L, S, segment size); lanes shorter than the longest are filled up with segments of no length. Where
+        all lanes have the same ones, they share them.
     reads : (S,) at whose starts outputs are read.
     interval : (L,) interval each lane belongs to.
     first : (L,) whether a lane is its interval's first.
@@ -139,14 +140,20 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
         owners += [k] * len(starts)
     begin, owner = np.array(begins), np.array(owners)
     lengths = [stop - start for start, stop in zip(begins, ends, strict=True)]
-    segments = np.zeros((len(begins), max(lengths, default=0), schedules[0].segments.shape[1]))
+    runs = [intervals[k].run for k in owners]
+    stretches = [
+        (schedules[run], slice(start - int(offsets[run]), start - int(offsets[run]) + length))
+        for run, start, length in zip(runs, begins, lengths, strict=True)
+    ]
+    alike = all(plan is stretches[0][0] and own == stretches[0][1] for plan, own in stretches)
+    filled = stretches[:1] if alike else stretches
+    segments = np.zeros((len(filled), max(lengths, default=0), schedules[0].segments.shape[1]))
     reads = np.zeros(segments.shape[1], dtype=bool)
+    for k, (plan, own) in enumerate(filled):
+        segments[k, : lengths[k]] = plan.segments[own]
+        reads[: lengths[k]] |= plan.reads[own]
     where = np.full(offsets[-1], -1, dtype=np.intp)
-    for k, (start, length, own_interval) in enumerate(zip(begins, lengths, owners, strict=True)):
-        run = intervals[own_interval].run
-        plan, own = schedules[run], slice(start - int(offsets[run]), start - int(offsets[run]) + length)
-        segments[k, :length] = plan.segments[own]
-        reads[:length] |= plan.reads[own]
+    for k, (start, length) in enumerate(zip(begins, lengths, strict=True)):
         where[start : start + length] = k
     read = np.concatenate(
         [
@@ -159,7 +166,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     rank = np.where(lane >= 0, (np.cumsum(reads) - 1)[np.where(lane >= 0, read - begin[lane], 0)], -1)
     first = np.append(True, np.diff(owner) > 0) if len(owner) else np.empty(0, dtype=bool)
     return Lanes(
-        segments=segments,
+        segments=np.broadcast_to(segments, (len(begins), *segments.shape[1:])),
         reads=reads,
         interval=owner,
         first=first,
