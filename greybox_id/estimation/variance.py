@@ -148,6 +148,8 @@ def jitter(
     gain = float(np.sum(np.minimum(gains, CAL.row_gain)))
     if _at_odds(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
         gain = 0.0
+    if _carries_on(a, brief, float(np.exp(best.x)), bench.rows) > CAL.surely:
+        gain = 0.0
     tossed = 0.0
     if jumps is not None:
         tossed = coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
@@ -188,6 +190,29 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
         alone = minimize_scalar(loss, bounds=VARIANCES, method="bounded")
         apart += max(loss(np.log(v)) - float(alone.fun), 0.0)
     return apart
+
+
+def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
+    """By how many sds the instants that neighbouring rows tell are alike: jitter is another one in every row.
+
+    Parameters
+    ----------
+    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    v : variance of jitter over that of noise; rows count where it would exceed the noise.
+    runs : rows of each.
+    """
+    h = np.sum(a**2, axis=1)
+    told = v * h > 1.0
+    t = np.where(told, np.sum(a * z, axis=1) / np.sqrt(np.maximum(h, 1e-300)), 0.0)
+    pairs = np.concatenate([np.arange(own.start, own.stop - 1) for own in runs if own.stop > own.start + 1])
+    pairs = pairs[told[pairs] & told[pairs + 1]]
+    if len(pairs) < CAL.fewest_jumps:
+        return 0.0
+    one, other = t[pairs], t[pairs + 1]
+    K = 2 * CAL.rows_beside + 1
+    by_chance = -(K + 1) / (K * (K - 1))  # of white noise without the mean of K rows
+    alike = float(np.sum(one * other) / np.sqrt(np.sum(one**2) * np.sum(other**2)))
+    return (alike - by_chance) * float(np.sqrt(len(pairs)))
 
 
 def coin(jumps: Array, z: Array) -> float:

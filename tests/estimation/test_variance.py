@@ -76,6 +76,15 @@ def test_a_misfit_that_lasts_from_row_to_row_is_no_jitter():
         assert tau == 0 or own.magnitude == pytest.approx(tau, rel=0.15)
 
 
+def test_a_misfit_of_a_few_rows_is_no_jitter():
+    bench, e, y = scattered(0.0)
+    rng = np.random.default_rng(3)
+    late = np.convolve(rng.standard_normal(len(y)), np.ones(3) / 3, mode="same")[:, None]  # alike for three rows
+    own = jitter(bench, e + 0.01 * late * np.gradient(y, DT, axis=0), y, SD, bench.counted)
+    assert own is None or own.gain == 0.0
+    assert found(0.01).gain > 20
+
+
 def test_one_outlier_where_much_changes_is_no_jitter():
     time = DT * np.arange(2000)
     y = 20.0 * np.tanh((time - 10.0) / 0.2)[:, None]
