@@ -41,7 +41,7 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
         inner = H[np.ix_(movable, movable)] * np.outer(by, by)
         move = by * solved(inner, -by * slope[movable]) if len(movable) else by
         bound = np.where(move < 0, low[movable], high[movable])
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             share = np.where(move != 0, (bound - step[movable]) / move, np.inf)
         nearest = float(np.min(share, initial=1.0))
         step[movable] += min(max(nearest, 0.0), 1.0) * move
