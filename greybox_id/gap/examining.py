@@ -247,14 +247,15 @@ def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> A
 def _jitters(
     bench: FreeRuns, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], jumps: Array | None
 ) -> bool:
-    """Whether jitter alone explains more than the best hypothesis does, where no command makes readings jump.
+    """Whether jitter alone explains more than the best hypothesis does.
 
-    Where one does, a reading that comes early is not what rates tell, and delays and lags explain it a little.
+    Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
+    little: where it is not known by how much they jump, only the others count.
     """
     y = np.where(bench.counted, base.e + bench.measured, 0.0)
     own = _sole(jitter(bench, base.e, y, sd, good, jumps))
-    _, calm = steady(bench, y, sd, good)
-    gain = 0.5 * float(np.sum(np.where(calm, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
+    told = good if jumps is not None else steady(bench, y, sd, good)[1]
+    gain = 0.5 * float(np.sum(np.where(told, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
     return own is not None and own.gain >= gain and _sure(own.gain) > CAL.present
 
 
