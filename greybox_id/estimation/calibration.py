@@ -128,6 +128,9 @@ class Calibration:
     lift: float = _known(1.5, "times as much of the gap as of the time, from which on a regime is named", DEFINED)
     regime_share: float = _known(0.4, "and of the gap at all", DEFINED)
     regime_time: float = _known(0.02, "and of the time at least", DEFINED)
+    told_probability: float = _known(
+        0.005, "probability below which one is as good as none: what is shown as < 0.01", DEFINED
+    )
     ranked: int = _known(8, "effects that are listed at most", DEFINED)
     nothing_unknown: float = _known(0.01, "something unknown where nothing is missing; no row says zero", DEFINED)
     nameless: float = _known(0.95, "the same where a gap has no name", DEFINED)

@@ -331,7 +331,14 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         reason = OF_READINGS if present > CAL.present else ""
         ranked.append(Ranked(name, known * present, own.magnitude, unit, span, (), gain, reason))
     of_set = _of_sets(found, ranked, known)
-    return sorted(ranked, key=lambda own: (-float(f"{of_set[own.effect] / known:.6g}"), -own.gain))[: CAL.ranked]
+    even = replace(weighed, weights=weighed.even)
+    nearest = {name: float(f"{probability(even, tried, name):.6g}") for name in names}
+
+    def order(own: Ranked) -> tuple[float, float, float]:
+        p = of_set[own.effect] / known
+        return -float(f"{p:.6g}") if p >= CAL.told_probability else 0.0, -nearest.get(own.effect, 0.0), -own.gain
+
+    return sorted(ranked, key=order)[: CAL.ranked]
 
 
 def _of_sets(found: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:

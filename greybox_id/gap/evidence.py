@@ -60,12 +60,14 @@ class Evidence:
     weights : of `selection.tried`, and the base last; they add up to one.
     scores : of `selection.tried`, over the base's.
     outdone : effect -> what multiplied its cost, of those that would be part of the best explanation without that.
+    even : weights if no cost were multiplied: which name is nearest among those that are none.
     """
 
     temper: float
     weights: tuple[float, ...]
     scores: tuple[float, ...]
     outdone: Mapping[str, float] = field(default_factory=dict)
+    even: tuple[float, ...] = ()
 
 
 def evidence(
@@ -89,11 +91,18 @@ def evidence(
     grown = _stretches(selection, worth, cost, stretches) if stretches is not None else {}
     prices = _as_dear(selection.tried, [price(own, cost, grown) for own in selection.tried] if grown else least)
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
+    most = max([*scores, 0.0])
+    beyond = [own for own, each in zip(selection.tried, worth, strict=True) if each > most]
+    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in own.names for own in beyond)}
+    even = [own - asked for own, asked in zip(gained, _as_dear(selection.tried, least), strict=True)]
+    return Evidence(temper, _weights(scores), tuple(scores), outdone, _weights(even))
+
+
+def _weights(scores: Sequence[float]) -> tuple[float, ...]:
+    """Of hypotheses with these scores, and of the base, which has none, last."""
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
-    beyond = [own for own, each in zip(selection.tried, worth, strict=True) if each > np.max(total)]
-    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in own.names for own in beyond)}
-    return Evidence(temper, tuple(weights / np.sum(weights)), tuple(scores), outdone)
+    return tuple(weights / np.sum(weights))
 
 
 def heaviest(selection: Selection, found: Evidence) -> Hypothesis:

@@ -170,6 +170,7 @@ def test_an_effect_whose_magnitude_differs_costs_more_where_it_would_be_there():
     assert found.scores[1] == pytest.approx(gain - 1.0 - CAL.cost_without_forces)
     assert heaviest(selected(1000.0, own), found).names == ("constant",)
     assert found.outdone == {"varies": 3.0}
+    assert found.even == evidence(selected(1000.0, own), False, usual).weights  # which name is nearest if it is none
     assert price(hypothesis(0.0, "a", "b"), usual, {"a": 2.0}) == 3 * CAL.cost_without_forces
 
 
