@@ -111,13 +111,16 @@ def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
 
 def place_of(found: Examined, part: ActingRows) -> tuple[int, int, int]:
     """Which recording and which run of it, from 0, an effect begins or ends in, and at which row of the recording."""
-    k = [own.name for own in found.recordings].index(part.recording)
-    own, at = found.recordings[k], part.until if part.since is None else part.since
+    at = part.until if part.since is None else part.since
     assert at is not None
-    holding = [n for n, (a, b) in enumerate(own.runs) if own.time[a] <= at <= own.time[b - 1]]
-    run = part.run - 1 if part.run - 1 in holding else holding[0]  # an excerpt counts runs of its own
-    start, stop = own.runs[run]
-    return k, run, start + int(np.searchsorted(own.time[start:stop], at))
+    holding = [  # names need not be unique, and clocks may begin anew
+        (k, n, start + int(np.searchsorted(own.time[start:stop], at)))
+        for k, own in enumerate(found.recordings)
+        if own.name == part.recording
+        for n, (start, stop) in enumerate(own.runs)
+        if own.time[start] <= at <= own.time[stop - 1]
+    ]
+    return next((own for own in holding if own[1] == part.run - 1), holding[0])  # an excerpt counts runs of its own
 
 
 def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:

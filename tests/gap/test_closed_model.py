@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from gap_cases import NOISE, NUMBERS, lap, nominal
 
+from greybox_id.estimation.axes import ActingRows
 from greybox_id.gap import closed_model as closing
-from greybox_id.gap.closed_model import _fitted, closed_model, with_effects
+from greybox_id.gap.closed_model import _fitted, closed_model, place_of, with_effects
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.examining import examine
 from greybox_id.models.effects import EFFECTS
+from greybox_id.recording import Recording
 from greybox_id.solvers.gauss_newton import Status
 from greybox_id.vehicle import Stated, Vehicle
 
@@ -80,3 +82,11 @@ def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
     found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)])
     with pytest.raises(KeyboardInterrupt):
         _fitted(found, SimpleNamespace(axes=(), candidates=()), model, np.ones(len(model.outputs)))
+
+
+def test_where_an_effect_begins_is_found_whatever_recordings_are_called():
+    time = np.concatenate([np.arange(5.0), np.arange(5.0)])
+    one, other = (Recording("lap", own, {"v_x": np.ones(len(own))}) for own in (np.arange(3.0), time))
+    found = SimpleNamespace(recordings=[one, other])
+    assert place_of(found, ActingRows(slice(11, 13), "lap", 2, since=3.0)) == (1, 1, 8)
+    assert place_of(found, ActingRows(slice(0, 7), "lap", 1, until=4.0)) == (1, 0, 4)
