@@ -214,10 +214,10 @@ def _answer(
         if judged.closed_interval[0] <= 0:
             reasons[first.place] = "it does not make predictions better on what chose nothing"
         elif sure[0] <= CAL.present:
-            reasons[first.place] = (
-                f"its probability is {sure[0]:.2f}, no more than one half, and as much speaks for {listed(alike)}: "
-                "these recordings do not tell them apart"
+            beside = (
+                f", and as much speaks for {listed(alike)}: these recordings do not tell them apart" if alike else ""
             )
+            reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
         elif not number.low < mean[first.place] < number.high:
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
     first_found = first
@@ -233,8 +233,8 @@ def _answer(
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
             reason = "it would be further off than ever changes: a symptom of something else, no size"
-        beside = tuple(alike) if first_found is one else ()
-        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, beside, one.total, reason))
+        mates = tuple(alike) if first_found is one else ()
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, mates, one.total, reason))
     applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
     budget = None
     if applied:

@@ -171,9 +171,9 @@ def examine(
 
 def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
     """By what a cost grows of each effect of a hypothesis."""
+    orders = orders_of(seen, len(search.bench.measured))
 
     def stretches(own: Hypothesis) -> list[float]:
-        orders = orders_of(seen, len(own.e))
         return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
 
     return stretches
