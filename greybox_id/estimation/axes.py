@@ -23,7 +23,7 @@ DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
 """By unit, of a second parameter's usual value; else where it is."""
 SHARE = (0.0, 1.0)
-"""Bounds of a second parameter that says how much of something goes along: none and all are tried."""
+"""Bounds of a second parameter that says how much of something goes along."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class ActingRows:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be the cause.
+    """An effect that may be the cause, or one of its forms: second parameters may be held.
 
     Attributes
     ----------
@@ -137,6 +137,16 @@ class Candidate:
     gradual: bool = True
     part: ActingRows | None = None
     never_beside: frozenset[str] = frozenset()
+
+    @property
+    def held(self) -> tuple[float, ...]:
+        """Coordinates of second parameters that are held: they say which form of the effect it is."""
+        return tuple(own.low for own in self.axes[1:] if own.low == own.high)
+
+    @property
+    def free(self) -> int:
+        """How many of its axes are estimated."""
+        return len(self.axes) - len(self.held)
 
 
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
@@ -187,9 +197,9 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             firsts = [main.null + CAL.gradual_start * (typical - main.null)]
         else:
             firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
-        ways = [_ways(own) for own in seconds]
-        starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
-        found.append(Candidate(name, (main, *seconds), starts, gradual, never_beside=frozenset(effect.instead_of)))
+        for form in product(*(_forms(own) for own in seconds)):
+            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(own) for own in form)))
+            found.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
     return tuple(found)
 
 
@@ -229,12 +239,17 @@ def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None =
     return Axis(parameter.name, parameter.unit, index, inverse, null, low, high, null, inf, scale, shift)
 
 
+def _forms(second: Axis) -> tuple[Axis, ...]:
+    """A second parameter, held at none and at all where it says how much of something goes along."""
+    if (second.low, second.high) != SHARE:
+        return (second,)
+    return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
+
+
 def _ways(second: Axis) -> tuple[float, ...]:
     """Where searches begin in a second parameter."""
     if second.unit == "rad":
         return DIRECTIONS
-    if (second.low, second.high) == SHARE:
-        return SHARE
     return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.axes import SHARE, ActingRows, Candidate
+from ..estimation.axes import ActingRows, Candidate
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
@@ -93,39 +93,30 @@ def _hopeful(
     Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
     explanation gains.
     """
-    new = [(own, shape) for own in candidates if own.effect not in parent.names for shape in _shapes(own)]
+    new = [own for own in candidates if own.effect not in parent.names and own.gradual and own.free == 1]
     if not new:
         return []
     everywhere, places, gains, steps = _in_parts(search, parent, _derivatives(search, parent, new))
     found = dict[str, _Hopeful]()
-    for k, (own, shape) in enumerate(new):
+    for k, own in enumerate(new):
         axis, null = own.axes[0], search.where(parent, own.axes[0])
         at = np.clip(null + steps[:, k], axis.low, axis.high)
         expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
         best = int(np.argmax(expected))
         needed = max(everywhere[k] + CAL.begins, cost(own.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
         if expected[best] > needed and (own.effect not in found or expected[best] > found[own.effect].gain):
-            found[own.effect] = _Hopeful(parent, own, places[best], float(expected[best]), (float(at[best]), *shape))
+            m = (float(at[best]), *own.held)
+            found[own.effect] = _Hopeful(parent, own, places[best], float(expected[best]), m)
     return sorted(found.values(), key=lambda each: -each.gain)
 
 
-def _shapes(candidate: Candidate) -> list[tuple[float, ...]]:
-    """Second parameters with which an effect may begin: those that say how much of something goes along, and none else.
-
-    None where its derivative at the null does not tell about it.
-    """
-    if not candidate.gradual or any((own.low, own.high) != SHARE for own in candidate.axes[1:]):
-        return []
-    return sorted({start[1:] for start in candidate.starts}) or [()]
-
-
-def _derivatives(search: Search, parent: Hypothesis, new: Sequence[tuple[Candidate, tuple[float, ...]]]) -> Array:
-    """(N, channels, K) derivatives by the magnitudes of effects with these second parameters."""
+def _derivatives(search: Search, parent: Hypothesis, new: Sequence[Candidate]) -> Array:
+    """(N, channels, K) derivatives by the magnitudes of effects, of which second parameters are held."""
     p, found, alike = search.vector(parent), np.empty((*parent.e.shape, len(new))), dict[bytes, list[int]]()
-    for k, (own, shape) in enumerate(new):
-        alike.setdefault(search.placed(p, own.axes[1:], shape).tobytes(), []).append(k)
+    for k, own in enumerate(new):
+        alike.setdefault(search.placed(p, own.axes[1:], own.held).tobytes(), []).append(k)
     for there, places in alike.items():
-        columns = [new[k][0].axes[0].index for k in places]
+        columns = [new[k].axes[0].index for k in places]
         found[:, :, places] = search.bench.linearise(np.frombuffer(there), columns)[1]
     return found
 
