@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
-from itertools import takewhile
 from math import isfinite
 
 import numpy as np
@@ -15,7 +13,7 @@ from ..gap import Gap, Ranked
 from ..hybrid_model import HybridModel
 from ..memory_model import MemoryModel
 from ..model import Model
-from ..models.registry import build, model_of
+from ..models.registry import build
 from ..parameter import Parameter
 from ..statistics import NORMAL
 from ..vehicle import ChosenModel, Stated, Vehicle
@@ -83,18 +81,6 @@ def no_place(model: str) -> str:
     return f"a vehicle file has no place for the weights of {model}; gb.diagnose hands over its closed model."
 
 
-def not_held(vehicle: Vehicle, gap: Gap) -> tuple[str, ...]:
-    """Parameters of the closed model that the closed vehicle has no place for: second parameters of effects."""
-    if gap.closed is None:
-        return ()
-    again = model_of(vehicle)
-    return tuple(
-        own.name
-        for own in gap.closed.parameters
-        if own.shape == () and own.name in again and float(own.array) != float(again[own.name].array)
-    )
-
-
 def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     """A fit as a vehicle: estimates with their standard deviations, and its effects as part of its model.
 
@@ -129,7 +115,7 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
 
     return Vehicle(
         name=name,
-        values={own.name: stated(own) for own in _base(model)},
+        values={own.name: stated(own) for own in _numbers(model)},
         model=ChosenModel(model.name, model.settings, {effect: stated(model[effect]) for effect in model.effects}),
         about=about,
     )
@@ -160,17 +146,16 @@ def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
     return {output: rmse for output, rmse in left.items() if isfinite(rmse) and rmse > 0}
 
 
-def _base(model: Model) -> Iterable[Parameter]:
-    """The model's own parameters; effects append theirs."""
-    own = takewhile(lambda parameter: parameter.name not in model.effects, model.parameters)
-    return [parameter for parameter in own if parameter.shape == ()]
+def _numbers(model: Model) -> list[Parameter]:
+    """The model's parameters but its effects' magnitudes; their second parameters are numbers of the vehicle."""
+    return [own for own in model.parameters if own.shape == () and own.name not in model.effects]
 
 
 def _moved(vehicle: Vehicle, closed: Model) -> dict[str, Stated]:
-    """Numbers that the closed model has otherwise than the vehicle states, or its model takes for granted."""
-    nominal = build(closed.name, closed.settings, vehicle=vehicle)
+    """Numbers that the closed model has otherwise than the vehicle states, or it takes for granted; no magnitudes."""
+    nominal = build(closed.name, closed.settings, dict.fromkeys(closed.effects), vehicle)
     found = {}
-    for parameter in _base(closed):
+    for parameter in _numbers(closed):
         value = float(parameter.array)
         if parameter.name in nominal and value != float(nominal[parameter.name].array):
             found[parameter.name] = replace(vehicle.values.get(parameter.name, Stated()), value=value, source=BY)

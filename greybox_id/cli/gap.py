@@ -13,7 +13,7 @@ import click
 from rich.console import Console, Group
 from rich.table import Table
 
-from ..api.closed_vehicle import closed_vehicle, no_place, not_held
+from ..api.closed_vehicle import closed_vehicle, no_place
 from ..api.diagnosing import (
     doubted,
     made_with,
@@ -124,13 +124,9 @@ def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | 
     """What is to be known of the closed vehicle, or of why there is none."""
     if closed is None:
         return [f"{IN_FOLDER['vehicle']} is left out: {no_place(gap.model)}"] if out is not None else []
-    lost = not_held(closed, gap)
-    said = []
-    if lost:
-        said.append(f"a vehicle file has no place for {', '.join(lost)}: the closed vehicle takes what is usual.")
     if apply is not None and not gap.applied:
-        said.append(f"no effect was found to apply: {apply} describes the vehicle as it was.")
-    return said
+        return [f"no effect was found to apply: {apply} describes the vehicle as it was."]
+    return []
 
 
 def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed | None = None) -> str:

@@ -21,7 +21,9 @@ ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
-"""By unit, of a second parameter's usual value."""
+"""By unit, of a second parameter's usual value; else where it is."""
+SHARE = (0.0, 1.0)
+"""Bounds of a second parameter that says how much of something goes along."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ class ActingRows:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be the cause.
+    """An effect that may be the cause, or one of its forms: second parameters may be held.
 
     Attributes
     ----------
@@ -135,6 +137,16 @@ class Candidate:
     gradual: bool = True
     part: ActingRows | None = None
     never_beside: frozenset[str] = frozenset()
+
+    @property
+    def held(self) -> tuple[float, ...]:
+        """Coordinates of second parameters that are held: they say which form of the effect it is."""
+        return tuple(own.low for own in self.axes[1:] if own.low == own.high)
+
+    @property
+    def free(self) -> int:
+        """How many of its axes are estimated."""
+        return len(self.axes) - len(self.held)
 
 
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
@@ -185,12 +197,9 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             firsts = [main.null + CAL.gradual_start * (typical - main.null)]
         else:
             firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
-        ways = [
-            DIRECTIONS if own.unit == "rad" else tuple(own.null * f for f in SECONDS.get(own.unit, (1.0,)))
-            for own in seconds
-        ]
-        starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
-        found.append(Candidate(name, (main, *seconds), starts, gradual, never_beside=frozenset(effect.instead_of)))
+        for form in product(*(_forms(own) for own in seconds)):
+            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(own) for own in form)))
+            found.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
     return tuple(found)
 
 
@@ -228,6 +237,20 @@ def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None =
         null, low, high = value, float(np.asarray(low)), float(np.asarray(high))
     scale = abs(1 / typical if inverse else typical - null) if typical is not None else abs(value) or 1.0
     return Axis(parameter.name, parameter.unit, index, inverse, null, low, high, null, inf, scale, shift)
+
+
+def _forms(second: Axis) -> tuple[Axis, ...]:
+    """A second parameter, held at none and at all where it says how much of something goes along."""
+    if (second.low, second.high) != SHARE:
+        return (second,)
+    return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
+
+
+def _ways(second: Axis) -> tuple[float, ...]:
+    """Where searches begin in a second parameter."""
+    if second.unit == "rad":
+        return DIRECTIONS
+    return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))
 
 
 def _second(index: int, parameter: Parameter) -> Axis:

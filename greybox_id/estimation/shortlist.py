@@ -40,12 +40,12 @@ class Promise:
 
 
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
-    """What candidates promise beside a hypothesis, most promising first."""
+    """What candidates promise beside a hypothesis, each form of them by itself; most promising first."""
     forms = frozenset[str]().union(beside.names, *(own.never_beside for own in beside.candidates))
     new = [own for own in candidates if own.effect not in forms and own.never_beside.isdisjoint(beside.names)]
     if not new:
         return []
-    p, found = search.vector(beside), dict[str, Promise]()
+    p, found = search.vector(beside), dict[tuple[str, tuple[float, ...]], Promise]()
     plain = [candidate for candidate in new if not candidate.starts]
     columns = [candidate.axes[0].index for candidate in plain]
     J = search.bench.linearise(p, columns)[1] if columns else np.zeros((*beside.e.shape, 0))
@@ -63,9 +63,8 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         at = float(np.clip(null + step, axis.low, axis.high))
         sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
         gone = search.reached(here, first.rest + (at - null) * with_it)
-        found[candidate.effect] = Promise(
-            candidate, float(gain) * of_gain(at - null, float(step)), (at,), gone, sd, told
-        )
+        gain = float(gain) * of_gain(at - null, float(step))
+        found[candidate.effect, ()] = Promise(candidate, gain, (at,), gone, sd, told)
     curves = {
         (own.effect, start): float(curve) for (own, start), curve in zip(tried, first.curve[len(plain) :], strict=True)
     }
@@ -77,9 +76,10 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         power = _power(candidate, start, curves)
         begin, promised, reached = _promised(candidate, start, float(gain), float(share), power)
         own = Promise(candidate, promised, begin, search.reached(here, first.rest + reached * with_it))
-        if own.gain > 0 and (candidate.effect not in found or own.gain > found[candidate.effect].gain):
+        key = candidate.effect, candidate.held
+        if own.gain > 0 and (key not in found or own.gain > found[key].gain):
             sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
-            found[candidate.effect] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
+            found[key] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
     return sorted(found.values(), key=lambda promise: -promise.gain)
 
 
@@ -96,12 +96,12 @@ def from_where_best(
     candidates : with all their starts.
     refitted : single effects; a delay's start is half or twice the delay, and another effect may do as well as that.
     """
-    best: dict[str, tuple[tuple[float, ...], ...]] = {own.candidate.effect: (own.start,) for own in promised}
+    best = {(own.candidate.effect, own.candidate.held): (own.start,) for own in promised}
     for single in refitted:
-        (effect,) = single.names
-        best[effect] = (*best.get(effect, ()), tuple(float(m) for m in single.m))
+        key = single.candidates[0].effect, single.candidates[0].held
+        best[key] = (*best.get(key, ()), tuple(float(m) for m in single.m))
     return [
-        replace(own, starts=best.get(own.effect, own.starts[:: max(1, len(own.starts) // CAL.few_starts)]))
+        replace(own, starts=best.get((own.effect, own.held), own.starts[:: max(1, len(own.starts) // CAL.few_starts)]))
         if own.starts
         else own
         for own in candidates

@@ -30,13 +30,13 @@ from .selection import Selection
 
 @dataclass(frozen=True)
 class _Hopeful:
-    """A candidate in part of the rows, what it promises beside a hypothesis, and where its magnitude would be."""
+    """A candidate in part of the rows, what it promises beside a hypothesis, and where its coordinates would be."""
 
     parent: Hypothesis
     candidate: Candidate
     rows: slice
     gain: float
-    m: float
+    m: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -93,21 +93,32 @@ def _hopeful(
     Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
     explanation gains.
     """
-    new = [own for own in candidates if own.effect not in parent.names and not own.starts and len(own.axes) == 1]
+    new = [own for own in candidates if own.effect not in parent.names and own.gradual and own.free == 1]
     if not new:
         return []
-    J = search.bench.linearise(search.vector(parent), [own.axes[0].index for own in new])[1]
-    everywhere, places, gains, steps = _in_parts(search, parent, J)
-    found = []
+    everywhere, places, gains, steps = _in_parts(search, parent, _derivatives(search, parent, new))
+    found = dict[str, _Hopeful]()
     for k, own in enumerate(new):
         axis, null = own.axes[0], search.where(parent, own.axes[0])
         at = np.clip(null + steps[:, k], axis.low, axis.high)
         expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
         best = int(np.argmax(expected))
         needed = max(everywhere[k] + CAL.begins, cost(own.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
-        if expected[best] > needed:
-            found.append(_Hopeful(parent, own, places[best], float(expected[best]), float(at[best])))
-    return sorted(found, key=lambda each: -each.gain)
+        if expected[best] > needed and (own.effect not in found or expected[best] > found[own.effect].gain):
+            m = (float(at[best]), *own.held)
+            found[own.effect] = _Hopeful(parent, own, places[best], float(expected[best]), m)
+    return sorted(found.values(), key=lambda each: -each.gain)
+
+
+def _derivatives(search: Search, parent: Hypothesis, new: Sequence[Candidate]) -> Array:
+    """(N, channels, K) derivatives by the magnitudes of effects, of which second parameters are held."""
+    p, found, alike = search.vector(parent), np.empty((*parent.e.shape, len(new))), dict[bytes, list[int]]()
+    for k, own in enumerate(new):
+        alike.setdefault(search.placed(p, own.axes[1:], own.held).tobytes(), []).append(k)
+    for there, places in alike.items():
+        columns = [new[k].axes[0].index for k in places]
+        found[:, :, places] = search.bench.linearise(np.frombuffer(there), columns)[1]
+    return found
 
 
 def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
@@ -168,7 +179,7 @@ def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
     parent = hopeful.parent
     there = _acting(search, hopeful.candidate, hopeful.rows)
     candidates, m = (*parent.candidates, there.candidate), np.append(parent.m, hopeful.m)
-    null = np.append(parent.m, there.candidate.axes[0].null)
+    null = np.append(parent.m, (there.candidate.axes[0].null, *hopeful.m[1:]))
     count = len(parent.theta)
     starts = [
         Start(candidates, m, parent.theta, parent.linear, (parent, null)),
@@ -188,12 +199,12 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
     """A search in which a candidate acts in some rows alone, and that candidate."""
     bench = search.bench.whole if isinstance(search.bench, PartBench) else search.bench
     assert isinstance(bench, Bench)
-    size, (axis,) = bench.model.size, candidate.axes
+    size, (axis, *others) = bench.model.size, candidate.axes
     other = copy(search)
     other.bench = PartBench(bench, _place(bench, candidate), rows)
     other.nominal = np.append(search.nominal[:size], np.nan)
     other.expanded = search.expanded.copy()
-    return _There(other, replace(candidate, axes=(replace(axis, index=size),), part=_part(bench, rows)))
+    return _There(other, replace(candidate, axes=(replace(axis, index=size), *others), part=_part(bench, rows)))
 
 
 def _part(bench: Bench, rows: slice) -> ActingRows:
@@ -256,7 +267,7 @@ def _weighed(
     places = own.candidates[-1].part
     assert places is not None
     for candidates, m, rows in (
-        (own.candidates[-1:], own.m[-1:], places.rows),
+        (own.candidates[-1:], own.m[own.parts[-1][1]], places.rows),
         *((each.own.candidates, each.own.m, at) for each in found for at in _rows(each.own, places)),
     ):
         if (names := frozenset(each.effect for each in candidates)) == frozenset(own.names):

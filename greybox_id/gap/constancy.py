@@ -32,6 +32,7 @@ class Spread:
     p_value : how often so much would come from noise.
     parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
     ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
+    stretch : by what the variance of the whole grows where parts have magnitudes of their own, that differ so.
     """
 
     place: str
@@ -39,6 +40,7 @@ class Spread:
     p_value: float
     parts: tuple[float, ...]
     ratio: float = 1.0
+    stretch: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -62,11 +64,6 @@ class _Alone:
     all_else: Array
     inverse: Array
     slope: Array
-
-    @property
-    def noise_share(self) -> float:
-        """Share of the coordinate's variance that is noise's; the rest is that of priors of what acts alike."""
-        return float(np.sum(self.itself**2) / self.told)
 
     def in_parts(self, part: Array) -> tuple[Array, Array]:
         """Hessian and gradient by the coordinate in K parts, all else refitted.
@@ -127,25 +124,43 @@ def _spreads(alone: _Alone, found: Hypothesis, orders: Mapping[str, Array], at: 
     cuts[BETWEEN_CHANNELS] = np.eye(found.e.shape[1])
     m = float(found.m[at])
     size = abs(m - found.axes[at].null) + 1e-300
-    result = []
+    by_chance, result = float(np.sum(1 / np.arange(1, len(cuts) + 1))), list[Spread]()
     for place, part in cuts.items():
         H, g = alone.in_parts(part)
         weight = np.diag(H)
         told = weight > CAL.part_least * float(np.sum(weight))
         count = int(np.sum(told))
         offs = np.full(len(told), np.nan)
-        ratio, relative, p = 1.0, 0.0, 1.0
+        ratio, relative, p, wider = 1.0, 0.0, 1.0, 1.0
         if count:
             own, pull = H[np.ix_(told, told)], g[told]
             offs[told] = -np.linalg.solve(own + CAL.ridge * np.diag(np.diag(own)), pull)
         if count > 1:
             Q = max(float(-pull @ offs[told]) - float(np.sum(pull)) ** 2 / max(float(np.sum(own)), 1e-300), 0.0)
             ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
+            wider = _stretched(own, (count - 1) * max(ratio - by_chance, 0.0))
             mean = float(np.average(offs[told], weights=weight[told]))
             variance = float(np.average((offs[told] - mean) ** 2, weights=weight[told]))
             relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
-        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio))
+        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio, wider))
     return result
+
+
+def _stretched(H: Array, beyond: float) -> float:
+    """By what the variance of a magnitude grows where parts have their own, tolerances being common to all of them.
+
+    Parameters
+    ----------
+    H : (n, n) information on the parts' magnitudes, all else refitted.
+    beyond : how much more their weighted squares about the mean are than noise and chance make them.
+    """
+    told = np.sum(H, axis=0)
+    whole = float(np.sum(told))
+    apart = float(np.trace(H)) - float(told @ told) / whole if whole > 0 else 0.0
+    if beyond <= 0 or not apart > 0:
+        return 1.0
+    between = np.eye(len(H)) + beyond / apart * H  # H (H^-1 + tau^2 I)
+    return max(whole / float(np.sum(np.linalg.solve(between, H))), 1.0)
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
@@ -172,17 +187,11 @@ def stretch(search: Search, found: Hypothesis, orders: Mapping[str, Array], effe
     """By what the variance of a magnitude exceeds that which noise and tolerances give it; at least one.
 
     What equations' form leaves moves a magnitude differently in each part of a drive, and what moves the parts moves
-    the whole (random effects, DerSimonian & Laird, Control. Clin. Trials 7, 1986; of the variance that is noise's
-    alone: tolerances are as they are stated). The largest of n ratios is about 1 + 1/2 + .. + 1/n where magnitudes
-    are constant and parts three; what is beyond that counts.
+    the whole (random effects, DerSimonian & Laird, Control. Clin. Trials 7, 1986; tolerances are common to all parts,
+    and what these leave open of the whole does not grow with it). The largest of n ratios is about 1 + 1/2 + .. +
+    1/n where magnitudes are constant and parts three; what is beyond that counts.
     """
-    at = found.parts[effect][1].start
-    alone = _alone(search, found, at)
-    if alone is None:
-        return 1.0
-    ratios = [own.ratio for own in _spreads(alone, found, orders, at)]
-    by_chance = float(np.sum(1 / np.arange(1, len(ratios) + 1)))
-    return 1.0 + alone.noise_share * max(max(ratios) - by_chance, 0.0)
+    return max((own.stretch for own in spreads(search, found, orders, effect)), default=1.0)
 
 
 def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:

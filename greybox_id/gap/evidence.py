@@ -150,7 +150,7 @@ def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = 
     """
     total = 0.0
     for own, at in hypothesis.parts:
-        total += stretches.get(own.effect, 1.0) * cost(own.effect) + CAL.second_parameter * (len(own.axes) - 1)
+        total += stretches.get(own.effect, 1.0) * cost(own.effect) + CAL.second_parameter * (own.free - 1)
         total += CAL.begins if own.part is not None else 0.0
         axis = own.axes[0]
         if (axis.shift or not own.gradual) and abs(

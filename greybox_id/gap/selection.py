@@ -116,7 +116,8 @@ def select(
         found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
     base, found = _from_each_other(search, base, _gaps(search, found), worth)
     found = _from_believed_lags(search, found)
-    return Selection(search, base, tuple(found), tuple(promised))
+    by_effect = {own.candidate.effect: own for own in reversed(promised)}  # of forms the most promising
+    return Selection(search, base, tuple(found), tuple(sorted(by_effect.values(), key=lambda own: -own.gain)))
 
 
 def _polished(
@@ -216,10 +217,7 @@ def _in_each_place(
         for parent in _without_each(search, pair):
             promised = promises(search, parent, candidates)[: CAL.replacing]
             replacing += _with_each(search, parent, [own for own in promised if own.gain > CAL.partner_least])
-    best: dict[frozenset[str], Hypothesis] = {}
-    for own in sorted(replacing, key=by_cost):
-        best.setdefault(frozenset(own.names), own)
-    return list(best.values())
+    return list(_best_of_each(replacing).values())
 
 
 def _stands(search: Search, best: Hypothesis) -> bool:
@@ -365,7 +363,7 @@ def refitted(search: Search, again: Hypothesis) -> Hypothesis:
 
 
 def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) -> list[Hypothesis]:
-    """The parent with one more effect, for each of those that promise something; best first."""
+    """The parent with one more effect, for each of those that promise something, in its best form; best first."""
     starts = []
     for own in promised:
         candidate, m = own.candidate, np.append(parent.m, own.start)
@@ -374,7 +372,15 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         count = len(parent.theta)
         theta, linear = own.nuisances[:count], own.nuisances[count:]
         starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
-    return _gaps(search, refit(search, starts))
+    return list(_best_of_each(_gaps(search, refit(search, starts))).values())
+
+
+def _best_of_each(found: Iterable[Hypothesis]) -> dict[frozenset[str], Hypothesis]:
+    """The best hypothesis of the same effects, for each; best first."""
+    best: dict[frozenset[str], Hypothesis] = {}
+    for own in sorted(found, key=by_cost):
+        best.setdefault(frozenset(own.names), own)
+    return best
 
 
 def _from_believed_lags(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -208,11 +208,11 @@ def motion_model_of(vehicle: Vehicle) -> MotionModel:
 
 
 def vehicle_parameters() -> tuple[str, ...]:
-    """Parameters that equations of motion know, on any tyre: what a vehicle may state."""
+    """Parameters that equations of motion know, on any tyre, and effects as second ones: what a vehicle may state."""
     tyres = [{"tyre": tyre} for tyre in TYRES]
     known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
     known += [build("single_track", {"drive": "motor"}), *(build(name) for name in ("longitudinal", "kinematic"))]
-    return tuple(dict.fromkeys(parameter.name for model in known for parameter in model.parameters))
+    return tuple(dict.fromkeys((*(parameter.name for model in known for parameter in model.parameters), *_seconds())))
 
 
 SHIPPED = frozenset((*MODELS, *EFFECTS))
@@ -291,7 +291,18 @@ def with_effects(model: AnyModel, effects: Magnitudes) -> AnyModel:
 
 
 def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None) -> Model:
-    return with_effects(model if vehicle is None else with_vehicle(model, vehicle), effects or {})
+    if vehicle is None:
+        return with_effects(model, effects or {})
+    whole = with_effects(with_vehicle(model, vehicle), effects or {})
+    stated = {name: own.value for name, own in vehicle.values.items() if name in _seconds() and name in whole}
+    return whole.with_parameters(
+        *(whole[name].with_value(value) for name, value in stated.items() if value is not None)
+    )
+
+
+def _seconds() -> tuple[str, ...]:
+    """Second parameters of effects."""
+    return tuple(other.name for effect in EFFECTS.values() for other in effect.others)
 
 
 def _effect(name: str, magnitude: float | Stated | None) -> Effect:

@@ -11,7 +11,7 @@ from made_gaps import DELAY, clear, long_names
 from memory_cases import made
 from toys import tiny
 
-from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle, not_held
+from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
 from greybox_id.datasets.vehicle_file import write_vehicle
 from greybox_id.errors import BadInput
@@ -52,7 +52,6 @@ def test_the_closed_vehicle_simulates_as_the_model_with_its_effects(car, tmp_pat
     grip = Ranked("grip_scale", 0.9, 0.83, "1", (0.79, 0.87))
     gap = clear(model=name, closed=closed, ranking=(DELAY, grip), applied=tuple(effects))
     again = through_a_file(closed_vehicle(car, gap), tmp_path)
-    assert not_held(again, gap) == ()
     assert model_of(again).effects == tuple(effects)
     same_simulation(closed, model_of(again))
     assert again.values["B_f"].value == 9.71
@@ -98,13 +97,18 @@ def test_effects_the_vehicle_had_stay_and_its_name_does_not_grow(car):
     assert twice.name == found.name == "full-size car, gap closed"
 
 
-def test_what_a_vehicle_file_has_no_place_for_is_told(car):
-    closed = build("single_track", None, {"wind_gust": 5.0}, car)
-    wind = Ranked("wind_gust", 0.9, 5.0, "m/s", (4.0, 6.0))
-    gap = clear(closed=closed, ranking=(wind,), applied=("wind_gust",))
-    assert not_held(closed_vehicle(car, gap), gap) == ()
-    gap = replace(gap, closed=closed.with_parameters(closed["wind_direction"].with_value(1.0)))
-    assert not_held(closed_vehicle(car, gap), gap) == ("wind_direction",)
+def test_second_parameters_of_effects_are_numbers_of_the_closed_vehicle(car, tmp_path):
+    closed = build("single_track", None, {"wind_gust": 5.0, "grip_scale": 0.8}, car)
+    closed = closed.with_parameters(
+        closed["wind_direction"].with_value(1.0), closed["grip_scale_slope"].with_value(0.0)
+    )
+    wind, grip = Ranked("wind_gust", 0.9, 5.0, "m/s", (4.0, 6.0)), Ranked("grip_scale", 0.9, 0.8, "1", (0.7, 0.9))
+    gap = clear(closed=closed, ranking=(wind, grip), applied=("wind_gust", "grip_scale"))
+    again = through_a_file(closed_vehicle(car, gap), tmp_path)
+    assert {name: again.values[name].value for name in ("wind_direction", "grip_scale_slope")} == {
+        "wind_direction": 1.0, "grip_scale_slope": 0.0,
+    }  # fmt: skip
+    same_simulation(closed, model_of(again))
 
 
 def test_a_fit_is_a_vehicle_that_simulates_alike(car, tmp_path):

@@ -50,12 +50,17 @@ def test_every_candidate_stands_where_the_model_has_it(model):
     values = everything.values
     for candidate in own.values():
         for each in candidate.axes:
-            assert each.value(each.null) == values[each.index]
+            assert each.value(each.null) == values[each.index] or each.low == each.high
             assert each.low <= each.null <= each.high
             assert each.sd == inf
             assert each.scale > 0
-    main = own["grip_scale"].axes
-    assert [axis.null for axis in main] == [1.0]
+    assert own["grip_scale"].axes[0].null == 1.0
+
+
+def test_a_second_parameter_that_says_how_much_goes_along_makes_two_forms():
+    forms = candidates(found()[0], {"grip_scale": EFFECTS["grip_scale"]}, frozenset())
+    assert [(own.held, own.free) for own in forms] == [((0.0,), 1), ((1.0,), 1)]
+    assert all(start[1:] == own.held for own in forms for start in own.starts)
 
 
 def test_every_start_lies_within_bounds_and_off_the_null():

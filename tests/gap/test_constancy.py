@@ -7,7 +7,7 @@ from scipy.stats import kstest
 
 from greybox_id.estimation.hypothesis import Start
 from greybox_id.estimation.refit import refit
-from greybox_id.gap.constancy import spreads, stretch
+from greybox_id.gap.constancy import _stretched, spreads, stretch
 
 ROWS, SD = 900, np.array([0.2, 0.5])
 
@@ -109,6 +109,19 @@ def test_a_constant_magnitude_hardly_costs_more():
     assert np.min(found) == 1.0
     assert np.median(found) < 1.1
     assert np.mean(found) < 2.0
+
+
+def test_a_variance_grows_by_that_between_parts_over_how_many_there_are():
+    """Information of three parts alike, and so much between them that their weighted squares are nine times noise's."""
+    assert _stretched(4.0 * np.eye(3), 16.0) == pytest.approx(9.0)
+
+
+def test_what_a_common_tolerance_leaves_open_of_the_whole_does_not_grow_with_what_differs_between_parts():
+    apart, common = 0.01, 0.5
+    information = np.linalg.inv(apart * np.eye(3) + common)
+    grown = (9.0 * apart / 3 + common) / (apart / 3 + common)
+    assert _stretched(information, 16.0) == pytest.approx(grown)
+    assert _stretched(information, 0.0) == 1.0
 
 
 def test_a_magnitude_that_differs_costs_more_where_its_variance_is_noise():

@@ -112,6 +112,14 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     assert "closes by 90 %" in how_far(gap, sure, False)
 
 
+def test_parameters_beyond_their_tolerances_are_no_agreement_within_these():
+    near, far = Moved("D_f", "1", 1.0, 0.01, 1.02), Moved("C_f", "1", 1.1, 0.01, 1.196)
+    assert "within noise and stated tolerances" in whether(replace(none(), moved=(near,)))
+    said = whether(replace(none(), moved=(far, near)))
+    assert "stated tolerances" not in said
+    assert "C_f is 9.6 standard deviations from where stated" in said
+
+
 def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     gap = replace(clear(), moved=())
     assert as_it_stands(gap, gap.held_out) == ""

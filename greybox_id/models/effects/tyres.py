@@ -22,6 +22,15 @@ def _relaxed(model: MotionModel) -> MotionModel:
     return model.relaxed(lambda q: q.p.tyre_relaxation / forward_speed(speed(q)), "alpha_f", "alpha_r")
 
 
+def _kept_slope(q: Quantities) -> Symbol | float:
+    """What of its slope at zero slip a tyre keeps whose friction is scaled.
+
+    A factor on Pacejka's D takes the slope B C D along. On a road of other friction rubber stays as stiff as it is, as
+    brush and Dugoff's tyres have it by themselves (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 3.2, 4.3.2).
+    """
+    return q.p.grip_scale ** (q.p.grip_scale_slope - 1) if hasattr(q.p, "B_f") else 1.0
+
+
 def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities) -> Symbol:
     """Lateral force left beside a longitudinal one: sqrt(1 - (s F_x / peak)^2), rounded where nothing is left."""
     return cs.sqrt(remaining((q.p.combined_slip * F_x / peak) ** 2))
@@ -68,6 +77,12 @@ grip_scale = alteration(
     typical=0.85,
     grip_f=lambda grip, q: grip * q.p.grip_scale,
     grip_r=lambda grip, q: grip * q.p.grip_scale,
+    stiffness_f=lambda stiffness, q: stiffness * _kept_slope(q),
+    stiffness_r=lambda stiffness, q: stiffness * _kept_slope(q),
+    others=(Parameter(
+        "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
+        about="how far slopes at zero slip go with it, as a power: 1 as a factor on D has it, 0 as another road does",
+    ),),
 )  # fmt: skip
 
 front_stiffness = alteration(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import fsum, isfinite, sqrt
 
+from ...estimation.calibration import CAL
 from ...gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 from ...numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
@@ -118,7 +119,7 @@ REGIMES = {
 }
 """Regime -> where that is, as the end of a sentence."""
 MOST_SHARES = 3
-"""Equations named as the gap's place."""
+"""Equations named as the gap's place, and parameters that are beyond their tolerances."""
 LEAST_SHARE = 0.1
 """Smaller shares of the gap are not named."""
 MOST_DOUBTS = 3
@@ -146,6 +147,14 @@ def _whether(gap: Gap) -> str:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
             "Whether there is a gap cannot be told: no sensor noise is stated, and what is left was taken for it."
+        )
+    beyond = [own for own in gap.moved if own.far > CAL.tolerated_sd]
+    if not gap.gap_detected and beyond:
+        far = listed([f"{own.name} is {number(own.far, 2)}" for own in beyond[:MOST_SHARES]])
+        return (
+            f"No gap that has a name ({p_words(gap.p_value)}): simulation and vehicle agree within noise once {far} "
+            f"standard deviations from where stated{_largest(gap)}. Tyres of another form may be; or something acts "
+            "like that."
         )
     if not gap.gap_detected:
         return (

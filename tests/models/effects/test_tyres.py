@@ -55,3 +55,27 @@ def test_tyres_that_have_done_their_friction_work_have_lost_their_share_of_grip(
     for work, left in ((0.0, 1.0), (2e4, 1 - 0.2 * (1 - np.exp(-1))), (1e7, 0.8)):
         warm = forces("tyre_temperature", 0.2, states={**TURNING, "friction_work": work})
         assert warm["grip_f"] == pytest.approx(left)
+
+
+def test_slopes_go_along_with_friction_as_far_as_is_said():
+    """A factor on Pacejka's D takes the slope B C D along, another road does not."""
+    barely = {"v_x": 20.0, "v_y": 0.0, "yaw_rate": 0.0}
+    model = single_track(TYRES["pacejka"]) + EFFECTS["grip_scale"].at(0.6)
+
+    def front(slip, share, own=model):
+        other = {"grip_scale_slope": share} if own is model else {}
+        return read(own, ("F_yf",), barely, {"steer": slip, "drive": 0.0}, **other)["F_yf"]
+
+    for slip, share, left in ((1e-4, 1.0, 0.6), (1e-4, 0.0, 1.0), (1e-4, 0.5, 0.6**0.5), (0.4, 0.0, 0.6)):
+        found = front(slip, share) / front(slip, 1.0, single_track(TYRES["pacejka"]))
+        assert found == pytest.approx(left, rel=1e-3 if slip < 0.1 else 0.05)
+
+
+@pytest.mark.parametrize("tyre", ["dugoff", "brush"])
+def test_tyres_whose_slope_is_a_number_of_its_own_keep_it_anyway(tyre):
+    small = {"v_x": 20.0, "v_y": 0.0, "yaw_rate": 0.0}
+    model = single_track(TYRES[tyre]) + EFFECTS["grip_scale"].at(0.6)
+    for share in (0.0, 1.0):
+        found = read(model, ("F_yf",), small, {"steer": 1e-5, "drive": 0.0}, grip_scale_slope=share)["F_yf"]
+        usual = read(single_track(TYRES[tyre]), ("F_yf",), small, {"steer": 1e-5, "drive": 0.0})["F_yf"]
+        assert found == pytest.approx(usual, rel=1e-3)
