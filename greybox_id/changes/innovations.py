@@ -32,6 +32,7 @@ from ..filters.laid import LaidRun, laid
 from ..filters.noise import resolution_of, scatter_of, start_levels
 from ..filters.state_space import SLOWEST, StateSpace, Tracked
 from ..filters.tuning import noise_coordinates, tuned
+from ..models.effects.timing import LATEST
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index
@@ -175,11 +176,8 @@ class InnovationNoise:
 
     def weights(self, own: FilterInnovations, white: Array) -> Array:
         """(B,) what squares of whitened innovations count."""
-        return self.temper * self._weights(own, white)
-
-    def _weights(self, own: FilterInnovations, white: Array) -> Array:
-        count = np.sum(own.there, axis=1)
-        return np.asarray((self.degrees + count) / (self.degrees + np.sum(white**2, axis=1)))
+        degrees = self.degrees + np.sum(own.there, axis=1)
+        return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
     def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
         return np.asarray(np.sum(values.reshape(-1, self.channels), axis=0), dtype=float)
@@ -292,7 +290,8 @@ class Follower:
         size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
         found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
         for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
-            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
+            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))
+            rows = rows[own.run.time[rows] > own.run.time[0] + LATEST[1]]  # the others start it, however late
             taken = own.read_segment[rows][:, columns]
             off, variance = (each[:, taken, columns] for each in both)
             read = np.isfinite(own.run.measured[rows][:, columns]) & (taken >= 0)

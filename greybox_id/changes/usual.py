@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..effect import Effect
+from ..engine.motion.schedule import AT_ONCE
 from ..estimation.calibration import CAL
 from ..motion_model import MotionModel
 from ..shorthands import Array
@@ -26,7 +27,9 @@ GAINS = ("yaw_rate_scale",)
 """Of these, gains of sensors, which filters take from as well."""
 LEVER_ARM = "velocity_lever_arm"
 """Of these, where speed is measured: files seldom state it."""
-SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
+LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
+"""Of these, how late sensors read."""
+SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
 """Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
 TIMED = ("steering_delay",)
 """Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
@@ -65,8 +68,10 @@ def numbers_of(
             wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
-        if name in TIMED:
-            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
+        if name in (*TIMED, *LATENCIES):
+            # readings at one instant come in one order whatever the latency is, but none
+            low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE
+            one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
         found.append(replace(one, usual=between, change=change))
     return full, tuple(found)
 

@@ -49,6 +49,13 @@ def test_grip_that_was_lost_is_what_changed():
 
 
 @pytest.mark.slow
+def test_a_gyro_that_reads_later_is_no_delay_of_the_steering():
+    (own,) = changed({"sensor_latency_yaw": 0.08}).changed
+    assert own["effect"] == "sensor_latency_yaw"
+    assert own["magnitude"] - own["before"] == pytest.approx(0.08, abs=0.02)
+
+
+@pytest.mark.slow
 def test_where_nothing_changed_nothing_is_named():
     found = changed({})
     assert found.changed == []
