@@ -60,7 +60,8 @@ def numbers_of(
         else:
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
-        wide, change = CAL.filtered if name in GAINS else CAL.nominal * between, CAL.widened * between
+        wide = CAL.filtered if name in GAINS else CAL.nominal * between
+        change = CAL.widened * (USUAL[TIMED[0]] if name in LATENCIES else between)  # clocks change either
         if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
             change = CAL.of_wheelbase * wheelbase
             wide = change if mean == null else wide
@@ -69,8 +70,7 @@ def numbers_of(
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
         if name in (*TIMED, *LATENCIES):
-            # readings at one instant come in one order whatever the latency is, but none
-            low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE
+            low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE  # readings at one instant keep their order
             one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
         found.append(replace(one, usual=between, change=change))
     return full, tuple(found)
