@@ -37,7 +37,9 @@ TIMED = ("steering_delay",)
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
     """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads."""
-    return effect.concerns(model) and (effect.parameter.name not in SPECIFIED or set(effect.touches) <= set(read))
+    name, whole = effect.parameter.name, {*effect.touches} <= {*read}
+    together = name in LATENCIES and "v_y" in read  # poses, inertial navigation: the yaw rate is not late alone
+    return effect.concerns(model) and (name not in SPECIFIED or whole) and not together
 
 
 def numbers_of(
@@ -60,8 +62,8 @@ def numbers_of(
         else:
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
-        wide = CAL.filtered if name in GAINS else CAL.nominal * between
-        change = CAL.widened * (USUAL[TIMED[0]] if name in LATENCIES else between)  # clocks change either
+        of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks move either, but a latency from run to run
+        wide, change = CAL.filtered if name in GAINS else CAL.nominal * of, CAL.widened * of
         if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
             change = CAL.of_wheelbase * wheelbase
             wide = change if mean == null else wide
