@@ -142,9 +142,11 @@ def test_cost_has_no_edge_where_a_reading_begins_to_be_late_and_counts_what_is_l
     ride = FollowedRun.of(lap(seconds=12.0), READ)
     follower = Follower(nominal() + EFFECTS["sensor_latency_yaw"].at(0.0), READ)
     follower.tune([ride], {})
-    least, little, much, most = (
-        follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (2 * AT_ONCE, 1e-4, 0.09, 0.15)
+    none, least, little, much, most = (
+        follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (0.0, 2 * AT_ONCE, 1e-4, 0.09, 0.15)
     )
+    foreseen = [np.sum(own.spread[own.runs == 0][0, : 2 * len(READ)]) for own in (none, least)]
+    assert foreseen[1] == pytest.approx(foreseen[0], abs=1e-3)  # the run begins with what was read before it
     noise = plain_noise(follower.size, len(READ))
     assert noise.cost(little) == pytest.approx(noise.cost(least), abs=0.1)
     assert np.count_nonzero(most.there) == np.count_nonzero(much.there) == np.count_nonzero(least.there)
