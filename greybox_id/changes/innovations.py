@@ -32,6 +32,7 @@ from ..filters.laid import LaidRun, laid
 from ..filters.noise import resolution_of, scatter_of, start_levels
 from ..filters.state_space import SLOWEST, StateSpace, Tracked
 from ..filters.tuning import noise_coordinates, tuned
+from ..models.effects.timing import LATEST
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index
@@ -175,11 +176,8 @@ class InnovationNoise:
 
     def weights(self, own: FilterInnovations, white: Array) -> Array:
         """(B,) what squares of whitened innovations count."""
-        return self.temper * self._weights(own, white)
-
-    def _weights(self, own: FilterInnovations, white: Array) -> Array:
-        count = np.sum(own.there, axis=1)
-        return np.asarray((self.degrees + count) / (self.degrees + np.sum(white**2, axis=1)))
+        degrees = self.degrees + np.sum(own.there, axis=1)
+        return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
     def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
         return np.asarray(np.sum(values.reshape(-1, self.channels), axis=0), dtype=float)
@@ -241,11 +239,7 @@ class Follower:
         self.space = StateSpace(self.model, tracked, self.read, throughout=True)  # rows are cut where delays move
         self._filter = filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
         self.p = np.empty(0)
-        self._places = {}
-        at = 0
-        for own in self.model.parameters:
-            self._places[own.name] = at
-            at += own.size
+        self._places = {own.name: self.space.place(own.name) for own in self.model.parameters}
         self._laid: dict[tuple[int, tuple[float, ...]], list[LaidRun]] = {}
 
     def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
@@ -290,9 +284,11 @@ class Follower:
         """Innovations (L, S, m) of runs and their variances, in blocks, for each of L filters."""
         columns = [self.model.outputs.index(name) for name in self.read]
         size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
+        latest = LATEST[1] if self.model.latencies else 0.0
         found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
         for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
-            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))[1:]  # the first starts it
+            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))
+            rows = rows[own.run.time[rows] > own.run.time[0] + latest]  # the others start it
             taken = own.read_segment[rows][:, columns]
             off, variance = (each[:, taken, columns] for each in both)
             read = np.isfinite(own.run.measured[rows][:, columns]) & (taken >= 0)
@@ -300,8 +296,8 @@ class Follower:
             beyond = blocks * size - len(rows)
             with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
                 each = np.where(read, [off / np.sqrt(variance), 0.5 * np.log(variance)], 0.0)
-            each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0)))
-            found.append(each.reshape(2, filters, blocks, size * len(columns)))
+            each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0))).reshape(2, filters, blocks, size * len(columns))
+            found.append(each)
             there.append(np.pad(read, ((0, beyond), (0, 0))).reshape(blocks, size * len(columns)))
             of_run.extend([number] * blocks)
         (white, spread), read = np.concatenate(found, axis=2), np.concatenate(there)

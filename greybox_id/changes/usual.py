@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..effect import Effect
+from ..engine.motion.schedule import AT_ONCE
 from ..estimation.calibration import CAL
 from ..motion_model import MotionModel
 from ..shorthands import Array
@@ -26,7 +27,9 @@ GAINS = ("yaw_rate_scale",)
 """Of these, gains of sensors, which filters take from as well."""
 LEVER_ARM = "velocity_lever_arm"
 """Of these, where speed is measured: files seldom state it."""
-SPECIFIED = (*GAINS, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
+LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
+"""Of these, how late sensors read."""
+SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
 """Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
 TIMED = ("steering_delay",)
 """Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
@@ -34,7 +37,9 @@ TIMED = ("steering_delay",)
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
     """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads."""
-    return effect.concerns(model) and (effect.parameter.name not in SPECIFIED or set(effect.touches) <= set(read))
+    name, whole = effect.parameter.name, {*effect.touches} <= {*read}
+    together = name in LATENCIES and "v_y" in read  # poses, inertial navigation: the yaw rate is not late alone
+    return effect.concerns(model) and (name not in SPECIFIED or whole) and not together
 
 
 def numbers_of(
@@ -57,7 +62,8 @@ def numbers_of(
         else:
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
-        wide, change = CAL.filtered if name in GAINS else CAL.nominal * between, CAL.widened * between
+        of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks move either, but a latency from run to run
+        wide, change = CAL.filtered if name in GAINS else CAL.nominal * of, CAL.widened * of
         if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
             change = CAL.of_wheelbase * wheelbase
             wide = change if mean == null else wide
@@ -65,8 +71,9 @@ def numbers_of(
             wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
-        if name in TIMED:
-            one = replace(one, step=max(one.step, CAL.delay_step), low=one.low - CAL.clocks)
+        if name in (*TIMED, *LATENCIES):
+            low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE  # readings at one instant keep their order
+            one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
         found.append(replace(one, usual=between, change=change))
     return full, tuple(found)
 

@@ -125,9 +125,7 @@ def diagnose_change(
         raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, vehicle)
-        before, rides, others = (
-            [FollowedRun.of(one, read) for one in part] for part in (since, after, held_out)
-        )  # fmt: skip
+        before, rides, others = ([FollowedRun.of(one, read) for one in part] for part in (since, after, held_out))
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], before) > CAL.driven
         nameless = () if filtered and driven else GAINS
@@ -136,12 +134,9 @@ def diagnose_change(
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
-        base, found = changes(
-            known, rides, others, halves, nameless, CAL.cost_changed if driven else CAL.cost_elsewhere
-        )
-    return _answer(
-        model, own, vehicle, known, base, found, rides, others or rides, list(after), list(held_out), list(since)
-    )
+        cost = CAL.cost_changed if driven else CAL.cost_elsewhere
+        base, found = changes(known, rides, others, halves, nameless, cost)
+    return _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since)
 
 
 def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:

@@ -176,6 +176,8 @@ class Calibration:
     scatter_velocity_lever_arm: float = _known(
         0.005, "the same of where speed is measured, over the wheelbase: a centre of gravity moves by as much"
     )
+    scatter_sensor_latency_yaw: float = _known(0.001, "sd of a gyro's latency, s: its period, data sheets of MEMS ones")
+    scatter_sensor_latency_imu: float = _known(0.001, "the same of a gyro and accelerometers in one box, s")
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from a condition")
     nominal: float = _known(3.0, "how far a vehicle's own mean is from what nobody stated, in scatters between runs")
     widened: float = _known(8.0, "width of what a change may be, in scatters: 80 ms of 13 ms, half the grip of 5 %")

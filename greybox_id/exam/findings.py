@@ -150,7 +150,11 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
         first=any(first in answer.alike(name) for name in answer.effects),
         first_strictly=first in answer.effects,
         among_three=_named(answer, names[:3]),
-        sizes=tuple(_size(answer, own) for own in ranking[: len(answer.effects)] if own["effect"] in answer.effects)
+        sizes=tuple(
+            _size(answer, own, diagnosis.get("scatter") or {})
+            for own in ranking[: len(answer.effects)]
+            if own["effect"] in answer.effects
+        )
         if detected and (library or answer.kind == "changed")
         else (),
         applied=tuple(str(name) for name in diagnosis["applied"]),
@@ -194,13 +198,20 @@ def _right(answer: Answer) -> set[str]:
     return {name for effect in answer.effects for name in answer.alike(effect)}
 
 
-def _size(answer: Answer, ranked: Mapping[str, Any]) -> Size:
+def _size(answer: Answer, ranked: Mapping[str, Any], scatter: Mapping[str, Any]) -> Size:
+    """Of what changed, how far from where it was before."""
     name = str(ranked["effect"])
     true, null = answer.effects[name], answer.nulls[name]
-    found = ranked["magnitude"]
-    apart = abs(float(found) - true) if found is not None and isfinite(float(found)) else inf
-    low, high = (-inf if ranked["interval"][0] is None else float(ranked["interval"][0]), ranked["interval"][1])
-    high = inf if high is None else float(high)
+    before = scatter[name]["mean"] if name in scatter else null
+
+    def beyond(value: float | None, unknown: float) -> float:
+        if value is None or before == null:
+            return unknown if value is None else float(value)
+        return float(value) / before if null == 1.0 else float(value) - before + null
+
+    low, high = (beyond(end, side * inf) for end, side in zip(ranked["interval"], (-1, 1), strict=True))
+    found = beyond(ranked["magnitude"], inf)
+    apart = abs(found - true) if isfinite(found) else inf
     return Size(name, apart / (abs(true) if null == inf else abs(true - null)), apart, low <= true <= high)
 
 

@@ -75,6 +75,9 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
             if k not in unread:
                 taken = plan.read_segment[:, k] >= 0
                 y[plan.read_segment[taken, k], k] = run.measured[taken, k]
+                before = np.flatnonzero(np.isfinite(run.measured[: np.argmax(taken), k]))
+                if len(before):  # what was read before the run begins is what it begins with
+                    y[plan.row_segment[0], k] = run.measured[before[-1], k]
         y[~np.isfinite(y)] = np.nan
         found.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment, plan.read_segment))
     return found

@@ -5,6 +5,7 @@ import pytest
 from gap_cases import CAR, lap, nominal
 
 from greybox_id.changes.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
+from greybox_id.engine.motion.schedule import AT_ONCE
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
 from greybox_id.models.effects import EFFECTS
@@ -135,3 +136,17 @@ def test_where_nothing_is_steered_a_delay_that_cuts_rows_changes_nothing():
     noise = plain_noise(follower.size, 2)
     costs = [noise.cost(follower.innovations(ride, {"steering_delay": d * own.sample_time})) for d in (0.0, 0.2, 0.5)]
     assert np.ptp(costs) < 0.5
+
+
+def test_cost_has_no_edge_where_a_reading_begins_to_be_late_and_counts_what_is_late_alike():
+    ride = FollowedRun.of(lap(seconds=12.0), READ)
+    follower = Follower(nominal() + EFFECTS["sensor_latency_yaw"].at(0.0), READ)
+    follower.tune([ride], {})
+    none, least, little, much, most = (
+        follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (0.0, 2 * AT_ONCE, 1e-4, 0.09, 0.15)
+    )
+    foreseen = [np.sum(own.spread[own.runs == 0][0, : 2 * len(READ)]) for own in (none, least)]
+    assert foreseen[1] == pytest.approx(foreseen[0], abs=1e-3)  # the run begins with what was read before it
+    noise = plain_noise(follower.size, len(READ))
+    assert noise.cost(little) == pytest.approx(noise.cost(least), abs=0.1)
+    assert np.count_nonzero(most.there) == np.count_nonzero(much.there) == np.count_nonzero(least.there)

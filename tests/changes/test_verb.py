@@ -1,5 +1,6 @@
 """What changed between recordings of one car: grip that was lost is named with its size, and nothing is made up."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.changes.between_runs import Told, VaryingNumber
 from greybox_id.changes.search import Change, changes
-from greybox_id.changes.usual import LEVER_ARM, USUAL, driven_alike
+from greybox_id.changes.usual import LEVER_ARM, USUAL, acts, driven_alike
 from greybox_id.changes.verb import diagnose_change, drifting, filtered_alike
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
@@ -24,10 +25,12 @@ TOLERANT = Vehicle(
 )
 
 
-def changed(effects, seconds=20.0):
-    before = [lap(seconds=seconds, seed=k) for k in (1, 2)]
-    after = [lap(effects, seconds=seconds, seed=3)]
-    held_out = [lap(effects, seconds=seconds, seed=4)]
+def changed(effects, seconds=20.0, without=()):
+    def recorded(effects, seed):
+        own = lap(effects, seconds=seconds, seed=seed)
+        return replace(own, signals={name: values for name, values in own.signals.items() if name not in without})
+
+    before, after, held_out = [recorded({}, 1), recorded({}, 2)], [recorded(effects, 3)], [recorded(effects, 4)]
     return diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT, held_out=held_out)
 
 
@@ -46,6 +49,20 @@ def test_grip_that_was_lost_is_what_changed():
     assert own["share"] > 0.5
     assert {each["effect"] for each in found.not_changed} == set(found.scatter) - {"grip_scale"}
     assert found.to_json()["since"] == ["lap1", "lap2"]
+
+
+@pytest.mark.slow
+def test_a_gyro_that_reads_later_is_no_delay_of_the_steering():
+    (own,) = changed({"sensor_latency_yaw": 0.08}, without=("v_y",)).changed
+    assert own["effect"] == "sensor_latency_yaw"
+    assert own["magnitude"] - own["before"] == pytest.approx(0.08, abs=0.02)
+
+
+def test_what_reads_v_y_reads_no_yaw_rate_that_is_late_alone():
+    late, read = EFFECTS["sensor_latency_yaw"], ("v_x", "yaw_rate")
+    assert acts(late, nominal(), read)
+    assert not acts(late, nominal(), (*read, "v_y"))
+    assert not acts(EFFECTS["sensor_latency_imu"], nominal(), read)  # whose accelerations are not read
 
 
 @pytest.mark.slow

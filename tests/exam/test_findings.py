@@ -76,6 +76,18 @@ def test_magnitudes_are_measured_from_where_the_effect_is_not_there():
     assert (size.error, size.covered) == (pytest.approx(0.2), False)
 
 
+def test_what_changed_is_measured_from_where_it_was_before():
+    said = ranked("accel_bias_x", magnitude=0.51, interval=(0.45, 0.55))
+    (size,) = finding(
+        SINGLE, diagnosis(gap_detected=True, ranking=[said], scatter={"accel_bias_x": {"mean": 0.3}})
+    ).sizes
+    assert (size.error, size.covered) == (pytest.approx(0.05), True)
+    gain = Answer("f", "single", "injected", {"motor_gain": 1.1}, {"motor_gain": 1.0}, {}, {"v_x": 1.0}, {"v_x": 1.0})
+    said = ranked("motor_gain", magnitude=0.896, interval=(0.888, 0.904))
+    (size,) = finding(gain, diagnosis(gap_detected=True, ranking=[said], scatter={"motor_gain": {"mean": 0.8}})).sizes
+    assert (size.error, size.covered) == (pytest.approx(0.2), False)
+
+
 def test_limits_are_measured_against_themselves():
     said = ranked("steering_rate_limit", magnitude=0.5, interval=(0.3, inf))
     (size,) = finding(LIMIT, diagnosis(gap_detected=True, ranking=[said])).sizes
