@@ -296,6 +296,7 @@ class Calibration:
     excerpt_block: float = _known(20.0, "s of the blocks that they are in: long beside any motion")
     passes: int = _known(2, "through the dynamics: a stage begins with what the stage before left")
     lanes: int = _known(8, "simulations at once: two registers of four; results are the same")
+    laid: int = _known(4, "calls of unlike runs whose segments are kept side by side; results are the same")
     remembered: int = _known(8_000_000, "readings of simulations that are kept, 64 MB; results are the same")
     few_runs: int = _known(8, "runs whose starts are nuisances each; of more they are states of the filter")
 

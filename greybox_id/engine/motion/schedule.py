@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,18 @@ class Schedule:
     row_segment: Index
     read_segment: Index
     reads: NDArray[np.bool_]
+
+    @cached_property
+    def taken(self) -> Index:
+        """(n * outputs,) where the reading of each row stands among all that are taken, -1 where none is."""
+        outputs = self.read_segment.shape[1]
+        rank = (np.cumsum(self.reads) - 1)[np.maximum(self.read_segment, 0)]
+        return np.asarray(np.where(self.read_segment >= 0, rank * outputs + np.arange(outputs), -1).ravel())
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether every reading is taken."""
+        return bool(np.all(self.taken >= 0))
 
 
 def schedule(
