@@ -125,7 +125,7 @@ class Bench:
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
-        self._laid: dict[tuple[tuple[int, int, int], ...], tuple[list[Schedule], Array, NDArray[np.bool_]]] = {}
+        self._room = np.empty(0)  # for segments of unlike runs side by side, one call after the other
 
     @property
     def learnt(self) -> bool:
@@ -165,7 +165,7 @@ class Bench:
 
     def simulate_anew(self, P: Array) -> list[Simulated]:
         """Simulations with each vector, whatever is remembered."""
-        plans = [self._scheduled(tuple(self.simulator.shifts(p[: self.model.size]))) for p in P]
+        plans = [self._scheduled(tuple(self.simulator.shifts(p))) for p in P]
         starts, count = self._starts(P)[0], len(self.runs)
         whole = [Stretch(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
         found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
@@ -208,17 +208,16 @@ class Bench:
         if all(own.plan is first.plan and own.segments == first.segments for own in stretches):
             segments = first.plan.segments[first.segments]
             return np.broadcast_to(segments, (len(stretches), *segments.shape)), first.plan.reads[first.segments]
-        key = tuple((id(own.plan), own.segments.start, own.segments.stop) for own in stretches)
-        if key not in self._laid:
-            most = max(len(own) for own in stretches)
-            laid = np.zeros((len(stretches), most, first.plan.segments.shape[1])), np.zeros(most, dtype=bool)
-            for segments, own in zip(laid[0], stretches, strict=True):
-                segments[: len(own)] = own.plan.segments[own.segments]
-                laid[1][: len(own)] |= own.plan.reads[own.segments]
-            while len(self._laid) >= CAL.laid:
-                del self._laid[next(iter(self._laid))]
-            self._laid[key] = [own.plan for own in stretches], *laid  # plans, so that no other one has their places
-        return self._laid[key][1:]
+        most, size = max(len(own) for own in stretches), first.plan.segments.shape[1]
+        if len(self._room) < len(stretches) * most * size:
+            self._room = np.empty(len(stretches) * most * size)
+        segments, reads = self._room[: len(stretches) * most * size], np.zeros(most, dtype=bool)
+        segments = segments.reshape(len(stretches), most, size)
+        for lane, own in zip(segments, stretches, strict=True):
+            lane[: len(own)] = own.plan.segments[own.segments]
+            lane[len(own) :] = 0.0
+            reads[: len(own)] |= own.plan.reads[own.segments]
+        return segments, reads
 
     def _cut(self, plan: Schedule) -> Index:
         """Segments at which the lanes of a run begin that `linearise` cuts."""

@@ -256,6 +256,8 @@ class Calibration:
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
     expected: float = _known(0.1, "of that, below which a step is not taken: it is the most that is ever expected")
     fitted: float = _known(1e-4, "of an objective, that a step of a closed model's fit is expected to gain: as fits do")
+    worn: float = _known(0.2, "of its size that a magnitude moves before its derivatives are taken anew", SEARCHED)
+    as_foretold: float = _known(0.1, "that a gain is off what was foretold, relative: so far slopes are a third off", SEARCHED)
     hopeless: float = _known(2e-4, "added to that, of what is left to explain", SEARCHED)
     shortened: float = _known(0.1, "of its length a step keeps: no parabola leads to where motion spins", DEFINED)
     shortest: float = _known(0.003, "share of a step below which it leads nowhere", SEARCHED)
@@ -296,7 +298,6 @@ class Calibration:
     excerpt_block: float = _known(20.0, "s of the blocks that they are in: long beside any motion")
     passes: int = _known(2, "through the dynamics: a stage begins with what the stage before left")
     lanes: int = _known(8, "simulations at once: two registers of four; results are the same")
-    laid: int = _known(4, "calls of unlike runs whose segments are kept side by side; results are the same")
     remembered: int = _known(8_000_000, "readings of simulations that are kept, 64 MB; results are the same")
     few_runs: int = _known(8, "runs whose starts are nuisances each; of more they are states of the filter")
 

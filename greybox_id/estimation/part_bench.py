@@ -46,7 +46,7 @@ class PartBench(Bench):
 
     def __init__(self, whole: Bench, index: int, rows: slice) -> None:
         vars(self).update(vars(whole))
-        self.whole, self.index, self.part = whole, index, rows
+        self.whole, self.index, self.part, self.size = whole, index, rows, whole.model.size
         self.pieces = [piece for k, run in enumerate(self.rows) for piece in _pieces(k, run, rows)]
         self._first = np.array([piece.stage == 0 for piece in self.pieces])
         self._inside = np.array([piece.inside for piece in self.pieces])
@@ -54,7 +54,7 @@ class PartBench(Bench):
 
     def simulate_anew(self, P: Array) -> list[Simulated]:
         """Simulations with each vector, whatever is remembered."""
-        plans = [self._scheduled(tuple(self.simulator.shifts(p[: self.model.size]))) for p in P]
+        plans = [self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P]
         cuts = [[self._cut_within(own[piece.interval.run], piece.interval) for piece in self.pieces] for own in plans]
         return [
             self._simulated_by(own, runs)
@@ -67,12 +67,12 @@ class PartBench(Bench):
 
     def along(self, p: Array) -> Array:
         """See `Bench`."""
-        plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.model.size]))), self._of_pieces(p)
+        plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.size]))), self._of_pieces(p)
         return np.repeat(by_piece, [_segments(plans[own.interval.run], own.interval) for own in self.pieces], axis=0)
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """See `Bench`."""
-        plans = self._scheduled(tuple(self.simulator.shifts(p[: self.model.size])))
+        plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
         every = [np.arange(_segments(plans[piece.interval.run], piece.interval)) for piece in self.pieces]
         (found,) = self._staged([plans], p[None], self._starts(p[None])[0], [every])
         return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
@@ -114,11 +114,11 @@ class PartBench(Bench):
         return list(by_piece[self._first])
 
     def _differs(self, p: Array) -> bool:
-        return len(p) > self.model.size and bool(np.isfinite(p[self.model.size]))
+        return len(p) > self.size and bool(np.isfinite(p[self.size]))
 
     def _of_pieces(self, p: Array) -> Array:
         """(pieces, parameters) in force in each."""
-        size = self.model.size
+        size = self.size
         found = np.tile(p[:size], (len(self.pieces), 1))
         if self._differs(p):
             found[self._inside, self.index] = p[size]

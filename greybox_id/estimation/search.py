@@ -248,7 +248,7 @@ class Search:
     @staticmethod
     def start_of(hypothesis: Hypothesis) -> Start:
         """A start where a hypothesis stands."""
-        return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear)
+        return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear, slopes=hypothesis.J)
 
     def charge(self, hypothesis: Hypothesis) -> float:
         """What nuisances cost, twice their negative log-belief; those that are candidates cost nothing."""

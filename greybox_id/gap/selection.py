@@ -180,7 +180,7 @@ def _from_each_other(
             starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
             bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
             search.about(base)
-            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes))
+            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes), slopes=best.J)
             again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
         gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
         base = min([base, *bases], key=by_cost)
@@ -373,7 +373,7 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         way_back = (parent, null) if candidate.gradual else None
         count = len(parent.theta)
         theta, linear = own.nuisances[:count], own.nuisances[count:]
-        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
+        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back, parent.J))
     return _gaps(search, refit(search, starts))
 
 
