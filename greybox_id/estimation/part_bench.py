@@ -63,7 +63,8 @@ class PartBench(Bench):
 
     def _cut_within(self, plan: Schedule, rows: Interval) -> Index:
         """Segments at which the lanes of a piece begin that `linearise` cuts, from its first one on."""
-        return plan.row_segment[cut_rows(plan, rows.start, rows.stop, self._cuts)] - plan.row_segment[rows.start]
+        segments = plan.row_segment[cut_rows(plan, rows.start, rows.stop, self._cuts)]
+        return np.asarray(segments - plan.row_segment[rows.start])
 
     def along(self, p: Array) -> Array:
         """See `Bench`."""

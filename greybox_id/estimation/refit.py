@@ -7,12 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..engine.motion.lanes import WIDTHS
 from ..shorthands import Array
 from ..solvers.box import least_within
 from .axes import Axis
 from .calibration import CAL
 from .hypothesis import Hypothesis, Start, parts_of
 from .search import Search
+
+
+CALL = min(WIDTHS)
+"""Simulations that a call makes in the time of one, where there is one run."""
 
 
 def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
@@ -36,6 +41,11 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         own.left = steps
     while active := [own for own in work if own.left > 0 and not own.done]:
         wanted = [own.wanted() for own in active]
+        room = -sum(len(each) for each in wanted) % CALL if len(search.bench.runs) == 1 else 0
+        for k, own in enumerate(active):  # a call takes as long for fewer
+            if own.looks_beside(room):
+                wanted[k] = own.wanted()
+                room -= len(wanted[k]) - 1
         edges = np.cumsum([0, *(len(each) for each in wanted)])
         e = search.residuals([p for each in wanted for p in each])
         more = search.first_orders([own.at[2] for own in active])
@@ -153,6 +163,13 @@ class _Work:
         """Whether a derivative was given with the start."""
         return self._given is not None and k < self._given.shape[2] and bool(np.any(self._given[:, :, k]))
 
+    def looks_beside(self, room: int) -> bool:
+        """Whether it has derivatives taken where it stands although it need not, by no more simulations than that."""
+        if self._beside_too or not 0 < len(self._moving) <= room:
+            return False
+        self._beside_too, self._asked = True, self._moving
+        return True
+
     def wanted(self) -> list[Array]:
         """Parameter vectors to simulate: where it stands, and beside it if derivatives are wanted."""
         m, theta, _ = self.at
@@ -198,18 +215,20 @@ class _Work:
         """Simulations have come back: `values` of them, the same whitened, and times what nuisances do."""
         slopes = values[:, :, 1:]
         sane = bool(np.all(np.isfinite(slopes)))
+        fresh = None
         if self._beside_too and sane:
             own = white[:, 1:].copy()
-            self._slopes = _Slopes(self.at[0], slopes.copy(), own, own.T @ own, cross[:, 1:].copy())
+            fresh = _Slopes(self.at[0], slopes.copy(), own, own.T @ own, cross[:, 1:].copy())
         if self._renews:
             self._renews = False
-            if not sane or self.best is None:  # beside it, it spins: no step leads on
+            if fresh is None or self.best is None:  # beside it, it spins: no step leads on
                 self.done = True
                 return
+            self._slopes = fresh
             self.best = replace(self.best, J=self._derivatives(self.best.e.shape))
         else:
             self.left -= 1
-            if not self._improves(values[:, :, 0], white[:, 0], sane):
+            if not self._improves(values[:, :, 0], white[:, 0], sane, fresh):
                 return
             if self._worn():
                 self._renew()
@@ -247,7 +266,7 @@ class _Work:
         self.at = (self.best.m, self.best.theta, self.best.linear)
         self._beside_too, self._renews, self._asked = True, True, self._moving
 
-    def _improves(self, e: Array, r: Array, sane: bool) -> bool:
+    def _improves(self, e: Array, r: Array, sane: bool, fresh: _Slopes | None) -> bool:
         """Whether this is the best so far, and better by enough to go on; else it steps less far, or ends."""
         search, (m, theta, linear) = self.search, self.at
         off = np.concatenate([theta, linear]) - search.means
@@ -256,6 +275,7 @@ class _Work:
         if not (np.isfinite(cost) and sane):  # it spins: no place to stay
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
+            self._beside_too = self._everywhere or self._slopes is None
             known = self._slopes is None or self._here is None or np.array_equal(self._slopes.m, self.best.m)
             if known or not self._moving:
                 self._back(cost - self.best.cost)
@@ -266,7 +286,7 @@ class _Work:
             self.done = True
             return False
         self._gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
-        self._origin = None
+        self._origin, self._slopes = None, fresh or self._slopes
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, e.copy(), self._derivatives(e.shape))
         least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
         self._least = CAL.expected * least
@@ -280,7 +300,7 @@ class _Work:
         ----------
         r, pull : its residuals, whitened, and times what nuisances do.
         """
-        search, (m, theta, linear) = self.search, self.at
+        search, (_, theta, linear) = self.search, self.at
         u, precision = np.concatenate([theta, linear]), search.beliefs(self._own)
         count = len(u)
         whole = np.zeros((1 + count + len(self.axes), 1 + count + len(self.axes)))  # residuals before coordinates

@@ -108,8 +108,8 @@ def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
     itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
     slope = np.concatenate([g, J.T @ r])[moves]
     by_row, by_channel = zip(*(_products(does, own.reshape(*shape, -1)) for own in (search.white, J)), strict=True)
-    sums = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
-    return _Alone(does, itself, told, does * r.reshape(shape), *sums, inverse, slope)
+    rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
+    return _Alone(does, itself, told, does * r.reshape(shape), rows, channels, inverse, slope)
 
 
 def _products(one: Array, many: Array) -> tuple[Array, Array]:

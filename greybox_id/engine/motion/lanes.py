@@ -115,7 +115,8 @@ def packed(lengths: tuple[int, ...]) -> list[slice]:
     least, begin = [0.0], [0]
     for stop in range(1, len(lengths) + 1):
         costs = {
-            start: least[start] + min(cost for width, cost in WIDTHS.items() if width >= stop - start) * lengths[stop - 1]
+            start: least[start]
+            + min(cost for width, cost in WIDTHS.items() if width >= stop - start) * lengths[stop - 1]
             for start in range(max(0, stop - max(WIDTHS)), stop)
         }
         begin.append(min(costs, key=lambda start: costs[start]))
