@@ -105,7 +105,7 @@ class Bench:
     """
 
     def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
-        self.model = model
+        self.model, self.size = model, model.size
         self.simulator = simulator or Simulator(model, compiled=None)
         self.runs = _runs(model, recordings)
         edges = np.concatenate(([0], np.cumsum([len(run) for run in self.runs])))
@@ -165,7 +165,10 @@ class Bench:
 
     def simulate_anew(self, P: Array) -> list[Simulated]:
         """Simulations with each vector, whatever is remembered."""
-        plans = [self._scheduled(tuple(self.simulator.shifts(p))) for p in P]
+        return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
+
+    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+        """Simulations with each vector along segments that are its own."""
         starts, count = self._starts(P)[0], len(self.runs)
         whole = [Stretch(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
         found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
@@ -252,7 +255,7 @@ class Bench:
         J : (N, outputs, columns).
         S : (N, outputs, runs * loose) by the starts of every run.
         """
-        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.model.size])
+        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.size])
         plans = self._scheduled(tuple(shifts))
         if any(moving):
             plans = [
@@ -261,7 +264,7 @@ class Bench:
             ]
         cut, by_lane, held = self._lanes_in(plans, p)
         by_p = self._starts(p[None])[1][0]
-        (found,) = self._simulations(p[None])
+        (found,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
             _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)

@@ -46,15 +46,14 @@ class PartBench(Bench):
 
     def __init__(self, whole: Bench, index: int, rows: slice) -> None:
         vars(self).update(vars(whole))
-        self.whole, self.index, self.part, self.size = whole, index, rows, whole.model.size
+        self.whole, self.index, self.part = whole, index, rows
         self.pieces = [piece for k, run in enumerate(self.rows) for piece in _pieces(k, run, rows)]
         self._first = np.array([piece.stage == 0 for piece in self.pieces])
         self._inside = np.array([piece.inside for piece in self.pieces])
         self._simulated: dict[bytes, Simulated] = {}
 
-    def simulate_anew(self, P: Array) -> list[Simulated]:
-        """Simulations with each vector, whatever is remembered."""
-        plans = [self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P]
+    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+        """See `Bench`."""
         cuts = [[self._cut_within(own[piece.interval.run], piece.interval) for piece in self.pieces] for own in plans]
         return [
             self._simulated_by(own, runs)
