@@ -15,7 +15,6 @@ from .calibration import CAL
 from .hypothesis import Hypothesis, Start, parts_of
 from .search import Search
 
-
 CALL = min(WIDTHS)
 """Simulations that a call makes in the time of one, where there is one run."""
 

@@ -123,7 +123,7 @@ def packed(lengths: tuple[int, ...]) -> list[slice]:
         least.append(costs[begin[-1]])
     found, stop = list[slice](), len(lengths)
     while stop:
-        found.append(slice(begin[stop], stop))
+        found.insert(0, slice(begin[stop], stop))
         stop = begin[stop]
     return found
 
