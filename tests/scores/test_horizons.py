@@ -56,7 +56,7 @@ def test_errors_of_a_map_with_memory_are_those_of_its_predictions():
 
 @pytest.mark.parametrize(("rows", "asked"), [(100, 0), (700, 1)])
 def test_equations_are_compiled_before_an_observer_steps_along_a_long_recording(monkeypatch, rows, asked):
-    lap, model, seen = driven("lateral", runs=1, seconds=15.0), build("lateral", {"tyre": "linear"}, {}, CAR), []
+    lap, model, seen = driven("lateral", runs=1, seconds=50.0), build("lateral", {"tyre": "linear"}, {}, CAR), []
     monkeypatch.setattr(Kernel, "prepare", lambda _: seen.append("prepared"))
     mean_squares(model, [lap.rows(0, rows)])
     assert len(seen) == asked
