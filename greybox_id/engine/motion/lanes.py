@@ -103,7 +103,10 @@ class Lanes:
 
 
 WIDTHS = {8: 1.0, 4: 0.62}
-"""Trajectories that a compiled call integrates at once -> what a segment of them costs, over that of the most."""
+"""Trajectories that a compiled call integrates at once -> what a segment of them costs, over that of the most.
+
+Measured on single tracks with 15 states: 17.5 and 28 ms for 6 436 segments, 0.55 to 0.65 in all.
+"""
 
 
 @lru_cache(maxsize=256)
