@@ -1,8 +1,9 @@
 """What hypotheses are refitted on: a bench, nuisances with their derivatives, and noise that whitens residuals.
 
 Nuisances move little: their derivatives are taken once, about the best model so far, and kept (chords). A hypothesis
-then costs a few simulations: one where it stands, and one beside it for each magnitude that has moved. What shifts nuisances move in
-time, abrupt ones and starts enter to first order only: about where none of them is, lags about where they were found.
+then costs a few simulations: one where it stands, and one beside it for each magnitude where these have moved. What
+shifts nuisances move in time, abrupt ones and starts enter to first order only: about where none of them is, lags about
+where they were found.
 """
 
 from __future__ import annotations
