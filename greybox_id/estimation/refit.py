@@ -61,6 +61,19 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
             own.take(each, white[:, a:b], cross[:, a:b])
 
 
+def with_slopes(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses with derivatives taken where they are: what their magnitudes' spreads and widths are told by."""
+    work = [_Work(search, replace(search.start_of(own), slopes=None)) for own in found]
+    wanted = [own.wanted() for own in work]
+    edges = np.cumsum([0, *(len(each) for each in wanted)])
+    e, nothing = search.residuals([p for each in wanted for p in each]), np.zeros(search.bench.measured.shape)
+    new = []
+    for own, each, a, b in zip(found, work, edges[:-1], edges[1:], strict=True):
+        J = each.values(e[a:b], nothing)[:, :, 1:]
+        new.append(replace(own, J=each.over_axes(J)) if np.all(np.isfinite(J)) else own)
+    return new
+
+
 def settled(search: Search, found: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
@@ -236,10 +249,13 @@ class _Work:
         self._lead_on(white[:, 0], cross[:, 0])
 
     def _derivatives(self, shape: tuple[int, ...]) -> Array:
-        """(N, channels, axes) derivatives as they are known; zero by what does not move."""
-        J = np.zeros((*shape, len(self.axes)))
-        if self._slopes is not None:
-            J[:, :, self._moving] = self._slopes.plain
+        """(N, channels, axes) derivatives as they are known."""
+        return np.zeros((*shape, len(self.axes))) if self._slopes is None else self.over_axes(self._slopes.plain)
+
+    def over_axes(self, moving: Array) -> Array:
+        """(N, channels, axes) of what belongs to the coordinates that move; zero by those that do not."""
+        J = np.zeros((*moving.shape[:2], len(self.axes)))
+        J[:, :, self._moving] = moving
         return J
 
     def _worn(self) -> bool:

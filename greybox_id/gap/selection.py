@@ -16,7 +16,7 @@ from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
 from ..estimation.noise import Whitener
-from ..estimation.refit import refit, settled
+from ..estimation.refit import refit, settled, with_slopes
 from ..estimation.search import Search
 from ..estimation.shortlist import Promise, from_where_best, promises
 from ..shorthands import Array
@@ -116,6 +116,8 @@ def select(
         found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
     base, found = _from_each_other(search, base, _gaps(search, found), worth)
     found = _from_believed_lags(search, found)
+    better = sum(own.cost < base.cost for own in found)  # of these more is told than what they cost
+    found = [*with_slopes(search, found[:better]), *found[better:]]
     return Selection(search, base, tuple(found), tuple(promised))
 
 

@@ -1,5 +1,7 @@
 """Refits: magnitudes beside what is believed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_cases import (
@@ -19,7 +21,7 @@ from gap_cases import (
 from greybox_id.estimation.axes import Candidate, candidates, shifting
 from greybox_id.estimation.bench import Bench
 from greybox_id.estimation.hypothesis import Start
-from greybox_id.estimation.refit import refit
+from greybox_id.estimation.refit import refit, with_slopes
 from greybox_id.models.effects import EFFECTS
 
 SD = np.array([0.1, 0.4])
@@ -237,3 +239,16 @@ def test_a_refused_step_leaves_what_is_known_of_derivatives():
     plain, search.residuals = search.residuals, lambda P: (seen.extend(float(p[0]) for p in P), plain(P))[1]
     refit(search, [alone(search, own, 0.4)], settle_on_rows=False)
     assert len(seen) == len(set(seen))  # nothing is asked for again that was known
+
+
+def test_derivatives_are_taken_anew_where_hypotheses_ended():
+    X = smooth_columns(1)
+
+    def bent(p):
+        return X[:, :, 0] * np.sinh(20 * p[0])
+
+    search = search_on(of_two_runs(bent, bent(np.array([0.19])), 1), SD)
+    (found,) = refit(search, [alone(search, candidate(0), 0.15)])
+    (stale,) = with_slopes(search, [replace(found, J=0.5 * found.J)])
+    np.testing.assert_allclose(stale.J[:, :, 0], 20 * X[:, :, 0] * np.cosh(20 * found.m[0]), rtol=0.02)
+    assert stale.cost == found.cost
