@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.kernel import PAYS
-from ..engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay
+from ..engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay, packed
 from ..engine.motion.runs import MotionRun, motion_runs
 from ..engine.motion.schedule import Schedule, longest_segments, schedule
 from ..engine.motion.simulator import Simulator
@@ -51,6 +52,40 @@ def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun
     return found
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """Segments of a run that are integrated one after the other.
+
+    Attributes
+    ----------
+    plan, segments : the run's, and which of them.
+    cuts : at the start of which, counted from the first, states are wanted.
+    """
+
+    plan: Schedule
+    segments: slice
+    cuts: Index
+
+    def __len__(self) -> int:
+        return int(self.segments.stop - self.segments.start)
+
+
+@dataclass(frozen=True)
+class Integrated:
+    """A stretch that was integrated: states that are wanted, the one at its end, and readings, as they are taken."""
+
+    cuts: Array
+    end: Array
+    y: Array
+
+    def readings(self, plan: Schedule) -> Array:
+        """(n, outputs) readings by rows, where it is all of a run; NaN where there is none."""
+        found = self.y.ravel().take(plan.taken)
+        if not plan.complete:
+            found[plan.taken < 0] = np.nan
+        return found.reshape(plan.read_segment.shape)
+
+
 class Bench:
     """Simulates whole runs freely.
 
@@ -70,7 +105,7 @@ class Bench:
     """
 
     def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
-        self.model = model
+        self.model, self.size = model, model.size
         self.simulator = simulator or Simulator(model, compiled=None)
         self.runs = _runs(model, recordings)
         edges = np.concatenate(([0], np.cumsum([len(run) for run in self.runs])))
@@ -90,7 +125,7 @@ class Bench:
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
-        self._laid: dict[tuple[tuple[float, ...], ...], Lanes] = {}
+        self._room = np.empty(0)  # for segments of unlike runs side by side, one call after the other
 
     @property
     def learnt(self) -> bool:
@@ -130,29 +165,62 @@ class Bench:
 
     def simulate_anew(self, P: Array) -> list[Simulated]:
         """Simulations with each vector, whatever is remembered."""
-        shifts = [tuple(self.simulator.shifts(p)) for p in P]
-        starts = self._starts(P)[0]
-        found: list[Simulated | None] = [None] * len(P)
-        order = sorted(range(len(P)), key=lambda k: [s != 0 for s in shifts[k]])  # alike ones share a call's segments
-        per_call, runs = max(1, CAL.lanes // len(self.runs)), range(len(self.runs))
-        for first in range(0, len(P), per_call):
-            own = order[first : first + per_call]
-            lanes = self._lanes(tuple(shifts[k] for k in own))
-            p = np.repeat(P[own], len(self.runs), axis=0)
-            z0 = starts[own].reshape(len(p), -1)
-            cuts = [[self._cut(plan) for plan in self._scheduled(shifts[k])] for k in own]
-            keeps = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
-            for each in cuts:
-                keeps[np.concatenate(each)] = True
-            place = np.cumsum(keeps) - 1
+        return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
+
+    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+        """Simulations with each vector along segments that are its own."""
+        starts, count = self._starts(P)[0], len(self.runs)
+        whole = [Stretch(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
+        found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
+        return [self._simulated_by(own, found[k * count : (k + 1) * count]) for k, own in enumerate(plans)]
+
+    def _simulated_by(self, plans: Sequence[Schedule], runs: Sequence[Integrated]) -> Simulated:
+        """A simulation of runs that were integrated one by one."""
+        y = np.full(self.measured.shape, np.nan)
+        for rows, plan, own in zip(self.rows, plans, runs, strict=True):
+            y[rows] = own.readings(plan)
+        return Simulated(y, np.concatenate([own.cuts for own in runs]))
+
+    def _integrated(self, stretches: Sequence[Stretch], z0: Array, P: Array) -> list[Integrated]:
+        """Stretches of runs, those together in a call that are about as long: it takes as long as its longest."""
+        kernel, found = self.simulator.kernel, dict[int, Integrated]()
+        order = sorted(range(len(stretches)), key=lambda k: (len(stretches[k]), id(stretches[k].plan)))
+        lengths = tuple(len(stretches[k]) for k in order)
+        for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
+            own = order[part]
+            segments, reads = self._laid_out([stretches[k] for k in own])
+            keeps = np.zeros(len(reads) + 1, dtype=bool)
+            for k in own:
+                keeps[stretches[k].cuts] = keeps[len(stretches[k])] = True
             with np.errstate(all="ignore"):
-                z, y = self.simulator.kernel.simulate(z0, lanes.segments, p, lanes.reads, keeps)
-            read = lanes.gathered(y).reshape(len(own), *self.measured.shape)
-            z = z.reshape(len(own), len(self.runs), *z.shape[1:])
-            for at, k in enumerate(own):
-                cut = [z[at, i, place[each]] for i, each in zip(runs, cuts[at], strict=True)]
-                found[k] = Simulated(read[at].copy(), np.concatenate(cut))
-        return [own for own in found if own is not None]
+                z, y = kernel.simulate(z0[own], segments, P[own], reads, keeps)
+            place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
+            for lane, k in enumerate(own):
+                each, its = stretches[k], y[lane]
+                if len(own) > 1 and segments.strides[0] != 0:  # others are read elsewhere
+                    its = its[rank[: len(each)][each.plan.reads[each.segments]]]
+                found[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
+        return [found[k] for k in range(len(stretches))]
+
+    def _laid_out(self, stretches: Sequence[Stretch]) -> tuple[Array, NDArray[np.bool_]]:
+        """Segments of stretches side by side, (L, S, segment size), and at whose starts any is read.
+
+        Shorter ones are filled up with segments of no length; where all have the same ones, they share them.
+        """
+        first, *_ = stretches
+        if all(own.plan is first.plan and own.segments == first.segments for own in stretches):
+            segments = first.plan.segments[first.segments]
+            return np.broadcast_to(segments, (len(stretches), *segments.shape)), first.plan.reads[first.segments]
+        most, size = max(len(own) for own in stretches), first.plan.segments.shape[1]
+        if len(self._room) < len(stretches) * most * size:
+            self._room = np.empty(len(stretches) * most * size)
+        segments, reads = self._room[: len(stretches) * most * size], np.zeros(most, dtype=bool)
+        segments = segments.reshape(len(stretches), most, size)
+        for lane, own in zip(segments, stretches, strict=True):
+            lane[: len(own)] = own.plan.segments[own.segments]
+            lane[len(own) :] = 0.0
+            reads[: len(own)] |= own.plan.reads[own.segments]
+        return segments, reads
 
     def _cut(self, plan: Schedule) -> Index:
         """Segments at which the lanes of a run begin that `linearise` cuts."""
@@ -168,11 +236,10 @@ class Bench:
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
-        shifts = tuple(self.simulator.shifts(p))
-        lanes, plans = self._lanes((shifts,)), self._scheduled(shifts)
-        with np.errstate(all="ignore"):
-            z, _ = self.simulator.kernel.simulate(self._starts(p[None])[0][0], lanes.segments, p, lanes.reads)
-        return [(plan, z[k, : len(plan.segments)]) for k, plan in enumerate(plans)]
+        plans, starts = self._scheduled(tuple(self.simulator.shifts(p))), self._starts(p[None])[0][0]
+        whole = [Stretch(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
+        found = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
+        return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation and its derivatives.
@@ -188,7 +255,7 @@ class Bench:
         J : (N, outputs, columns).
         S : (N, outputs, runs * loose) by the starts of every run.
         """
-        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.model.size])
+        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.size])
         plans = self._scheduled(tuple(shifts))
         if any(moving):
             plans = [
@@ -197,7 +264,7 @@ class Bench:
             ]
         cut, by_lane, held = self._lanes_in(plans, p)
         by_p = self._starts(p[None])[1][0]
-        (found,) = self._simulations(p[None])
+        (found,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
             _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)
@@ -232,23 +299,6 @@ class Bench:
         rows, cols = sparsity.get_triplet()
         pattern[rows, cols] = True
         return [bool(np.any(pattern[k, list(columns)])) for k in range(len(pattern))]
-
-    def _lanes(self, shifts: tuple[tuple[float, ...], ...]) -> Lanes:
-        """Lanes of so many simulations, laid out anew only when a delay moved."""
-        if shifts in self._laid:
-            self._laid[shifts] = self._laid.pop(shifts)  # used last, forgotten last
-            return self._laid[shifts]
-        per_call = max(1, CAL.lanes // len(self.runs))
-        if len(set(shifts)) == 1 and len(shifts) < per_call:  # part of a full call of such
-            found = self._lanes(shifts[:1] * per_call).of_first(len(shifts) * len(self.runs))
-        else:
-            plans = [plan for own in shifts for plan in self._scheduled(own)]
-            lengths = [len(run) for _ in shifts for run in self.runs]
-            found = lay(plans, [Interval(k, 0, rows) for k, rows in enumerate(lengths)])
-        while len(self._laid) > CAL.lanes:
-            del self._laid[next(iter(self._laid))]
-        self._laid[shifts] = found
-        return found
 
     def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
         if shifts not in self._schedules:

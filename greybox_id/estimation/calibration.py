@@ -258,6 +258,8 @@ class Calibration:
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
     expected: float = _known(0.1, "of that, below which a step is not taken: it is the most that is ever expected")
     fitted: float = _known(1e-4, "of an objective, that a step of a closed model's fit is expected to gain: as fits do")
+    worn: float = _known(0.2, "of its size that a magnitude moves on kept derivatives: they are off by about as much")
+    as_foretold: float = _known(0.1, "off what was foretold, relative, a gain renews them: they are a third off then")
     hopeless: float = _known(2e-4, "added to that, of what is left to explain", SEARCHED)
     shortened: float = _known(0.1, "of its length a step keeps: no parabola leads to where motion spins", DEFINED)
     shortest: float = _known(0.003, "share of a step below which it leads nowhere", SEARCHED)

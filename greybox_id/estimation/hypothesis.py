@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -48,8 +48,7 @@ class Hypothesis:
     @property
     def parts(self) -> list[tuple[Candidate, slice]]:
         """Candidates, each with the places of its coordinates."""
-        ends = np.cumsum([0, *(len(own.axes) for own in self.candidates)]).tolist()
-        return [(own, slice(a, b)) for own, a, b in zip(self.candidates, ends[:-1], ends[1:], strict=True)]
+        return parts_of(self.candidates)
 
     def main(self, effect: str) -> tuple[Axis, int]:
         """The axis of an effect's magnitude, and the place of its coordinate."""
@@ -60,6 +59,12 @@ class Hypothesis:
         places = [k for own, at in self.parts if own.effect in effects for k in range(at.start, at.stop)]
         candidates = tuple(own for own in self.candidates if own.effect in effects)
         return replace(self, candidates=candidates, m=self.m[places], J=self.J[:, :, places], cost=np.inf)
+
+
+def parts_of(candidates: Sequence[Candidate]) -> list[tuple[Candidate, slice]]:
+    """Candidates, each with the places of its coordinates among those of all."""
+    ends = np.cumsum([0, *(len(own.axes) for own in candidates)]).tolist()
+    return [(own, slice(a, b)) for own, a, b in zip(candidates, ends[:-1], ends[1:], strict=True)]
 
 
 def by_cost(own: Hypothesis) -> float:
@@ -98,6 +103,8 @@ class Start:
     m, theta, linear : coordinates.
     origin : a hypothesis without the last candidate, and the coordinates at which the whole equals it: a start that
         explains less is drawn back towards it. None where there is no way back.
+    slopes : (N, channels, k) derivatives of residuals by the first k coordinates, from near there; zero by those by
+        which they are not known.
     """
 
     candidates: tuple[Candidate, ...]
@@ -105,3 +112,4 @@ class Start:
     theta: Array
     linear: Array
     origin: tuple[Hypothesis, Array] | None = None
+    slopes: Array | None = None

@@ -1,8 +1,9 @@
 """What hypotheses are refitted on: a bench, nuisances with their derivatives, and noise that whitens residuals.
 
 Nuisances move little: their derivatives are taken once, about the best model so far, and kept (chords). A hypothesis
-then costs a few simulations: one where it stands and one beside it for each magnitude. What shifts nuisances move in
-time, abrupt ones and starts enter to first order only: about where none of them is, lags about where they were found.
+then costs a few simulations: one where it stands, and one beside it for each magnitude where these have moved. What
+shifts nuisances move in time, abrupt ones and starts enter to first order only: about where none of them is, lags about
+where they were found.
 """
 
 from __future__ import annotations
@@ -248,7 +249,7 @@ class Search:
     @staticmethod
     def start_of(hypothesis: Hypothesis) -> Start:
         """A start where a hypothesis stands."""
-        return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear)
+        return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear, slopes=hypothesis.J)
 
     def charge(self, hypothesis: Hypothesis) -> float:
         """What nuisances cost, twice their negative log-belief; those that are candidates cost nothing."""

@@ -182,8 +182,8 @@ def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
     null = np.append(parent.m, (there.candidate.axes[0].null, *hopeful.m[1:]))
     count = len(parent.theta)
     starts = [
-        Start(candidates, m, parent.theta, parent.linear, (parent, null)),
-        Start(candidates, m, search.means[:count], search.means[count:]),
+        Start(candidates, m, parent.theta, parent.linear, (parent, null), parent.J),
+        Start(candidates, m, search.means[:count], search.means[count:], slopes=parent.J),
     ]
     found = refit(there.search, starts)
     return _Begun(there.search, min(found, key=by_cost)) if found else None
@@ -261,7 +261,7 @@ def _weighed(
     best = _placed(_Begun(search, own))
     search, own = best.search, best.own
     constant = (selection.base, *selection.tried[: CAL.rivals])
-    starts = [Start(each.candidates, each.m, own.theta, own.linear) for each in constant]
+    starts = [Start(each.candidates, each.m, own.theta, own.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
     bases, tried = [each for each in again if not each.names], {frozenset(own.names): own}
     places = own.candidates[-1].part

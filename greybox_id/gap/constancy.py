@@ -53,7 +53,7 @@ class _Alone:
     itself : (N, channels) the same less what all else can undo.
     told : information on it, all else refitted within its priors.
     pulls : (N, channels) what residuals pull at it.
-    all_else : (N, channels, n) times what it does.
+    by_row, by_channel : (N, n), (channels, n) what it does times what all else does, summed over the others.
     inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
     """
 
@@ -61,7 +61,8 @@ class _Alone:
     itself: Array
     told: float
     pulls: Array
-    all_else: Array
+    by_row: Array
+    by_channel: Array
     inverse: Array
     slope: Array
 
@@ -73,7 +74,7 @@ class _Alone:
         part : (N, K) or (channels, K), one where rows or channels belong to a part.
         """
         axis = 1 if len(part) == len(self.does) else 0
-        cross = np.sum(self.all_else, axis=axis).T @ part
+        cross = (self.by_row if axis else self.by_channel).T @ part
         undone = self.inverse @ cross
         H = np.diag(np.sum(self.does**2, axis=axis) @ part) - cross.T @ undone
         g = np.sum(self.pulls, axis=axis) @ part - undone.T @ self.slope
@@ -89,19 +90,29 @@ def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
     g = search.white.T @ r + search.precision @ (u - search.means)
     stays = ((u <= search.low) & (g > 0)) | ((u >= search.high) & (g < 0)) | search.among({a.index for a in found.axes})
     others = np.arange(J.shape[1]) != at
-    T, W = np.column_stack([search.white[:, ~stays], J[:, others]]), J[:, at]
-    H = T.T @ T
-    H[: np.sum(~stays), : np.sum(~stays)] += search.precision[np.ix_(~stays, ~stays)]
+    moves = np.concatenate([~stays, others])  # all else, nuisances first
+    own = J.T @ J
+    beside = search.white.T @ J
+    H = np.block([[search.gram + search.precision, beside], [beside.T, own]])[np.ix_(moves, moves)]
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    undone = inverse @ (T.T @ W)
-    told = float(W @ W - (T.T @ W) @ undone)
-    if not told > CAL.ridge * float(W @ W):
+    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], own[:, at]])[moves]
+    undone = np.zeros(len(moves))
+    undone[moves] = inverse @ alike
+    told = float(own[at, at] - alike @ undone[moves])
+    if not told > CAL.ridge * float(own[at, at]):
         return None
-    slope = np.concatenate([g[~stays], J[:, others].T @ r])
-    all_else = (T * W[:, None]).reshape(*shape, -1)
-    own = (W.reshape(shape), (W - T @ undone).reshape(shape), told, (W * r).reshape(shape))
-    return _Alone(*own, all_else, inverse, slope)
+    itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
+    slope = np.concatenate([g, J.T @ r])[moves]
+    by_row, by_channel = zip(*(_products(does, own.reshape(*shape, -1)) for own in (search.white, J)), strict=True)
+    rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
+    return _Alone(does, itself, told, does * r.reshape(shape), rows, channels, inverse, slope)
+
+
+def _products(one: Array, many: Array) -> tuple[Array, Array]:
+    """(N, n), (channels, n) of (N, channels) times (N, channels, n), summed over channels and over rows."""
+    over_rows = np.array([many[:, c].T @ one[:, c] for c in range(one.shape[1])])
+    return np.asarray((one[:, None, :] @ many)[:, 0]), over_rows
 
 
 def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:

@@ -16,7 +16,7 @@ from ..estimation.axes import Candidate
 from ..estimation.calibration import CAL
 from ..estimation.hypothesis import Hypothesis, Start, by_cost
 from ..estimation.noise import Whitener
-from ..estimation.refit import refit, settled
+from ..estimation.refit import refit, settled, with_slopes
 from ..estimation.search import Search
 from ..estimation.shortlist import Promise, from_where_best, promises
 from ..shorthands import Array
@@ -116,6 +116,8 @@ def select(
         found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
     base, found = _from_each_other(search, base, _gaps(search, found), worth)
     found = _from_believed_lags(search, found)
+    better = sum(own.cost < base.cost for own in found)  # of these more is told than what they cost
+    found = [*with_slopes(search, found[:better]), *found[better:]]
     by_effect = {own.candidate.effect: own for own in reversed(promised)}  # of forms the most promising
     return Selection(search, base, tuple(found), tuple(sorted(by_effect.values(), key=lambda own: -own.gain)))
 
@@ -181,7 +183,7 @@ def _from_each_other(
             starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
             bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
             search.about(base)
-            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes))
+            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes), slopes=best.J)
             again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
         gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
         base = min([base, *bases], key=by_cost)
@@ -371,7 +373,7 @@ def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) 
         way_back = (parent, null) if candidate.gradual else None
         count = len(parent.theta)
         theta, linear = own.nuisances[:count], own.nuisances[count:]
-        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back))
+        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back, parent.J))
     return list(_best_of_each(_gaps(search, refit(search, starts))).values())
 
 

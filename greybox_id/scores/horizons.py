@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.kernel import PAYS
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed, Prediction
@@ -78,6 +79,8 @@ def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: S
         found[None] = [predictions(model, own, "closed_loop") for own in recordings]
     else:
         simulator = Simulator(model) if simulator is None else simulator.of(model)
+        if sum(len(own) for own in recordings) * OVERLAPPING * len(HORIZONS) > PAYS:
+            simulator.kernel.prepare()  # an observer's steps, one by one, would not ask for that
         predictors = [Predictor(simulator, own, model.values) for own in recordings]
         for horizon in HORIZONS:
             found[horizon] = [

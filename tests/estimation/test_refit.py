@@ -1,5 +1,7 @@
 """Refits: magnitudes beside what is believed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_cases import (
@@ -19,7 +21,7 @@ from gap_cases import (
 from greybox_id.estimation.axes import Candidate, candidates, shifting
 from greybox_id.estimation.bench import Bench
 from greybox_id.estimation.hypothesis import Start
-from greybox_id.estimation.refit import refit
+from greybox_id.estimation.refit import refit, with_slopes
 from greybox_id.models.effects import EFFECTS
 
 SD = np.array([0.1, 0.4])
@@ -172,3 +174,81 @@ def test_a_delay_that_is_best_within_a_row_is_tried_beyond_it_too():
     assert found.m[0] == pytest.approx(1.12 * dt, abs=1e-5)
     (without,) = refit(search, [alone(search, Candidate("delay", (own,), gradual=False), 0.0138)], settle_on_rows=False)
     assert without.m[0] < dt
+
+
+def counted(search, *starts):
+    """Hypotheses, and how many simulations these took."""
+    before = search.simulations
+    found = refit(search, starts)
+    return found, search.simulations - before
+
+
+def of_two_runs(respond, measured, size):
+    """A bench whose calls have no room: simulations of it are all the same work."""
+    return GivenBench(respond, measured, size, lengths=[200, 200])
+
+
+def test_derivatives_are_kept_while_they_foretell_what_steps_gain():
+    X, noise = smooth_columns(2), SD * np.random.default_rng(0).standard_normal((400, 2))
+    truth = np.array([0.19, -0.15])  # near the start, over the scale of the axes
+    own = (candidate(0), candidate(1))
+    straight = search_on(of_two_runs(lambda p: X @ p, X @ truth + noise, 2), SD)
+    base = straight.at_means()
+    (found,), count = counted(straight, Start(own, np.zeros(2), base.theta, base.linear))
+    assert found.m == pytest.approx(truth, abs=0.05)
+    assert count == 4  # there and beside it by either magnitude, and where that leads
+
+    def bent(p):
+        return X @ np.sinh(20 * p)
+
+    curved = search_on(of_two_runs(bent, bent(truth) + noise, 2), SD)
+    (found,), count = counted(curved, Start(own, np.array([0.1, -0.1]), base.theta, base.linear))
+    assert found.m == pytest.approx(truth, abs=0.01)
+    assert count > 8
+    ahead = np.array([1e-6, 0.0])
+    exact = (bent(found.m + ahead) - bent(found.m - ahead)) / 2e-6
+    np.testing.assert_allclose(found.J[:, :, 0], exact, rtol=0.25, atol=0.01 * np.max(np.abs(exact)))
+
+
+def test_a_refit_from_a_hypothesis_needs_no_derivative():
+    X = smooth_columns(2)
+    search = search_on(of_two_runs(lambda p: X @ p, X @ [0.19, -0.15], 2), SD)
+    base = search.at_means()
+    (found,), _ = counted(search, Start((candidate(0), candidate(1)), np.zeros(2), base.theta, base.linear))
+    (again,), count = counted(search, search.start_of(found))
+    assert count == 1
+    assert again.m == pytest.approx(found.m)
+    first = found.only({"effect_0"})
+    (wider,), count = counted(
+        search,
+        Start((*first.candidates, candidate(1)), np.append(first.m, 0.0), base.theta, base.linear, None, first.J),
+    )
+    assert count == 3  # there, beside it by the new one, and where that leads
+    assert wider.m == pytest.approx(found.m, abs=1e-6)
+
+
+def test_a_refused_step_leaves_what_is_known_of_derivatives():
+    X = smooth_columns(1)
+
+    def respond(p):
+        return X[:, :, 0] * (0.05 * p[0] + p[0] ** 5)
+
+    own = Candidate("delay", (axis(0, scale=1.0, shift=True),), gradual=False)  # looked beside everywhere
+    search = search_on(of_two_runs(respond, respond(np.array([1.0])), 1), SD)
+    seen = []
+    plain, search.residuals = search.residuals, lambda P: (seen.extend(float(p[0]) for p in P), plain(P))[1]
+    refit(search, [alone(search, own, 0.4)], settle_on_rows=False)
+    assert len(seen) == len(set(seen))  # nothing is asked for again that was known
+
+
+def test_derivatives_are_taken_anew_where_hypotheses_ended():
+    X = smooth_columns(1)
+
+    def bent(p):
+        return X[:, :, 0] * np.sinh(20 * p[0])
+
+    search = search_on(of_two_runs(bent, bent(np.array([0.19])), 1), SD)
+    (found,) = refit(search, [alone(search, candidate(0), 0.15)])
+    (stale,) = with_slopes(search, [replace(found, J=0.5 * found.J)])
+    np.testing.assert_allclose(stale.J[:, :, 0], 20 * X[:, :, 0] * np.cosh(20 * found.m[0]), rtol=0.02)
+    assert stale.cost == found.cost

@@ -6,10 +6,11 @@ from driven import driven
 from gap_cases import CAR
 from toys import joined, tiny
 
+from greybox_id.engine.kernel import Kernel
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.models.registry import build
-from greybox_id.scores.horizons import by_horizon, diverges
+from greybox_id.scores.horizons import by_horizon, diverges, mean_squares
 from greybox_id.scores.memory import predictions
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -51,3 +52,11 @@ def test_errors_of_a_map_with_memory_are_those_of_its_predictions():
         for k, channel in enumerate(model.outputs):
             rmse = np.sqrt(np.mean((found.predicted - found.measured)[:, k] ** 2))
             assert before[channel, horizon] == pytest.approx(rmse)
+
+
+@pytest.mark.parametrize(("rows", "asked"), [(100, 0), (700, 1)])
+def test_equations_are_compiled_before_an_observer_steps_along_a_long_recording(monkeypatch, rows, asked):
+    lap, model, seen = driven("lateral", runs=1, seconds=50.0), build("lateral", {"tyre": "linear"}, {}, CAR), []
+    monkeypatch.setattr(Kernel, "prepare", lambda _: seen.append("prepared"))
+    mean_squares(model, [lap.rows(0, rows)])
+    assert len(seen) == asked

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,14 +81,6 @@ class Lanes:
         in_order = self.owner if order is None else self.owner[order]
         return order, np.searchsorted(in_order, np.arange(len(self.rows)))
 
-    def of_first(self, count: int) -> Lanes:
-        """So many of the intervals, none of which is cut, the first ones."""
-        rows = int(self.rows[count])
-        return Lanes(
-            self.segments[:count], self.reads, self.interval[:count], self.first[:count], self.offset[:count],
-            self.lane[:rows], self.rank[:rows], self.rows[: count + 1],
-        )  # fmt: skip
-
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
         shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
@@ -108,6 +100,35 @@ class Lanes:
         if not self.complete:
             found[self.lane < 0] = nothing
         return found
+
+
+WIDTHS = {8: 1.0, 4: 0.62}
+"""Trajectories that a compiled call integrates at once -> what a segment of them costs, over that of the most.
+
+Measured on single tracks with 15 states: 17.5 and 28 ms for 6 436 segments, 0.55 to 0.65 in all.
+"""
+
+
+@lru_cache(maxsize=256)
+def packed(lengths: tuple[int, ...]) -> list[slice]:
+    """Which trajectories are best integrated in one call, of so many segments each, shortest first: parts of them.
+
+    A call takes as long as its longest one.
+    """
+    least, begin = [0.0], [0]
+    for stop in range(1, len(lengths) + 1):
+        costs = {
+            start: least[start]
+            + min(cost for width, cost in WIDTHS.items() if width >= stop - start) * lengths[stop - 1]
+            for start in range(max(0, stop - max(WIDTHS)), stop)
+        }
+        begin.append(min(costs, key=lambda start: costs[start]))
+        least.append(costs[begin[-1]])
+    found, stop = list[slice](), len(lengths)
+    while stop:
+        found.insert(0, slice(begin[stop], stop))
+        stop = begin[stop]
+    return found
 
 
 def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,18 @@ class Schedule:
     read_segment: Index
     reads: NDArray[np.bool_]
 
+    @cached_property
+    def taken(self) -> Index:
+        """(n * outputs,) where the reading of each row stands among all that are taken, -1 where none is."""
+        outputs = self.read_segment.shape[1]
+        rank = (np.cumsum(self.reads) - 1)[np.maximum(self.read_segment, 0)]
+        return np.asarray(np.where(self.read_segment >= 0, rank * outputs + np.arange(outputs), -1).ravel())
+
+    @cached_property
+    def complete(self) -> bool:
+        """Whether every reading is taken."""
+        return bool(np.all(self.taken >= 0))
+
 
 def schedule(
     trace: MotionTrace,
@@ -59,7 +72,8 @@ def schedule(
     run : the run.
     shifts : the delays' and latencies' values, s.
     longest : no segment is longer than this, s; one number, or (n,) from each row to the next.
-    moving : which shifts are differentiated by; the others, where they are zero, cut nothing. None: all of them.
+    moving : which shifts are differentiated by; the others, where they are zero, cut nothing, and where their readings
+        are late at instants that are there already, nothing there. None: all of them.
     read : (n,) rows at which something may be read late; at the others latencies cut nothing. None: all of them.
     """
     rows, delays = len(run), len(trace.delayed)
@@ -84,6 +98,10 @@ def schedule(
     first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)
+    fixed = [k for k in cuts if k >= delays and moving is not None and not moving[k]]
+    same = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(kind, fixed)  # read with what is there already
+    held, taker, late_kind, late_row = ~same, np.cumsum(~same) - 1, kind, row
+    instant, kind, row = instant[held], kind[held], row[held]
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
@@ -100,12 +118,12 @@ def schedule(
     row_segment[row[kind == -1]] = places[kind == -1]
     taken = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
     for k, name in enumerate(trace.late):
-        own = kind == delays + k
+        own = late_kind == delays + k
         if delays + k not in cuts:
             continue
         column = trace.model.outputs.index(name)
         taken[:, column] = -1
-        taken[row[own], column] = places[own]
+        taken[late_row[own], column] = taker[own]
     reads = np.zeros(len(kind), dtype=bool)
     reads[taken[taken >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)

@@ -176,3 +176,21 @@ def test_rows_that_follow_each_other_fast_are_cut_no_finer_than_they_were():
     assert least_segment(0.01) == 0.01 / MOST_STEPS
     assert least_segment(0.005) == 0.005 / MOST_STEPS
     assert least_segment(0.04) == 2.5e-4
+
+
+def test_readings_that_are_late_alike_are_taken_at_one_instant():
+    time = np.arange(0.0, 2.0, 0.1)
+    model = delayed(delay=0.05, latency=0.02).late(lambda p: p.latency, "speed")
+    run = motion_runs(model, Recording("r", time, {"steer": np.sin(time), "speed": time, "a_x": time}))[0]
+    trace = MotionTrace(model)
+    shifts = np.array([0.05, 0.02, 0.02])
+    apart = schedule(trace, run, shifts, FAR)
+    once = schedule(trace, run, shifts, FAR, [False] * 3)
+    assert len(apart.segments) - len(once.segments) == pytest.approx(len(time), abs=1)
+    np.testing.assert_array_equal(once.read_segment[:, 0], once.read_segment[:, 1])
+    assert np.sum(once.segments[:, 0] == 0) == 1  # the last one alone has no length
+    for own in (apart, once):
+        assert np.sum(own.segments[:, 0]) == pytest.approx(time[-1] - time[0])
+    at = [np.append(0.0, np.cumsum(own.segments[:, 0])) for own in (apart, once)]
+    later = once.read_segment[:, 0] >= 0
+    np.testing.assert_allclose(at[1][once.read_segment[later]], at[0][apart.read_segment[later]], rtol=0, atol=1e-12)
