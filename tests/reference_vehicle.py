@@ -44,6 +44,7 @@ VEHICLE_EFFECTS = {
 }  # fmt: skip
 SECOND = {
     "tyre_temperature_E_0": 2e4,  # J
+    "grip_scale_slope": 1.0,  # power of it that slopes of the magic formula go with
     "roll_frequency": 1.5,  # Hz
     "roll_damping": 0.3,
     "motor_saturation_v_b": None,  # m/s; 0.6 v_max of the vehicle unless given
@@ -198,8 +199,9 @@ def dynamics(car, tyre, state, steer, force, given, v_dot, rate, seen):
     friction = car.grip_scale * (1 - car.tyre_temperature * (1 - np.exp(-work / car.tyre_temperature_E_0)))
     peak_f = peak(friction * car.D_f, F_zf, static_f / 2, car.load_sensitivity, to_right_f)
     peak_r = peak(friction * car.D_r, F_zr, static_r / 2, car.load_sensitivity, to_right_r)
-    F_yf = peak_f * shape(tyre, car.B_f * car.front_stiffness, car.C_f, car.E_f, alpha_f)
-    F_yr = peak_r * shape(tyre, car.B_r * car.rear_stiffness, car.C_r, car.E_r, alpha_r)
+    steeper = car.grip_scale ** (car.grip_scale_slope - 1) if tyre == 0 else 1.0
+    F_yf = peak_f * shape(tyre, steeper * car.B_f * car.front_stiffness, car.C_f, car.E_f, alpha_f)
+    F_yr = peak_r * shape(tyre, steeper * car.B_r * car.rear_stiffness, car.C_r, car.E_r, alpha_r)
     F_yf *= ellipse(car.combined_slip, F_xf, peak_f)
     F_yr *= ellipse(car.combined_slip, F_xr, peak_r)
     sliding = abs(F_yf * np.sin(alpha_f)) + abs(F_yr * np.sin(alpha_r))

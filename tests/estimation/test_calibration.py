@@ -11,7 +11,7 @@ from greybox_id.estimation.calibration import CAL, provenance
 from greybox_id.exam.answers import SIZABLE
 
 MATHEMATICS = {
-    "axes": {"DIRECTIONS", "SECONDS"},  # a circle's quarters; usual values of units
+    "axes": {"DIRECTIONS", "SECONDS", "SHARE"},  # a circle's quarters; usual values of units
     "closed_vehicle": {"NORMAL"},  # quantile of a normal distribution
     "diagnosis": {"NINETY_FIVE"},
     "evidence": {"NEVER"},  # guards against numbers without meaning

@@ -37,8 +37,13 @@ MAGNITUDES = {
     },
 }  # fmt: skip  # those that are not typical
 SECOND = {
-    "full-size": {"motor_saturation_v_b": 15.0, "wind_direction": 1.0, "tyre_temperature_E_0": 2e4},
-    "1:10": {"motor_saturation_v_b": 2.5, "wind_direction": 1.0, "tyre_temperature_E_0": 30.0},
+    "full-size": {
+        "motor_saturation_v_b": 15.0,
+        "wind_direction": 1.0,
+        "tyre_temperature_E_0": 2e4,
+        "grip_scale_slope": 0.3,
+    },
+    "1:10": {"motor_saturation_v_b": 2.5, "wind_direction": 1.0, "tyre_temperature_E_0": 30.0, "grip_scale_slope": 1.0},
 }
 STATISTICS = ("timestamp_jitter", "dropped_samples")
 SETTLED = 150
