@@ -61,6 +61,7 @@ class Ranked:
         the end.
     within : name of the recording, and of its run if it has several, in which it begins or ends; "" where it acts
         everywhere.
+    others : its second parameters, by name: how a road's grip bends slopes, where wind blows to.
     """
 
     effect: str
@@ -74,6 +75,7 @@ class Ranked:
     since: float | None = None
     until: float | None = None
     within: str = ""
+    others: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def lasts(self) -> bool:

@@ -112,6 +112,13 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     assert "closes by 90 %" in how_far(gap, sure, False)
 
 
+def test_second_parameters_stand_behind_a_magnitude():
+    wind = Ranked("wind_gust", 0.9, 8.0, "m/s", (6.0, 10.0), others={"wind_direction": 1.04})
+    assert magnitude_words(wind) == "8.0 ± 1.0 m/s, wind_direction 1.0 rad"
+    grip = Ranked("grip_scale", 0.9, 0.8, "1", (0.76, 0.84), others={"grip_scale_slope": 0.0})
+    assert magnitude_words(grip) == "× 0.800 ± 0.020, grip_scale_slope 0"
+
+
 def test_parameters_beyond_their_tolerances_are_no_agreement_within_these():
     near, far = Moved("D_f", "1", 1.0, 0.01, 1.02), Moved("C_f", "1", 1.1, 0.01, 1.196)
     assert "within noise and stated tolerances" in whether(replace(none(), moved=(near,)))

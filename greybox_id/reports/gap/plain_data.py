@@ -72,6 +72,7 @@ def _ranked(body: Mapping[str, Any]) -> Ranked:
         str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
         _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
         str(body.get("reason", "")), since, until, str(body.get("within", "")),
+        {str(name): float(value) for name, value in body.get("others", {}).items()},
     )  # fmt: skip
 
 
