@@ -17,6 +17,7 @@ from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.axes import ActingRows
 from ..estimation.calibration import CAL
+from ..estimation.constancy import Spread, varies
 from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.observer import PULLED
@@ -30,7 +31,6 @@ from .advice import advice, limits, not_excited
 from .budget import budget, subsets
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
-from .constancy import Spread, varies
 from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, examine
 from .gap import Budget, Gap, Ranked

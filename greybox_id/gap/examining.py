@@ -15,6 +15,7 @@ from ..errors import BadInput
 from ..estimation.axes import candidates, nuisances, shifting
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
+from ..estimation.constancy import orders_of, stretch
 from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.model_error import Believed, ForceSizes, estimated, linearised, model_error
@@ -30,7 +31,6 @@ from ..shorthands import Array
 from ..vehicle import Vehicle
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
-from .constancy import orders_of, stretch
 from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals

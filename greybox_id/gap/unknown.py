@@ -12,11 +12,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ..engine.simulation import FreeRuns
 from ..estimation.calibration import CAL
+from ..estimation.constancy import varies
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.model_error import Amplitudes
 from ..estimation.search import Search
 from ..shorthands import Array
-from .constancy import varies
 from .gap import Unnamed
 
 

@@ -5,9 +5,9 @@ import pytest
 from gap_cases import GivenBench, axis, candidate, search_on
 from scipy.stats import kstest
 
+from greybox_id.estimation.constancy import _stretched, spreads, stretch
 from greybox_id.estimation.hypothesis import Start
 from greybox_id.estimation.refit import refit
-from greybox_id.gap.constancy import _stretched, spreads, stretch
 
 ROWS, SD = 900, np.array([0.2, 0.5])
 

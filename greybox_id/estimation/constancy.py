@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.search import Search
 from ..shorthands import Array
+from .calibration import CAL
+from .hypothesis import Hypothesis
+from .search import Search
 
 BETWEEN_CHANNELS = "between channels"
 
