@@ -90,35 +90,29 @@ def _hopeful(
 ) -> list[_Hopeful]:
     """Which effects may gain enough by acting in part of the rows alone, to first order, best first.
 
+    In the form in which they are stated: in others, which are nearer to what tolerances of tyres do, vehicles without
+    a gap gain by them.
+
     Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
     explanation gains.
     """
     new = [own for own in candidates if own.effect not in parent.names and own.gradual and own.free == 1]
+    new = [own for own in new if all(search.nominal[axis.index] == axis.low for axis in own.axes[1:])]
     if not new:
         return []
-    everywhere, places, gains, steps = _in_parts(search, parent, _derivatives(search, parent, new))
-    found = dict[str, _Hopeful]()
+    J = search.bench.linearise(search.vector(parent), [own.axes[0].index for own in new])[1]
+    everywhere, places, gains, steps = _in_parts(search, parent, J)
+    found = []
     for k, own in enumerate(new):
         axis, null = own.axes[0], search.where(parent, own.axes[0])
         at = np.clip(null + steps[:, k], axis.low, axis.high)
         expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
         best = int(np.argmax(expected))
         needed = max(everywhere[k] + CAL.begins, cost(own.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
-        if expected[best] > needed and (own.effect not in found or expected[best] > found[own.effect].gain):
+        if expected[best] > needed:
             m = (float(at[best]), *own.held)
-            found[own.effect] = _Hopeful(parent, own, places[best], float(expected[best]), m)
-    return sorted(found.values(), key=lambda each: -each.gain)
-
-
-def _derivatives(search: Search, parent: Hypothesis, new: Sequence[Candidate]) -> Array:
-    """(N, channels, K) derivatives by the magnitudes of effects, of which second parameters are held."""
-    p, found, alike = search.vector(parent), np.empty((*parent.e.shape, len(new))), dict[bytes, list[int]]()
-    for k, own in enumerate(new):
-        alike.setdefault(search.placed(p, own.axes[1:], own.held).tobytes(), []).append(k)
-    for there, places in alike.items():
-        columns = [new[k].axes[0].index for k in places]
-        found[:, :, places] = search.bench.linearise(np.frombuffer(there), columns)[1]
-    return found
+            found.append(_Hopeful(parent, own, places[best], float(expected[best]), m))
+    return sorted(found, key=lambda each: -each.gain)
 
 
 def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
