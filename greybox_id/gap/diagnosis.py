@@ -322,7 +322,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 _gain(found, most, name),
                 reasons.get(name, DIFFERS.format(by) if by > 1.0 else ""),
                 *((None, None, "") if part is None else (part.since, part.until, _place(found, part))),
-                _others(most, name),
+                _others(found, most, name),
             )
         )
     for name, (own, present) in found.scatter.items():
@@ -405,10 +405,12 @@ def _magnitude(found: Examined, hypothesis: Hypothesis, name: str) -> tuple[floa
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
 
 
-def _others(hypothesis: Hypothesis, name: str) -> dict[str, float]:
-    """Second parameters of one effect in a hypothesis."""
+def _others(found: Examined, hypothesis: Hypothesis, name: str) -> dict[str, float]:
+    """Second parameters of one effect in a hypothesis that are elsewhere than usual."""
     candidate, at = next(own for own in hypothesis.parts if own[0].effect == name)
-    return {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
+    usual = {own.name: float(own.array) for own in found.effects[name].others}
+    own = {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
+    return {parameter: value for parameter, value in own.items() if value != usual[parameter]}
 
 
 def _place(found: Examined, part: ActingRows) -> str:

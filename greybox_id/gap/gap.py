@@ -61,7 +61,7 @@ class Ranked:
         the end.
     within : name of the recording, and of its run if it has several, in which it begins or ends; "" where it acts
         everywhere.
-    others : its second parameters, by name: how a road's grip bends slopes, where wind blows to.
+    others : its second parameters that are elsewhere than usual, by name: where wind blows to.
     """
 
     effect: str
