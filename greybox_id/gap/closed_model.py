@@ -147,8 +147,8 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -
         return []
     believed = with_beliefs(begin, found.effects, found.vehicle)
     believed = believed.with_parameters(*(believed[own.name].with_value(own.array) for own in begin.parameters))
-    freed = (replace(believed[axis.name], fixed=False) for axis in best.axes)
-    ways = [own for own in (believed, *([believed.with_parameters(*freed)] if best.axes else []))
+    freed = [replace(believed[axis.name], fixed=False) for axis in best.axes if axis.low < axis.high]
+    ways = [own for own in (believed, *([believed.with_parameters(*freed)] if freed else []))
             if not all(parameter.fixed for parameter in own.parameters)]  # fmt: skip
     if not ways:
         return []

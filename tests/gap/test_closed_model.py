@@ -90,3 +90,16 @@ def test_where_an_effect_begins_is_found_whatever_recordings_are_called():
     found = SimpleNamespace(recordings=[one, other])
     assert place_of(found, ActingRows(slice(11, 13), "lap", 2, since=3.0)) == (1, 1, 8)
     assert place_of(found, ActingRows(slice(0, 7), "lap", 1, until=4.0)) == (1, 0, 4)
+
+
+@pytest.mark.slow
+def test_the_form_of_an_effect_is_named_and_stays_as_it_is_in_the_closed_model():
+    """On another road slopes at zero slip stay: the form is one of two, no number that fits move."""
+    slippery = {"grip_scale": 0.8, "grip_scale_slope": 0.0}
+    recordings = [lap(slippery, 20.0, vehicle=TRUTH)]
+    gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE)
+    assert gap.applied == ("grip_scale",)
+    assert gap.ranking[0].others == {"grip_scale_slope": 0.0}
+    assert gap.ranking[0].magnitude == pytest.approx(0.8, abs=0.02)
+    assert float(gap.closed["grip_scale_slope"].array) == 0.0
+    assert float(gap.closed["grip_scale"].array) == pytest.approx(0.8, abs=0.02)
