@@ -23,7 +23,7 @@ from ..document import Document, Drawing, VerdictBox
 from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
 from ..figures.style import BLUE, DASHED, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SMALL, ZERO, Look, label, look, symbol
 from ..pdf import write_pdf, write_png
-from .words import judged, magnitude_words, verdict
+from .words import judged, main_words, verdict
 
 BEFORE = look(ORANGE, 1.1, "model as it was")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
@@ -252,7 +252,7 @@ def _interval(ax: Axes, row: int, own: Ranked) -> None:
     """Estimate and interval of one effect, and both in words above it."""
     ends = sorted(relative(own.effect, end, own.magnitude) for end in own.interval)
     centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "color": INK, "clip_on": True}
-    ax.text(1.0, row - 0.36, magnitude_words(own), size=7.2, **centred)
+    ax.text(1.0, row - 0.36, main_words(own), size=7.2, **centred)
     if any(np.isnan(end) for end in ends):
         return
     low, high = (min(max(end, REACH[0]), REACH[1]) for end in ends)

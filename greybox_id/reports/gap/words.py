@@ -51,17 +51,18 @@ def is_factor(effect: str) -> bool:
 
 
 def magnitude_words(ranked: Ranked) -> str:
-    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided.
-
-    Second parameters stand behind: 8 ± 1 m/s, wind_direction 1.0 rad.
-    """
+    """How large an effect is and when it acts, second parameters behind: 8 ± 1 m/s, wind_direction 1.0 rad."""
     known = EFFECTS.get(ranked.effect)
     units = {own.name: own.unit for own in known.others} if known is not None else {}
     behind = [
         f"{name} {number(value, 2)} {handy(units.get(name, ''), inf).unit}" for name, value in ranked.others.items()
     ]
-    first = " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
-    return ", ".join((first, *(own.strip() for own in behind)))
+    return ", ".join((main_words(ranked), *(own.strip() for own in behind)))
+
+
+def main_words(ranked: Ranked) -> str:
+    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided."""
+    return " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
 
 
 def when_words(ranked: Ranked) -> str:
