@@ -53,7 +53,7 @@ def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Passage:
     """Segments of a run that are integrated one after the other.
 
     Attributes
@@ -72,7 +72,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Integrated:
-    """A stretch that was integrated: states that are wanted, the one at its end, and readings, as they are taken."""
+    """A passage that was integrated: states that are wanted, the one at its end, and readings, as they are taken."""
 
     cuts: Array
     end: Array
@@ -170,7 +170,7 @@ class Bench:
     def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
         """Simulations with each vector along segments that are its own."""
         starts, count = self._starts(P)[0], len(self.runs)
-        whole = [Stretch(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
+        whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
         found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
         return [self._simulated_by(own, found[k * count : (k + 1) * count]) for k, own in enumerate(plans)]
 
@@ -181,42 +181,42 @@ class Bench:
             y[rows] = own.readings(plan)
         return Simulated(y, np.concatenate([own.cuts for own in runs]))
 
-    def _integrated(self, stretches: Sequence[Stretch], z0: Array, P: Array) -> list[Integrated]:
-        """Stretches of runs, those together in a call that are about as long: it takes as long as its longest."""
+    def _integrated(self, passages: Sequence[Passage], z0: Array, P: Array) -> list[Integrated]:
+        """Passages of runs, those together in a call that are about as long: it takes as long as its longest."""
         kernel, found = self.simulator.kernel, dict[int, Integrated]()
-        order = sorted(range(len(stretches)), key=lambda k: (len(stretches[k]), id(stretches[k].plan)))
-        lengths = tuple(len(stretches[k]) for k in order)
+        order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), id(passages[k].plan)))
+        lengths = tuple(len(passages[k]) for k in order)
         for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
             own = order[part]
-            segments, reads = self._laid_out([stretches[k] for k in own])
+            segments, reads = self._laid_out([passages[k] for k in own])
             keeps = np.zeros(len(reads) + 1, dtype=bool)
             for k in own:
-                keeps[stretches[k].cuts] = keeps[len(stretches[k])] = True
+                keeps[passages[k].cuts] = keeps[len(passages[k])] = True
             with np.errstate(all="ignore"):
                 z, y = kernel.simulate(z0[own], segments, P[own], reads, keeps)
             place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
             for lane, k in enumerate(own):
-                each, its = stretches[k], y[lane]
+                each, its = passages[k], y[lane]
                 if len(own) > 1 and segments.strides[0] != 0:  # others are read elsewhere
                     its = its[rank[: len(each)][each.plan.reads[each.segments]]]
                 found[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
-        return [found[k] for k in range(len(stretches))]
+        return [found[k] for k in range(len(passages))]
 
-    def _laid_out(self, stretches: Sequence[Stretch]) -> tuple[Array, NDArray[np.bool_]]:
-        """Segments of stretches side by side, (L, S, segment size), and at whose starts any is read.
+    def _laid_out(self, passages: Sequence[Passage]) -> tuple[Array, NDArray[np.bool_]]:
+        """Segments of passages side by side, (L, S, segment size), and at whose starts any is read.
 
         Shorter ones are filled up with segments of no length; where all have the same ones, they share them.
         """
-        first, *_ = stretches
-        if all(own.plan is first.plan and own.segments == first.segments for own in stretches):
+        first, *_ = passages
+        if all(own.plan is first.plan and own.segments == first.segments for own in passages):
             segments = first.plan.segments[first.segments]
-            return np.broadcast_to(segments, (len(stretches), *segments.shape)), first.plan.reads[first.segments]
-        most, size = max(len(own) for own in stretches), first.plan.segments.shape[1]
-        if len(self._room) < len(stretches) * most * size:
-            self._room = np.empty(len(stretches) * most * size)
-        segments, reads = self._room[: len(stretches) * most * size], np.zeros(most, dtype=bool)
-        segments = segments.reshape(len(stretches), most, size)
-        for lane, own in zip(segments, stretches, strict=True):
+            return np.broadcast_to(segments, (len(passages), *segments.shape)), first.plan.reads[first.segments]
+        most, size = max(len(own) for own in passages), first.plan.segments.shape[1]
+        if len(self._room) < len(passages) * most * size:
+            self._room = np.empty(len(passages) * most * size)
+        segments, reads = self._room[: len(passages) * most * size], np.zeros(most, dtype=bool)
+        segments = segments.reshape(len(passages), most, size)
+        for lane, own in zip(segments, passages, strict=True):
             lane[: len(own)] = own.plan.segments[own.segments]
             lane[len(own) :] = 0.0
             reads[: len(own)] |= own.plan.reads[own.segments]
@@ -237,7 +237,7 @@ class Bench:
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
         plans, starts = self._scheduled(tuple(self.simulator.shifts(p))), self._starts(p[None])[0][0]
-        whole = [Stretch(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
+        whole = [Passage(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
         found = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
         return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
 

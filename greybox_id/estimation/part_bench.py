@@ -15,7 +15,7 @@ import numpy as np
 from ..engine.motion.lanes import Interval, Lanes, cut_rows, lay
 from ..engine.motion.schedule import Schedule
 from ..shorthands import Array, Index
-from .bench import Bench, Integrated, Simulated, Stretch
+from .bench import Bench, Integrated, Passage, Simulated
 
 
 @dataclass(frozen=True)
@@ -91,15 +91,15 @@ class PartBench(Bench):
         found: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
         for stage in range(max(piece.stage for piece in self.pieces) + 1):
             now = [(k, at, own) for k in range(len(P)) for at, own in enumerate(self.pieces) if own.stage == stage]
-            stretches, z0 = [], []
+            passages, z0 = [], []
             for k, at, own in now:
                 run, rows = own.interval.run, own.interval
                 first = int(plans[k][run].row_segment[rows.start])
                 within = slice(first, first + _segments(plans[k][run], rows))
-                stretches.append(Stretch(plans[k][run], within, cuts[k][at]))
+                passages.append(Passage(plans[k][run], within, cuts[k][at]))
                 z0.append(found[k][run][-1].end if stage else starts[k, run])
             p = np.array([by_piece[k, at] for k, at, _ in now])
-            for (k, _, own), each in zip(now, self._integrated(stretches, np.array(z0), p), strict=True):
+            for (k, _, own), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
                 found[k][own.interval.run].append(each)
         return [[_joined(pieces) for pieces in runs] for runs in found]
 
