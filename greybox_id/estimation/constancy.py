@@ -51,7 +51,6 @@ class _Alone:
     ----------
     does : (N, channels) what the coordinate does, whitened.
     itself : (N, channels) the same less what all else can undo.
-    told : information on it, all else refitted within its priors.
     pulls : (N, channels) what residuals pull at it.
     by_row, by_channel : (N, n), (channels, n) what it does times what all else does, summed over the others.
     inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
@@ -59,7 +58,6 @@ class _Alone:
 
     does: Array
     itself: Array
-    told: float
     pulls: Array
     by_row: Array
     by_channel: Array
@@ -106,7 +104,7 @@ def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
     slope = np.concatenate([g, J.T @ r])[moves]
     by_row, by_channel = zip(*(_products(does, own.reshape(*shape, -1)) for own in (search.white, J)), strict=True)
     rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
-    return _Alone(does, itself, told, does * r.reshape(shape), rows, channels, inverse, slope)
+    return _Alone(does, itself, does * r.reshape(shape), rows, channels, inverse, slope)
 
 
 def _products(one: Array, many: Array) -> tuple[Array, Array]:
