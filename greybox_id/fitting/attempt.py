@@ -88,6 +88,11 @@ class Attempt:
         """As it goes between processes."""
         return SentAttempt(self.problem.noise, self.about, replace(self.solution, nodes=None))
 
+    def simulated(self) -> Attempt:
+        """With what it simulated where it ended."""
+        x = self.solution.x
+        return replace(self, solution=replace(self.solution, nodes=self.problem.simulated_nodes(x)))
+
 
 @dataclass(frozen=True)
 class SentAttempt:
@@ -98,9 +103,8 @@ class SentAttempt:
     solution: Solution
 
     def received(self, simulator: Simulator, recordings: Sequence[Recording], how: How) -> Attempt:
-        """The same with its simulation."""
-        problem = _problem(simulator, recordings, self.noise, how, self.about)
-        return Attempt(problem, self.about, replace(self.solution, nodes=problem.simulated_nodes(self.solution.x)))
+        """The same with its problem; what it simulated is missing still."""
+        return Attempt(_problem(simulator, recordings, self.noise, how, self.about), self.about, self.solution)
 
 
 def attempted(

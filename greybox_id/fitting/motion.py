@@ -144,7 +144,7 @@ def fit_motion(
     noise = attempts[0].problem.noise if attempts else None  # objectives compare only under one noise
     scores = [misfit(attempt, simulator, recordings, noise, how) for attempt in attempts]
     order = np.argsort(scores, kind="stable").tolist()
-    reached = _Reached(*_of(attempts[order[0]])) if attempts else None
+    reached = _Reached(*_of(attempts[order[0]].simulated() if how.starts > 1 else attempts[0])) if attempts else None
     if not interrupted:
         try:
             if reached is not None:
