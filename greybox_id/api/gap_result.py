@@ -106,7 +106,7 @@ class GapResult(Gap):
                 f" {pretty_unit(own.unit)}{', applied' if own.effect in self.applied else ''}"
             )
         closure, held_out = judged(self)
-        if tells(closure, held_out):
+        if tells(closure):
             lines.append(f"  closes {percent(closure.closed)} {'(held out)' if held_out else '(same recordings)'}")
         return "\n".join(lines)
 

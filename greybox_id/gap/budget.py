@@ -72,14 +72,17 @@ def budget(
         return max(float(E[0]) - floor, CAL.least_gap), floor
 
     whole = np.sum(sums, axis=0)
-    if over((whole[:-1] + charges) / max(whole[-1], 1.0))[0] <= CAL.least_gap:
+    E = (whole[:-1] + charges) / max(whole[-1], 1.0)
+    excess, floor = over(E)
+    if excess <= CAL.least_gap:
         return None
     low, high = resampled(sums, shares, CAL.draws)
     found = [
         Share(name, float(s), float(a), float(b))
         for name, s, a, b in zip((*names, "unnamed"), shares(whole), low, high, strict=True)
     ]
-    return Budget(tuple(found[:-1]), found[-1], recordings, held_out)
+    shows = bool(max(E[0], E[-1]) - floor >= CAL.shows)
+    return Budget(tuple(found[:-1]), found[-1], recordings, held_out, shows)
 
 
 def _weight(name: str, own: Set, n: int) -> float:

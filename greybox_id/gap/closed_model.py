@@ -64,7 +64,7 @@ def closed_model(
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
         return found.model, left_open(verified), WORSE
-    if best.candidates and verified.closed_interval[1] < 0:
+    if best.candidates and verified.shows and verified.closed_interval[1] < 0:
         return *closed_model(found, found.selection.base, detected, held_out)[:2], HARMS
     return closed, verified, ""
 

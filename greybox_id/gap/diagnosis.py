@@ -38,7 +38,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its magnitude differs between parts of the drive, for which it had to gain {:.1f} times as much"
+DIFFERS = "its magnitude differs between parts of the drive, for which it had to gain {:.3g} times as much"
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -90,7 +90,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     unknown = something_unnamed(found)
     detected = bool(found.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(found, held_out, tell) if found.best.candidates else None
-    telling = shared if shared is not None and (shared.held_out or found.closed.shows) else None
+    telling = shared if shared is not None and shared.shows else None
     best, reasons = _causes(found, telling)
     if held_out:
         tell(f"verifying on {listed([own.name for own in held_out])}, held out")
@@ -225,7 +225,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     Parameters
     ----------
     found : what was examined.
-    shared : what these close; None where that tells nothing: of next to no gap, on the recordings that chose them.
+    shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
     best, reasons = found.best, dict[str, str]()
     varying = _varying(found)

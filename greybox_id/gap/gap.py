@@ -108,7 +108,7 @@ class Closure:
     @property
     def shows(self) -> bool:
         """Whether there is enough of a gap in free run, tolerances refitted, that shares of it say something."""
-        return bool(self.before - self.floor >= CAL.shows)
+        return bool(max(self.before, self.after) - self.floor >= CAL.shows)
 
 
 @dataclass(frozen=True)
@@ -131,12 +131,14 @@ class Budget:
     unnamed : of what no effect closes; its name is "unnamed".
     recordings : on which it was measured.
     held_out : whether these chose nothing.
+    shows : whether there is enough of it that shares say something.
     """
 
     shares: tuple[Share, ...]
     unnamed: Share
     recordings: tuple[str, ...]
     held_out: bool
+    shows: bool = True
 
     def of(self, effect: str) -> Share | None:
         """The share of an effect."""

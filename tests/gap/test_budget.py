@@ -58,6 +58,12 @@ def test_of_no_excess_there_are_no_shares():
     assert shared({frozenset(): 0.9, frozenset({"a"}): 3.0}, ("a",)) is None
 
 
+def test_shares_of_less_than_must_be_detected_say_nothing_but_a_harm_does():
+    assert not shared({frozenset(): 1.05, frozenset({"a"}): 1.06}, ("a",)).shows
+    assert shared({frozenset(): 1.2, frozenset({"a"}): 1.01}, ("a",)).shows
+    assert shared({frozenset(): 1.02, frozenset({"a"}): 1.3}, ("a",)).shows
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(1.0, 50.0), min_size=8, max_size=8))
 def test_shares_add_up_to_one_with_the_rest(levels):

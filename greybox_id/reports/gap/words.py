@@ -309,7 +309,7 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
         return f"with {listed([*gap.applied])}: there is no excess over the floor {place} that could close"
-    if not tells(closure, held_out):
+    if not tells(closure):
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
             f"with {listed([*gap.applied])}; once tolerances are refitted, free runs exceed noise by {over} {place}: "
@@ -326,9 +326,9 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{told}"
 
 
-def tells(closure: Closure, held_out: bool) -> bool:
-    """Whether the share that closes says something: of a gap that shows, of what was held out, or surely above zero."""
-    return held_out or closure.shows or closure.closed_interval[0] > 0
+def tells(closure: Closure) -> bool:
+    """Whether the share that closes says something: of a gap that shows, or surely above zero."""
+    return closure.shows or closure.closed_interval[0] > 0
 
 
 def levels(closure: Closure) -> str:
@@ -367,7 +367,7 @@ def left(gap: Gap) -> str:
     """What stays unexplained."""
     closure, held_out = judged(gap)
     clauses = [gap.unknown.rstrip(".")] if gap.unknown else []
-    if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure, held_out):
+    if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure):
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
         clauses.append(f"{share} of the excess unexplained")
     probability = probability_words(gap.unknown_probability)
