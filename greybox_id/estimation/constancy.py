@@ -158,6 +158,9 @@ def _spreads(alone: _Alone, found: Hypothesis, orders: Mapping[str, Array], at: 
 def _stretched(H: Array, beyond: float) -> float:
     """By what the variance of a magnitude grows where parts have their own, tolerances being common to all of them.
 
+    At most by what their squares exceed noise (Birge, Phys. Rev. 40, 1932): of parts that tell unequally, one that says
+    next to nothing and is off would else decide how far off those are that tell all there is.
+
     Parameters
     ----------
     H : (n, n) information on the parts' magnitudes, all else refitted.
@@ -169,7 +172,7 @@ def _stretched(H: Array, beyond: float) -> float:
     if beyond <= 0 or not apart > 0:
         return 1.0
     between = np.eye(len(H)) + beyond / apart * H  # H (H^-1 + tau^2 I)
-    return max(whole / float(np.sum(np.linalg.solve(between, H))), 1.0)
+    return min(max(whole / float(np.sum(np.linalg.solve(between, H))), 1.0), 1.0 + beyond / max(len(H) - 1, 1))
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:

@@ -124,6 +124,11 @@ def test_what_a_common_tolerance_leaves_open_of_the_whole_does_not_grow_with_wha
     assert _stretched(information, 0.0) == 1.0
 
 
+def test_a_part_that_says_next_to_nothing_does_not_decide_how_uncertain_the_others_are():
+    """The truck's lever arm: 4.65 m by v_y, 6.9 m by a yaw rate that hardly tells, 2.6 standard deviations apart."""
+    assert _stretched(np.diag([79.6, 1.6]), 5.3) == pytest.approx(6.3)
+
+
 def test_a_magnitude_that_differs_costs_more_where_its_variance_is_noise():
     """Where a tolerance that acts alike is what makes it uncertain, what noise adds to that is little."""
     assert stretched(1.0, prior=1e-4) > 100.0
