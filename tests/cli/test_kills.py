@@ -19,7 +19,7 @@ from greybox_id.scratch import NAME
 
 LINUX = sys.platform.startswith("linux")
 KILLS = int(os.environ.get("GREYBOX_KILLS", "10"))
-"""For each command."""
+"""For each command; a third of it for each target of an export but two: all write by one function."""
 CALLS = {
     "predict": "predict {fit} {lap} --out {out}/lap.csv",
     "simulate": "simulate {fit} {lap} --out {out}/lap.csv",
@@ -104,9 +104,10 @@ def test_a_killed_command_leaves_the_old_files_or_the_new_ones(name, versions, t
         assert run(call)[0] == 0
         seconds.append(time.monotonic() - clock)
         results.append(seen(out))
-    killed = 0
+    killed, alike = 0, name.startswith("export") and name not in ("export to c", "export to fmu")
+    wanted = max(2, KILLS // 3) if alike else KILLS
     before = results[-1]
-    for k in range(20 * KILLS):
+    for k in range(20 * wanted):
         status, _ = run(calls[k % 2], after=rng.uniform(0, 1.1 * min(seconds)))
         killed += status == signal.SIGKILL
         now = seen(out)
@@ -116,9 +117,9 @@ def test_a_killed_command_leaves_the_old_files_or_the_new_ones(name, versions, t
         if name.startswith("export"):
             assert now in results
         before = now
-        if killed == KILLS:
+        if killed == wanted:
             break
-    assert killed == KILLS
+    assert killed == wanted
     assert run(calls[0])[0] == 0
     assert seen(out) == results[0]
     left = [own for own in tmp_path.rglob(".*") if NAME.fullmatch(own.name)]
