@@ -365,7 +365,7 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
 
 def left(gap: Gap) -> str:
     """What stays unexplained."""
-    closure, held_out = judged(gap)
+    closure, _ = judged(gap)
     clauses = [gap.unknown.rstrip(".")] if gap.unknown else []
     if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure):
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
