@@ -17,7 +17,7 @@ from ..models.vehicles import with_size
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..signals import unit_of
-from ..vehicle import Vehicle
+from ..vehicle import Stated, Vehicle
 from .parameters import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm", "dart": "dart"}
@@ -52,18 +52,20 @@ class Wanted:
         return [self._chosen(model, effects) for model in found]
 
     def model(self) -> Model:
-        """The model to simulate."""
+        """The model to simulate: an effect stated at its null is there at its null, which is no place to start a fit."""
         name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
-        return self._chosen(build(name, settings, effects, self.vehicle), effects)
+        return self._chosen(build(name, settings, effects, self.vehicle), effects, at_stated=True)
 
     def or_single_track(self) -> Wanted:
         """The same; of a vehicle that names no model, a single track."""
         is_open = self.name is None and self.vehicle is not None and self.vehicle.model is None
         return replace(self, name="single_track") if is_open else self
 
-    def _chosen(self, model: Model, effects: Magnitudes) -> Model:
+    def _chosen(self, model: Model, effects: Magnitudes, at_stated: bool = False) -> Model:
         free_effects_suit(model, effects)
-        chosen = with_choices(started(model, effects), self.choices)
+        stated = {name for name, said in effects.items() if isinstance(said, Stated) and said.value is not None}
+        moved = {name: said for name, said in effects.items() if not at_stated or name not in stated}
+        chosen = with_choices(started(model, moved), self.choices)
         return chosen if self.vehicle is not None else with_size(chosen, self.choices.named)
 
 

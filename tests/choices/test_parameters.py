@@ -1,5 +1,7 @@
 """What is said of a model's parameters on the command line."""
 
+from dataclasses import replace
+
 import pytest
 from driven import driven
 
@@ -8,7 +10,7 @@ from greybox_id.choices.wanted import Wanted, doubts
 from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.errors import BadInput
 from greybox_id.models.registry import build
-from greybox_id.vehicle import Stated
+from greybox_id.vehicle import ChosenModel, Stated
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +130,14 @@ def test_noise_is_read_in_the_signals_unit(car):
 def test_a_model_is_the_vehicles_own_where_none_is_named():
     with pytest.raises(BadInput, match="names no model; add model"):
         Wanted(None, vehicle("full_size_car")).model()
+
+
+def test_an_effect_stated_at_its_null_is_simulated_there_and_fitted_from_where_it_shows():
+    own = vehicle("full_size_car")
+    chosen = ChosenModel("single_track", effects={"steering_offset": Stated(0.0, 0.001)})
+    asked = Wanted(None, replace(own, model=chosen))
+    assert asked.model()["steering_offset"].array == 0.0
+    assert asked.models(driven("single_track"))[0]["steering_offset"].array > 0.0
 
 
 def test_a_vehicle_ten_times_too_large_is_doubted():
