@@ -36,8 +36,8 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     -------
     Vehicle
         `model_of` makes the closed model of it. An applied effect carries its magnitude, and the standard deviation
-        that its interval tells; it is no tolerance any more. Numbers that the closed model has otherwise than stated
-        are replaced, and keep what else was stated of them.
+        that its interval tells, which is its tolerance in a further diagnosis. Numbers that the closed model has
+        otherwise than stated are replaced, and keep what else was stated of them.
 
     Raises
     ------

@@ -229,10 +229,11 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
 
 
 def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
-    """A parameter, held unless something is believed of it: an effect of the model is as it stands."""
+    """A parameter, held unless something is believed of it, whether it is of the equations or of an effect on them."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)
-    stated = vehicle.values.get(parameter.name)
+    own = vehicle.model.effects if vehicle.model is not None else {}
+    stated = vehicle.values.get(parameter.name, own.get(parameter.name))
     if stated is None or stated.sd is None:
         return replace(parameter, fixed=True)
     value = float(parameter.array) if stated.value is None else stated.value

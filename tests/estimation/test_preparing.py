@@ -10,7 +10,7 @@ from greybox_id.estimation.axes import nuisances, shifting
 from greybox_id.estimation.preparing import excerpt, prepare, thinned
 from greybox_id.models.effects import EFFECTS
 from greybox_id.recording import Recording
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.vehicle import ChosenModel, Stated, Vehicle
 
 
 def recording(rows, step=0.01, name="long"):
@@ -65,3 +65,12 @@ def test_exact_vehicles_have_no_zones_and_toleranced_ones_have_narrow_ones():
         assert zones[name].mean == float(EFFECTS[name].parameter.array)
         assert zones[name].sd == pytest.approx(0.05 * typical)
     assert zones["imu_lever_arm"].sd < 0.01 * (NUMBERS["l_f"].value + NUMBERS["l_r"].value)
+
+
+def test_what_is_believed_of_an_effect_of_the_model_is_a_tolerance():
+    stated = {"steering_delay": Stated(0.03, 0.004), "motor_lag": Stated(0.1)}
+    car = replace(CAR, model=ChosenModel("single_track", effects=stated))
+    found = prepare(nominal(effects=stated, vehicle=car), [lap(seconds=4.0)], EFFECTS, car).everything
+    free = {axis.name: axis for axis in nuisances(found, EFFECTS, shifting(found))}
+    assert (free["steering_delay"].mean, free["steering_delay"].sd) == (0.03, 0.004)
+    assert "motor_lag" not in free
