@@ -52,7 +52,7 @@ class Wanted:
         return [self._chosen(model, effects) for model in found]
 
     def model(self) -> Model:
-        """The model to simulate: an effect stated at its null is there at its null, which is no place to start a fit."""
+        """The model to simulate: an effect stated at its null stands there, which is no place to start a fit."""
         name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
         return self._chosen(build(name, settings, effects, self.vehicle), effects, at_stated=True)
 

@@ -159,19 +159,28 @@ def _whether(gap: Gap) -> str:
             "Whether there is a gap cannot be told: no sensor noise is stated, and what is left was taken for it."
         )
     beyond = [own for own in gap.moved if own.far > CAL.tolerated_sd]
+    suffices = ["noise", *([] if beyond else ["stated tolerances"]), *_unknown_forces(gap)]
     if not gap.gap_detected and beyond:
         far = listed([f"{own.name} is {number(own.far, 2)}" for own in beyond[:MOST_SHARES]])
         return (
-            f"No gap that has a name ({p_words(gap.p_value)}): simulation and vehicle agree within noise once {far} "
-            f"standard deviations from where stated{_largest(gap)}. Tyres of another form may be; or something acts "
-            "like that."
+            f"No gap that has a name ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
+            f"once {far} standard deviations from where stated{_largest(gap)}. Tyres of another form may be; or "
+            "something acts like that."
         )
     if not gap.gap_detected:
         return (
-            f"No gap: simulation and vehicle agree within noise and stated tolerances ({p_words(gap.p_value)})"
-            f"{_largest(gap)}{' once parameters are moved within these' if gap.moved else ''}."
+            f"No gap: simulation and vehicle agree within {listed(suffices)} ({p_words(gap.p_value)})"
+            f"{_largest(gap)}{' once parameters are moved within tolerances' if gap.moved else ''}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
+
+
+def _unknown_forces(gap: Gap) -> list[str]:
+    """What it takes beside noise where free runs err by more without a gap."""
+    most = max((ratio for ratio in gap.where.channels.values() if isfinite(ratio)), default=1.0)
+    if gap.unnamed is None or most < HARDLY:
+        return []
+    return [f"unknown forces of {percent(max(gap.unnamed.share_y, gap.unnamed.share_x))} (free runs add these up)"]
 
 
 def _largest(gap: Gap) -> str:
