@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import inf, isfinite
+
+import numpy as np
 
 from ..effect import Effect
 from ..estimation.calibration import CAL
@@ -38,7 +40,9 @@ def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
     return MANOEUVRES.get(groups, "a mixed manoeuvre with step steers, hard brakings and a spiral up to the limit")
 
 
-def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[str, Effect]) -> tuple[str, ...]:
+def advice(
+    sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[str, Effect], unread: Collection[str] = ()
+) -> tuple[str, ...]:
     """Sentences on what would tell more.
 
     Parameters
@@ -46,6 +50,7 @@ def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[
     sets : effects that were not told apart, each set with the likeliest first.
     weak : effects this recording does not excite.
     effects : by name.
+    unread : outputs that no recording holds.
     """
     found, told = [], set[frozenset[str]]()
     for own in sets:
@@ -60,9 +65,20 @@ def advice(sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[
                 f"To tell {first} from {', '.join(others)}: drive {to_drive(own, effects)}; "
                 f"{COMMAND} designs it for your arena."
             )
-    if weak:
-        found.append(f"To see {', '.join(weak[:4])} at all: drive {to_drive(weak[:1], effects)}.")
+    blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
+    shown = [name for name in weak if name not in blind]
+    alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]
+    if alike:
+        found.append(f"To see {', '.join(alike[:4])} at all: drive {to_drive(alike[:1], effects)}.")
+    if blind:
+        missing = dict.fromkeys(signal for name in blind for signal in effects[name].touches)
+        found.append(f"To see {', '.join(blind)} at all: record {' and '.join(missing)}.")
     return tuple(found)
+
+
+def unread(found: Examined) -> tuple[str, ...]:
+    """Outputs of which no reading counts."""
+    return tuple(name for c, name in enumerate(found.bench.channels) if not np.any(found.bench.counted[:, c]))
 
 
 def same_readings(names: Sequence[str]) -> bool:

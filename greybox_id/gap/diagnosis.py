@@ -27,7 +27,7 @@ from ..recording import Recording
 from ..scores.horizons import by_horizon
 from ..statistics import NORMAL
 from ..vehicle import Vehicle
-from .advice import advice, limits, not_excited
+from .advice import advice, limits, not_excited, unread
 from .budget import budget, subsets
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
@@ -132,7 +132,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         held_out=verified,
         not_excited=weak,
         absorbed=absorbed,
-        advice=advice(sets, list(weak), found.effects),
+        advice=advice(sets, list(weak), found.effects, unread(found)),
         closed=closed,
         strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen, excess),
         noise_stated=found.told,
