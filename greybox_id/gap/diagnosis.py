@@ -256,6 +256,10 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"a refinement: {judged} it closes {100 * share.share:.0f} % of the excess "
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
             )
+        else:  # several doubts, each of them below one half
+            told = sure * _constant(spread) * _closes(shared, name) * (1.0 - _mimics(found, best, name))
+            if (told := (1.0 - CAL.nothing_unknown) * told) <= CAL.present:
+                reasons[name] = f"its probability is {told:.2f}, no more than one half"
     if not reasons:
         return best, reasons
     kept = frozenset(best.names) - set(reasons)

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from calling import greybox
 from driven import without, written
-from gap_cases import CAR, NOISE, NUMBERS, GivenBench, lap, lateral_lap, nominal
+from gap_cases import CAR, NOISE, NUMBERS, GivenBench, candidate, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
+from greybox_id.estimation.constancy import Spread
 from greybox_id.estimation.model_error import believed
 from greybox_id.estimation.variance import Scatter
-from greybox_id.gap import CHANNELS, REGIMES, Ranked
+from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
 from greybox_id.gap.examining import _jitters, _sole
 from greybox_id.gap.gap import Unnamed
@@ -440,3 +441,17 @@ def test_jitter_that_leaves_more_than_noise_is_none():
     assert _sole(own) is own
     assert _sole(replace(own, left=2.2)) is None  # errors of a model that lasts a row or two
     assert _sole(None) is None
+
+
+def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch):
+    own = candidate(0)
+    best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
+    nothing = SimpleNamespace(names=())
+    selection = SimpleNamespace(tried=[], base=nothing, search=None)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection)
+    monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
+    monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
+    assert diagnosis._causes(found, None) == (best, {})
+    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0, 1.0)  # one half, and 0.9 of that
+    monkeypatch.setattr(diagnosis, "_varying", lambda _: {own.effect: spread})
+    assert diagnosis._causes(found, None) == (nothing, {own.effect: "its probability is 0.45, no more than one half"})
