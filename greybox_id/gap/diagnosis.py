@@ -17,7 +17,7 @@ from ..engine.simulation import Diagnosed
 from ..errors import BadInput
 from ..estimation.axes import ActingRows
 from ..estimation.calibration import CAL
-from ..estimation.constancy import Spread, varies
+from ..estimation.constancy import Spread
 from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.observer import PULLED
@@ -87,7 +87,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     """What a diagnosis says of what it found."""
     selection = found.selection
     scattered = [name for name, (_, present) in found.scatter.items() if present > CAL.present]
-    unknown = something_unnamed(found)
+    unknown = 1.0 - (1.0 - something_unnamed(found)) * (1.0 - by_no_name(found))
     detected = bool(found.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(found, held_out, tell) if found.best.candidates else None
     telling = shared if shared is not None and shared.shows else None
@@ -228,7 +228,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
     best, reasons = found.best, dict[str, str]()
-    varying = _varying(found)
+    varying = found.varying
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
         share = shared.of(name) if shared is not None else None
@@ -257,7 +257,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
             )
         else:  # several doubts, each of them below one half
-            told = sure * _constant(spread) * _closes(shared, name) * (1.0 - _mimics(found, best, name))
+            told = sure * _itself(found, best, name, spread) * _closes(shared, name)
             if (told := (1.0 - CAL.nothing_unknown) * told) <= CAL.present:
                 reasons[name] = f"its probability is {told:.2f}, no more than one half"
     if not reasons:
@@ -284,11 +284,19 @@ def _mimics(found: Examined, hypothesis: Hypothesis, name: str) -> float:
     return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
 
 
-def _varying(found: Examined) -> Mapping[str, Spread]:
-    """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
-    if found.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
-        return {}
-    return varies(found.selection.search, found.best, found.seen)
+def by_no_name(found: Examined) -> float:
+    """The probability that an effect of the best explanation is there and is not what it is called."""
+    varying, tried = found.varying, found.selection.tried
+    others = [
+        probability(found.evidence, tried, name) * (1.0 - _itself(found, found.best, name, varying.get(name)))
+        for name in found.best.names
+    ]
+    return float(1.0 - np.prod([1.0 - own for own in others]))
+
+
+def _itself(found: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
+    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
+    return _constant(spread) * (1.0 - _mimics(found, hypothesis, name))
 
 
 def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None) -> list[Ranked]:
@@ -300,7 +308,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
     reasons : why effects of the best hypothesis are not applied, by name.
     shared : what these close.
     """
-    known, varying = 1.0 - CAL.nothing_unknown, _varying(found)
+    known, varying = 1.0 - CAL.nothing_unknown, found.varying
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -316,9 +324,8 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 name,
                 known
                 * probability(weighed, tried, name)
-                * _constant(varying.get(name))
-                * _closes(shared, name)
-                * (1.0 - _mimics(found, most, name)),
+                * _itself(found, most, name, varying.get(name))
+                * _closes(shared, name),
                 magnitude,
                 most.main(name)[0].unit,
                 interval,

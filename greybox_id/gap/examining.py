@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from ..errors import BadInput
 from ..estimation.axes import candidates, nuisances, shifting
 from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
-from ..estimation.constancy import orders_of, stretch
+from ..estimation.constancy import Spread, orders_of, stretch, varies
 from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
 from ..estimation.model_error import Believed, ForceSizes, estimated, linearised, model_error
@@ -83,6 +84,13 @@ class Examined:
     unnamed: Unnamed | None
     freed: Mapping[frozenset[str], Hypothesis]
     expected: Believed
+
+    @cached_property
+    def varying(self) -> Mapping[str, Spread]:
+        """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
+        if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
+            return {}
+        return varies(self.selection.search, self.best, self.seen)
 
 
 def examine(

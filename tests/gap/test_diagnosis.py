@@ -17,7 +17,7 @@ from greybox_id.estimation.constancy import Spread
 from greybox_id.estimation.model_error import believed
 from greybox_id.estimation.variance import Scatter
 from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
-from greybox_id.gap.diagnosis import _mimics, _of_sets, diagnose, something_unnamed
+from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
 from greybox_id.gap.examining import _jitters, _sole
 from greybox_id.gap.gap import Unnamed
 from greybox_id.models.effects import EFFECTS
@@ -188,6 +188,25 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
     assert mimics(calm, 30.0) == 0.0
     assert mimics(strained, 30.0) > 0.9
     assert mimics(strained, 3000.0) < 0.01
+
+
+def test_what_a_refused_name_explains_is_unnamed():
+    """Nothing contradicts itself: a gap whose only name is a mimic's is there by no name."""
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    best = SimpleNamespace(names=("lag",), cost=-30.0)
+    selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=[best])
+
+    def unnamed(varying, own=calm, sure=0.98):
+        evidence = SimpleNamespace(weights=(sure, 1.0 - sure))
+        return by_no_name(
+            SimpleNamespace(varying=varying, unnamed=own, best=best, selection=selection, evidence=evidence)
+        )
+
+    differs = Spread("along speed", 3 * CAL.varies, 1e-6, (1.0, 2.0, 3.0))
+    assert unnamed({}) == 0.0
+    assert unnamed({"lag": differs}) > 0.9
+    assert unnamed({"lag": differs}, sure=0.3) < 0.3
+    assert unnamed({}, replace(calm, tolerances=96.0)) > 0.9
 
 
 def test_the_picture_covers_the_lap(delayed):
