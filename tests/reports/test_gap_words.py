@@ -109,7 +109,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     assert "next to no gap" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
-    assert "worse by 57 %" in how_far(gap, small, True)
+    assert "next to no gap" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
     assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
     assert "closes by 90 %" in how_far(gap, sure, False)
