@@ -38,7 +38,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its magnitude differs between parts of the drive, for which it had to gain {:.3g} times as much"
+DIFFERS = "its magnitude differs between parts of the drive, as errors of the equations' form make it differ"
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -331,7 +331,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 interval,
                 _alike(found, name, CAL.alike),
                 _gain(found, most, name),
-                reasons.get(name, DIFFERS.format(by) if by > 1.0 else ""),
+                reasons.get(name, DIFFERS if by > 1.0 else ""),
                 *((None, None, "") if part is None else (part.since, part.until, _place(found, part))),
                 _others(found, most, name),
             )
