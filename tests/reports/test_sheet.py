@@ -1,6 +1,8 @@
 """What draws figures: ticks are round and within, letters keep apart, one drawing serves light and dark."""
 
+import gc
 import re
+import weakref
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -141,3 +143,13 @@ def test_symbols_are_told_from_words():
     assert spans("C_alpha_f / m") == (Span("C", ("α", "f"), True), Span(" / m"))
     assert spans("run_a/fit_b.json") == (Span("run_a/fit_b.json"),)
     assert named("m") == (Span("m", symbol=True),)
+
+
+def test_a_sheet_that_nobody_needs_leaves_the_memory():
+    sheet = Sheet((40.0, 40.0))
+    sheet.first().plot([0.0, 1.0])
+    assert "<path" in sheet.svg()
+    gone = weakref.ref(sheet)
+    del sheet
+    gc.collect()
+    assert gone() is None

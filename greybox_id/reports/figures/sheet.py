@@ -89,9 +89,7 @@ class Sheet(Figure):
     widths : of the columns, relative to one another; all alike unless given.
     joined : axes below one another share their x axis, which is written once.
 
-    Attributes
-    ----------
-    grid : (rows, columns) of Axes; those that are removed leave their place empty.
+    Axes that are removed leave their place in the grid empty.
     """
 
     def __init__(
@@ -101,12 +99,18 @@ class Sheet(Figure):
         with _style():
             super().__init__(figsize=(WIDE / 72, sum(heights) / 72 + 1.0), dpi=72)
             FigureCanvasAgg(self)  # measures
-            self.grid = self.subplots(len(heights), columns, squeeze=False, sharex="col" if joined else False)
+            axes = self.subplots(len(heights), columns, squeeze=False, sharex="col" if joined else False)
+            self._rows: list[list[Axes]] = axes.tolist()  # an array is no part of cycles that can be collected
             for (row, column), ax in np.ndenumerate(self.grid):
                 wide = 0.85 * WIDE * self.shares[column] / sum(self.shares)
                 for axis, length in ((ax.xaxis, wide), (ax.yaxis, heights[row])):
                     most = min(max(math.ceil(length / SPACING[axis.axis_name]), 2), 7)
                     axis.set_major_locator(MaxNLocator(most, steps=(1, 2, 2.5, 5, 10)))
+
+    @property
+    def grid(self) -> Any:
+        """(rows, columns) of Axes."""
+        return np.array(self._rows, dtype=object)
 
     def first(self) -> Axes:
         """The axes at the upper left."""
