@@ -257,8 +257,8 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
             )
         else:  # several doubts, each of them below one half
-            told = sure * _itself(found, best, name, spread) * _closes(shared, name)
-            if (told := (1.0 - CAL.nothing_unknown) * told) <= CAL.present:
+            told = (1.0 - CAL.nothing_unknown) * sure * _itself(found, best, name, spread) * _closes(shared, name)
+            if told <= CAL.present:
                 reasons[name] = f"its probability is {told:.2f}, no more than one half"
     if not reasons:
         return best, reasons

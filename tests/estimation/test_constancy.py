@@ -125,7 +125,7 @@ def test_what_a_common_tolerance_leaves_open_of_the_whole_does_not_grow_with_wha
 
 
 def test_a_part_that_says_next_to_nothing_does_not_decide_how_uncertain_the_others_are():
-    """The truck's lever arm: 4.65 m by v_y, 6.9 m by a yaw rate that hardly tells, 2.6 standard deviations apart."""
+    """The truck's lever arm: 4.65 m by v_y, 6.9 m by a yaw rate that says little, 2.6 standard deviations apart."""
     assert _stretched(np.diag([79.6, 1.6]), 5.3) == pytest.approx(6.3)
 
 
