@@ -27,7 +27,7 @@ import numpy as np
 import greybox_id as gb
 from greybox_id.api.given import vehicle as known_vehicle
 from greybox_id.datasets.virtual_vehicle import vehicle_file_text
-from greybox_id.datasets.virtual_vehicle.compiled import Grid, kept
+from greybox_id.datasets.virtual_vehicle.layout import Grid
 from greybox_id.errors import BadInput
 from greybox_id.exam.answers import exceeds
 from greybox_id.exam.foreign.case import DURATION, _ForeignCase
@@ -36,6 +36,7 @@ from greybox_id.exam.foreign.families import OF_SENSORS, together, withheld
 from greybox_id.exam.foreign.ride import driven, recorded
 from greybox_id.exam.foreign.vehicles import Stepwise
 from greybox_id.exam.plan import Planned
+from greybox_id.machine_code import kept
 from greybox_id.recording import Recording
 
 EFFECTS = (

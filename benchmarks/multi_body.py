@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from greybox_id.datasets.virtual_vehicle.compiled import Grid, Row, compiled
+from greybox_id.datasets.virtual_vehicle.layout import Grid, Row
 from greybox_id.datasets.virtual_vehicle.loop import STEP
 from greybox_id.datasets.virtual_vehicle.scale import G
 from greybox_id.errors import BadInput
 from greybox_id.exam.foreign.double_track import arriving
 from greybox_id.exam.foreign.vehicles import Stepwise
+from greybox_id.machine_code import compiled
 
 FASTEST_SERVO = 2e-3
 """Time constant, s, below which its steps are too coarse."""

@@ -13,7 +13,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..engine.motion.shooting import MotionProblem
@@ -23,6 +22,7 @@ from ..estimation.bench import Bench
 from ..estimation.calibration import CAL
 from ..estimation.model_error import Amplitudes, ForceSizes, linearised, model_error
 from ..estimation.unknown_forces import knows_unknown_forces, with_unknown_forces
+from ..machine_code import begun
 from ..motion_model import MotionModel
 from ..recording import Recording
 from ..shorthands import Array, Index
@@ -193,7 +193,7 @@ class Whitening:
         return model_error(linearised(bench, whole, own.noise, self.sizes), fewer, bench.counted).white
 
 
-@njit(cache=True, error_model="numpy")
+@begun
 def _shaken(  # pragma: no cover
     A: Array, B: Array, C: Array, D: Array, scale: Array, fade: Array, begins: NDArray[np.bool_],
     pointer: Index, channel: Index, G: Array,

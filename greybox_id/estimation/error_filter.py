@@ -5,10 +5,11 @@ slow errors of readings. Readings are taken one by one; lanes, which lie innermo
 """
 
 import numpy as np
-from numba import njit
+
+from ..machine_code import begun
 
 
-@njit(cache=True, error_model="numpy")
+@begun
 def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     A, B, C, D, scale, fade, slow, white, colour, start, first, pointer, channel, coloured, r, gain, size
 ):
@@ -166,7 +167,7 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     return nll
 
 
-@njit(cache=True, error_model="numpy")
+@begun
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
     A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, found
 ):

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
+from ..machine_code import begun
 from ..shorthands import Array
 from .track import RaceTrack
 
@@ -74,7 +74,7 @@ class Lidar:
         return np.where(lost < LOST, RANGE, np.clip(ranges + NOISE * off, 0.0, RANGE))
 
 
-@njit(cache=True)
+@begun
 def _follow(at, yaw, angles, room, spacing, found):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Lengths of beams; places are in steps of the grid, room and lengths in m."""
     for k in range(len(at)):

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from math import exp, inf, pi
 
-from .compiled import Car, Row, compiled
+from ...machine_code import compiled
+from .layout import Car, Row
 from .scale import G
 
 PLAY, LIMITED, INTEGRAL, WHEEL, WHEEL_RATE, FORCE, SWUNG, SWUNG_RATE, SHAFT, SHAFT_RATE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9

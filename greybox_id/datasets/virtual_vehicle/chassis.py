@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from math import atan2, cos, hypot, pi, sin, sqrt, tanh
 
-from .compiled import (
+from ...machine_code import compiled
+from .layout import (  # fmt: skip
     A_X,
     A_Y,
     ACROSS,
@@ -44,7 +45,6 @@ from .compiled import (
     Row,
     X,
     Y,
-    compiled,
 )
 from .scale import G
 from .tyres import HEAT_BALANCE, LOWER_PEAK, curve, left_beside, load_factor, stiffness_factor, warmth_factor

@@ -13,9 +13,9 @@ import numpy as np
 from ...errors import BadInput
 from ...recording import Recording
 from .car import VirtualCar
-from .compiled import OPEN_DRIVE, READABLE, ROAD, ROW_TRUTH, TURN, YAW, Car, Grid, Row, X, Y
 from .driver import Driver, driver
 from .effects import ALL, complete
+from .layout import OPEN_DRIVE, READABLE, ROAD, ROW_TRUTH, TURN, YAW, Car, Grid, Row, X, Y
 from .loop import STEP, first_moment, simulator
 from .manoeuvres import closed_road, planned, robot, steering_robot
 from .record import NOMINAL, Forms, other, record

@@ -12,8 +12,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ...machine_code import compiled
 from .car import VirtualCar
-from .compiled import (  # fmt: skip
+from .layout import (  # fmt: skip
     FOLLOW,
     OPEN_DRIVE,
     ROAD_CURVATURE,
@@ -31,7 +32,6 @@ from .compiled import (  # fmt: skip
     Row,
     X,
     Y,
-    compiled,
 )
 
 Driver: TypeAlias = Any

@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...machine_code import begun, compiled
 from .actuators import CHAIN, driving_command, jump, move, road_wheel, settle, steering_command, wheel_force
 from .chassis import SLIP_STIFFNESS, driven, motion, rolling_force, speed_for_slip
-from .compiled import (  # fmt: skip
+from .driver import DEVIATION, MIND, Driver, awaken, decide, re_anchor
+from .layout import (  # fmt: skip
     ACROSS,
     ALONG,
     ANGLE,
@@ -45,11 +47,8 @@ from .compiled import (  # fmt: skip
     Row,
     X,
     Y,
-    compiled,
-    kept,
     source,
 )
-from .driver import DEVIATION, MIND, Driver, awaken, decide, re_anchor
 
 STEP = 1e-3
 """s"""
@@ -222,7 +221,8 @@ def _simulator(stamp: str) -> Callable[..., None]:
                     turn_wheels(car, s, given, wheels, spin, rate[V_X], h)
             read(s, seen, readable[k, 1])
 
-    return kept(advance)
+    made: Callable[..., None] = begun(advance)
+    return made
 
 
 @compiled

@@ -12,7 +12,7 @@ from math import nan, pi
 import numpy as np
 
 from ...errors import BadInput
-from .compiled import FOLLOW, OPEN_DRIVE, PLAN, ROAD, SPEED, TURN, Grid, Row
+from .layout import FOLLOW, OPEN_DRIVE, PLAN, ROAD, SPEED, TURN, Grid, Row
 from .scale import Scale
 
 _Piece = Callable[[Scale, int, float, np.random.Generator], Grid]

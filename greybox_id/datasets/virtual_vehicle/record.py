@@ -14,8 +14,8 @@ import numpy as np
 
 from ...errors import BadInput
 from .car import VirtualCar
-from .compiled import Car
 from .effects import OF_THE_VEHICLE, OUTSIDE, SECOND
+from .layout import Car
 from .scale import PARAMETERS, G
 from .tyres import fitted
 

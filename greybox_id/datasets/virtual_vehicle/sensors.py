@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from .compiled import READABLE, Row
+from .layout import READABLE, Row
 from .loop import STEP
 from .scale import G
 

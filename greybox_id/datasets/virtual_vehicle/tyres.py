@@ -15,7 +15,8 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import least_squares
 
-from .compiled import Car, Row, compiled
+from ...machine_code import compiled
+from .layout import Car, Row
 
 MAGIC, TMEASY, BRUSH, DUGOFF, TANH = 0, 1, 2, 3, 4
 SLOPE_OFF, PEAK_OFF = 0.03, 0.02

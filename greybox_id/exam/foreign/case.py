@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
 from ...datasets.virtual_vehicle import Tolerances, VirtualCar, toleranced, tolerances
-from ...datasets.virtual_vehicle.compiled import Row
+from ...datasets.virtual_vehicle.layout import Row
 from ...errors import BadInput
 from ...recording import Recording
 from ...shorthands import Array

@@ -15,10 +15,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ...datasets.virtual_vehicle.compiled import STATES as _DRIVER_STATES
-from ...datasets.virtual_vehicle.compiled import Grid, Row, compiled, kept, source
 from ...datasets.virtual_vehicle.driver import DEVIATION, MIND, Driver, decide
+from ...datasets.virtual_vehicle.layout import STATES as _DRIVER_STATES
+from ...datasets.virtual_vehicle.layout import Grid, Row, source
 from ...datasets.virtual_vehicle.loop import STEP
+from ...machine_code import begun, compiled
 from .vehicles import Task
 
 G = 9.81
@@ -346,7 +347,7 @@ def simulator() -> Any:
                 out[row * hold :] = np.inf
                 return
 
-    return kept(run)
+    return begun(run)
 
 
 @cache
@@ -363,4 +364,4 @@ def _starter() -> Any:
                 for k in range(_F, _F + 4):
                     s[k] += rate[k] * car.relaxation / max(abs(s[0]), 0.5) * 0.7
 
-    return kept(settle)
+    return begun(settle)

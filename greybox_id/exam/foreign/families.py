@@ -14,9 +14,9 @@ import numpy as np
 from ...datasets.virtual_vehicle import EFFECTS as VOCABULARY
 from ...datasets.virtual_vehicle import OUTSIDE as KNOWN_OUTSIDE
 from ...datasets.virtual_vehicle import Entry, VirtualCar
-from ...datasets.virtual_vehicle.compiled import Row
 from ...datasets.virtual_vehicle.drive import combined
 from ...datasets.virtual_vehicle.effects import OF_THE_SENSORS
+from ...datasets.virtual_vehicle.layout import Row
 from ...errors import BadInput
 from ..plan import Counts, Planned, dealt
 from .double_track import DoubleTrack

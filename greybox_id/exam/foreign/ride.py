@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...datasets.virtual_vehicle import VirtualCar
-from ...datasets.virtual_vehicle.compiled import OPEN_DRIVE, READABLE, ROAD, TURN, Grid, Row
 from ...datasets.virtual_vehicle.driver import driver
 from ...datasets.virtual_vehicle.effects import OF_THE_SENSORS, complete
+from ...datasets.virtual_vehicle.layout import OPEN_DRIVE, READABLE, ROAD, TURN, Grid, Row
 from ...datasets.virtual_vehicle.loop import STEP
 from ...datasets.virtual_vehicle.manoeuvres import closed_road, planned, robot
 from ...datasets.virtual_vehicle.sensors import Motion, hung, instants, noisy, read

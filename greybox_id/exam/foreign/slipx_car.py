@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.virtual_vehicle.compiled import Grid, Row
+from ...datasets.virtual_vehicle.layout import Grid, Row
 from ...datasets.virtual_vehicle.loop import STEP
 from ...datasets.virtual_vehicle.scale import G
 from ..case import NotInstalled

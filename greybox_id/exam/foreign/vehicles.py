@@ -10,9 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...datasets.virtual_vehicle import EFFECTS, VirtualCar, random_vehicle
-from ...datasets.virtual_vehicle.compiled import FOLLOW, STATES, Grid, Row, kept, source
 from ...datasets.virtual_vehicle.driver import DEVIATION, MIND, Driver, decide
 from ...datasets.virtual_vehicle.effects import Kind
+from ...datasets.virtual_vehicle.layout import FOLLOW, STATES, Grid, Row, source
+from ...machine_code import kept
 
 
 @dataclass(frozen=True)
