@@ -121,6 +121,8 @@ class Calibration:
 
     # ---- what words mean
     shows: float = _known(0.1, "excess of free runs over noise that must be detected; shares of less are luck", AGAIN)
+    wander_shares: tuple[float, ...] = _known((0.03, 0.1, 0.3, 1.0), "of its usual size: where searches of one begin")
+    wander_memories: tuple[float, ...] = _known((0.7, 3.0, 12.0), "s: the same, from a bend to a lap")
     present: float = _known(0.5, "probability from which on an effect is said to be there", DEFINED)
     least_share: float = _known(0.02, "of the excess held out that a cause closes at least", DEFINED)
     least_gap: float = _known(0.01, "excess over the floor, as a share of noise, that shares are of at least", DEFINED)

@@ -167,7 +167,7 @@ class ForceSizes:
         return np.column_stack(columns)
 
 
-def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linearised:
+def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Sequence[int] = ()) -> Linearised:
     """Linearise errors about the simulation with these parameters.
 
     Parameters
@@ -176,10 +176,11 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes) -> Linea
     p : (parameters,).
     noise : (channels,) with which the starts of runs are read.
     sizes : of the same bench.
+    more : parameters by which segments are differentiated besides: columns of B and D behind those of forces.
     """
     model, simulator = bench.model, bench.simulator
     names = [parameter.name for parameter in model.parameters]
-    columns = [names.index(FORCES[force][0]) for force in sizes.forces]
+    columns = [*(names.index(FORCES[force][0]) for force in sizes.forces), *more]
     trajectory = bench.trajectory(p)
     segments = np.concatenate([own.segments for own, _ in trajectory])
     z = np.concatenate([own for _, own in trajectory])
@@ -263,7 +264,7 @@ class ModelError:
     @cached_property
     def _laid(self) -> tuple[Array, Array, Array]:
         """Scale, fade and slow of the one lane there is."""
-        scale, fade, slow, *_ = _laid(self.about, [self.amplitudes])
+        scale, fade, slow, *_ = laid(self.about, [self.amplitudes])
         return scale[..., 0].copy(), fade[..., 0].copy(), slow[..., 0].copy()
 
     def white(self, values: Array) -> Array:
@@ -282,9 +283,9 @@ def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bo
     """The filter for these amplitudes; of the readings only those that are usable count."""
     kept = _only(about, usable)
     gain, size = np.empty((len(kept.row), _size(kept, amplitudes))), np.empty(len(kept.row))
-    laid = _laid(kept, [amplitudes])
+    lane = laid(kept, [amplitudes])
     likelihood(
-        kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
+        kept.A, kept.B, kept.C, kept.D, *lane[:5], kept.start, kept.first, kept.pointer, kept.channel, lane[5],
         np.zeros(len(kept.row)), gain, size,
     )  # fmt: skip
     return ModelError(kept, amplitudes, usable, gain, size)
@@ -303,7 +304,7 @@ def estimated(
     prior : of the amplitudes.
     steps : of the search at most.
     """
-    kept = _first(_only(about, usable), CAL.segments)
+    kept = tuned_on(about, usable)
     r = np.ascontiguousarray(residuals[kept.row, kept.channel])
     none = np.empty((0, 0)), np.empty(0)
     start = prior.median.logarithms
@@ -318,9 +319,9 @@ def estimated(
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
         lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
-        laid = _laid(kept, [Amplitudes.of(own) for own in lanes])
+        each = laid(kept, [Amplitudes.of(own) for own in lanes])
         nll = likelihood(
-            kept.A, kept.B, kept.C, kept.D, *laid[:5], kept.start, kept.first, kept.pointer, kept.channel, laid[5],
+            kept.A, kept.B, kept.C, kept.D, *each[:5], kept.start, kept.first, kept.pointer, kept.channel, each[5],
             r, *none,
         ) + prior.cost(lanes)  # fmt: skip
         return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
@@ -333,6 +334,11 @@ def estimated(
     best = start + 0.0
     best[free] = found.x
     return Amplitudes.of(best)
+
+
+def tuned_on(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
+    """The beginnings of runs that amplitudes are estimated from, with the usable readings alone."""
+    return _first(_only(about, usable), CAL.segments)
 
 
 def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
@@ -373,7 +379,7 @@ def _coloured(about: Linearised, amplitudes: Amplitudes) -> NDArray[np.intp]:
     return np.flatnonzero(read)
 
 
-def _laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
+def laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
     """Amplitudes as the filter takes them, for each of L lanes.
 
     Returns

@@ -23,6 +23,8 @@ from ..estimation.hypothesis import Hypothesis
 from ..estimation.observer import PULLED
 from ..estimation.strip import strip
 from ..estimation.variance import fresh
+from ..estimation.wandering import Wander
+from ..numbers import pretty_unit
 from ..recording import Recording
 from ..scores.horizons import by_horizon
 from ..statistics import NORMAL
@@ -101,6 +103,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
     ranking, applied = _ranking(found, reasons, telling), tuple(best.names)
     if telling is None and shared is not None and any(own.effect in applied and own.low <= 0 for own in shared.shares):
         shared = None  # shares of next to nothing, beside names that are surely there
+    like = found.resembles() if unknown > CAL.present else ()
     excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - (best.e / found.sd) ** 2, 0.0), axis=1)
     if not applied:
         excess = np.sum(np.where(found.good, (selection.base.e / found.sd) ** 2 - 1, 0.0), axis=1)
@@ -124,7 +127,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         gap_detected=detected,
         p_value=_p_value(found, unknown > CAL.present),
         unknown_probability=unknown,
-        unknown=_shape(found, place.channel) if unknown > CAL.present else "",
+        unknown=_shape(found, place.channel, like) if unknown > CAL.present else "",
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
@@ -139,6 +142,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         limits=limits(found),
         budget=shared,
         unnamed=found.unnamed,
+        resembles=like,
         moved=moved(found, best, closed),
         tried={own.candidate.effect: own.gain for own in selection.promised},
         held=_held(found),
@@ -446,15 +450,23 @@ def _alike(found: Examined, name: str, within: float) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _shape(found: Examined, channel: str) -> str:
+def _shape(found: Examined, channel: str, like: Sequence[Wander]) -> str:
     """What is unknown in a sentence.
 
     Parameters
     ----------
     channel : where it shows most.
+    like : effects that it looks like.
     """
     own, names, left = found.signs, found.best.names, found.unnamed
     parts = [f"most in {channel}"] if channel else []
+    if like:
+        first, *others = like
+        unit = "" if first.unit == "1" else f" {pretty_unit(first.unit)}"
+        parts.append(
+            f"like {first.effect} that varies by ± {first.sd:.2g}{unit} within {first.correlation_time:.2g} s"
+            + (f", or {' or '.join(each.effect for each in others)}" if others else "")
+        )
     if left is not None:
         lateral, longitudinal = (100 * v for v in (left.share_y, left.share_x))
         parts.append(

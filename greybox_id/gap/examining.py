@@ -19,14 +19,16 @@ from ..estimation.calibration import CAL
 from ..estimation.constancy import Spread, orders_of, stretch, varies
 from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
-from ..estimation.model_error import Believed, ForceSizes, estimated, linearised, model_error
+from ..estimation.model_error import Amplitudes, Believed
 from ..estimation.model_error import believed as believed_amplitudes
-from ..estimation.noise import Whitener, colour, sound, stated_noise, white_noise
+from ..estimation.noise import sound, stated_noise, white_noise
 from ..estimation.observer import PULLED
 from ..estimation.preparing import Prepared, excerpt, prepare
 from ..estimation.search import Search
 from ..estimation.unknown_forces import knows_unknown_forces
 from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, steady
+from ..estimation.wandering import Wander, wandering
+from ..estimation.whitening import amplitudes_left, whitener
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
@@ -41,6 +43,8 @@ from .unknown import Signs, beyond_what_may_be, signs, unnamed
 TINY = 1e-12
 AT_ONCE = "sensor_latency_imu"
 """What makes readings of accelerations late."""
+MOVING = ("steering", "drive", "tyres", "body", "road")
+"""Groups of effects that move the vehicle: what wanders in a sensor is its slow error."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ class Examined:
     seen, y : signals that regimes are told by, and readings as the best hypothesis has them.
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
-    expected : what is believed of model error before the recordings are looked at.
+    amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
     """
 
     model: Diagnosed
@@ -83,7 +87,18 @@ class Examined:
     y: Array
     unnamed: Unnamed | None
     freed: Mapping[frozenset[str], Hypothesis]
+    amplitudes: Amplitudes | None
     expected: Believed
+
+    def resembles(self) -> tuple[Wander, ...]:
+        """Effects that what is left looks like, if their magnitudes vary all the time."""
+        search, bench = self.selection.search, self.bench
+        if self.amplitudes is None or not isinstance(bench, Bench):
+            return ()
+        axes = {own.candidate.effect: own.candidate.axes[0] for own in self.selection.promised}
+        asked = [(name, own) for name, own in axes.items() if not own.abrupt and self.effects[name].group in MOVING]
+        p = search.vector(self.best)
+        return wandering(bench, p, self.best.e, self.good, self.amplitudes, self.expected, self.sd, asked)
 
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
@@ -127,10 +142,10 @@ def examine(
     tempered = rough and not forces
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
-    whitener = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
+    whiten = whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces, own)
-    selection = select(search, own, whitener, cost, _firmly(bench, start, sd, good))
-    selection = with_beginnings(selection, own, whitener, cost)
+    selection = select(search, own, whiten, cost, _firmly(bench, start, sd, good))
+    selection = with_beginnings(selection, own, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
@@ -147,7 +162,8 @@ def examine(
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
     expected = believed_amplitudes(sd, told, not rough, known)
-    left_over = _unnamed(bench, search, best, sd, good, expected)
+    amplitudes = amplitudes_left(bench, search, best, sd, good, expected)
+    left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
     jumps = _jumps(search, best, effects)
     if best.candidates and _jitters(bench, selection.base, best, sd, good, jumps):
         best = selection.base
@@ -173,7 +189,7 @@ def examine(
     )
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
-        rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, expected,
+        rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
     )  # fmt: skip
 
 
@@ -185,36 +201,6 @@ def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
         return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
 
     return stretches
-
-
-def _whitener(
-    bench: FreeRuns, good: NDArray[np.bool_], prior: Believed, sd: Array
-) -> Callable[[Search, Hypothesis | None], Whitener]:
-    """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
-    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
-        return lambda search, own: white_noise(sd, good, bench.rows) if own is None else colour(own.e, good, bench.rows)
-    sizes = ForceSizes(bench)
-
-    def whitener(search: Search, own: Hypothesis | None) -> Whitener:
-        if own is None:
-            p = search.moved(np.array([axis.mean for axis in search.moving]))
-            return model_error(linearised(bench, p, sd, sizes), prior.median, good)
-        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
-        about = linearised(search.bench, search.vector(own), sd, sizes)
-        return model_error(about, estimated(about, own.e, good, prior), good)
-
-    return whitener
-
-
-def _unnamed(
-    bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
-) -> Unnamed | None:
-    """What model error is left beside a hypothesis."""
-    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
-        return None
-    about = linearised(bench, search.vector(best), sd, ForceSizes(bench))
-    found = estimated(about, best.e, good, prior)
-    return unnamed(search, best, found, prior.median)
 
 
 def _alone(selection: Selection, best: Hypothesis) -> float:

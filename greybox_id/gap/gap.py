@@ -10,6 +10,7 @@ from typing import Any
 from ..engine.simulation import Diagnosed
 from ..estimation.calibration import CAL
 from ..estimation.strip import Strip
+from ..estimation.wandering import Wander
 from ..scores.horizons import Errors
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
@@ -269,6 +270,7 @@ class Gap:
     noise_stated : whether sensor noise is; else it is what the best explanation leaves, which proves nothing.
     budget : where the excess error goes; None where no effect was found.
     unnamed : model error that is left; None for models that know no forces.
+    resembles : effects that what is unknown looks like if their magnitudes vary all the time, likeliest first.
     moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
     held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
@@ -296,6 +298,7 @@ class Gap:
     limits: Mapping[str, Limit] = field(default_factory=dict)
     budget: Budget | None = None
     unnamed: Unnamed | None = None
+    resembles: tuple[Wander, ...] = ()
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
     held: str = ""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...estimation.wandering import Wander
 from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
 from ...json_data import plain
 
@@ -55,6 +56,7 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         limits={str(name): Limit(**_limit(own)) for name, own in body.get("limits", {}).items()},
         budget=_budget(body.get("budget", []), body),
         unnamed=_unnamed(body.get("model_error")),
+        resembles=tuple(_wander(own) for own in body.get("resembles", ())),
         moved=tuple(_moved(own) for own in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
         held=str(body.get("held", "")),
@@ -98,6 +100,11 @@ def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
         (str(body["worst"]["name"]), float(body["worst"]["sd"])), _numbers(body["noise"]),
         float(body.get("expected") or nan),
     )  # fmt: skip
+
+
+def _wander(body: Mapping[str, Any]) -> Wander:
+    sd, correlation_time, gain = (float(body[name]) for name in ("sd", "correlation_time", "gain"))
+    return Wander(str(body["effect"]), str(body["unit"]), sd, correlation_time, gain)
 
 
 def _limit(body: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,128 @@
+"""Does a number wander that the equations hold still: a bank of the road, an offset of the steering, grip?
+
+A magnitude theta(t) = theta + sigma xi(t) beside the unknown forces, xi a first-order Gauss-Markov process of unit
+variance like theirs. It moves the vehicle as the effect does: both axles at once, or the front one alone; by that
+it is told from forces that have nothing to do with each other. Source: Kristensen, Madsen & Jorgensen, Automatica 40,
+2004, where the diffusion of a parameter's equation tells that it is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..shorthands import Array
+from .axes import Axis
+from .bench import Bench
+from .calibration import CAL
+from .error_filter import likelihood
+from .model_error import Amplitudes, Believed, ForceSizes, Linearised, laid, linearised, tuned_on
+
+
+@dataclass(frozen=True)
+class Wander:
+    """An effect's magnitude that varies all the time.
+
+    Attributes
+    ----------
+    effect, unit : of the magnitude.
+    sd : standard deviation of its changes.
+    correlation_time : s, in which it changes.
+    gain : log-likelihood over magnitudes that stay.
+    """
+
+    effect: str
+    unit: str
+    sd: float
+    correlation_time: float
+    gain: float
+
+
+def wandering(
+    bench: Bench,
+    p: Array,
+    residuals: Array,
+    usable: NDArray[np.bool_],
+    found: Amplitudes,
+    prior: Believed,
+    noise: Array,
+    asked: Sequence[tuple[str, Axis]],
+) -> tuple[Wander, ...]:
+    """Effects that surely gain if their magnitudes wander: the one that gains most, and those that gain about as much.
+
+    Parameters
+    ----------
+    bench : of a model with unknown forces.
+    p : (parameters,) the explanation that left the residuals.
+    residuals : (N, channels).
+    usable : (N, channels).
+    found : amplitudes of model error beside it.
+    prior : of these.
+    noise : (channels,) with which the starts of runs are read.
+    asked : effects with the axes of their magnitudes, which act at once and gradually.
+    """
+    sizes = ForceSizes(bench)
+    about = tuned_on(linearised(bench, p, noise, sizes, [axis.index for _, axis in asked]), usable)
+    forces = len(sizes.forces)
+    r = np.ascontiguousarray(residuals[about.row, about.channel])
+    quiet = replace(
+        found, floor_y=min(found.floor_y, prior.median.floor_y), share_y=min(found.share_y, prior.median.share_y),
+        floor_x=min(found.floor_x, prior.median.floor_x), share_x=min(found.share_x, prior.median.share_x),
+    )  # fmt: skip
+    still = float(np.min(_costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)))
+    units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
+    firsts = [_best(about, r, prior, _everywhere(quiet, unit), forces, forces + k) for k, unit in enumerate(units)]
+    least = min((cost for cost, _ in firsts), default=still)
+    wanders = list[Wander]()
+    for k, ((name, axis), (cost, lane)) in enumerate(zip(asked, firsts, strict=True)):
+        if cost < min(least + CAL.cost, still):
+            fine, (_, sd, memory) = _best(about, r, prior, _about(*lane), forces, forces + k)
+            wanders.append(Wander(name, axis.unit, sd, memory, still - fine))
+    most = max((own.gain for own in wanders), default=0.0)
+    wanders = [own for own in wanders if own.gain > max(CAL.cost, most - CAL.alike)]
+    return tuple(sorted(wanders, key=lambda own: -own.gain))
+
+
+Lane = tuple[Amplitudes, float, float]
+"""Amplitudes of model error; sd and correlation time of the magnitude."""
+
+
+def _everywhere(own: Amplitudes, unit: float) -> Iterator[Lane]:
+    for share, memory in product(CAL.wander_shares, CAL.wander_memories):
+        yield own, share * unit, memory
+
+
+def _about(own: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
+    for a, b in product((0.5, 0.7, 1.0, 1.4, 2.0), (0.4, 0.65, 1.0, 1.6, 2.5)):
+        yield own, a * sd, b * memory
+
+
+def _best(
+    about: Linearised, r: Array, prior: Believed, tried: Iterator[Lane], forces: int, column: int
+) -> tuple[float, Lane]:
+    """The least cost of some lanes, and where it is."""
+    lanes = list(tried)
+    cost = _costs(about, r, prior, lanes, forces, column)
+    return float(np.min(cost)), lanes[int(np.argmin(cost))]
+
+
+def _costs(
+    about: Linearised, r: Array, prior: Believed, lanes: Sequence[Lane], forces: int, column: int | None
+) -> Array:
+    """(lanes,) negative log-likelihood, and that of the amplitudes by their prior."""
+    chosen = [*range(forces), *([] if column is None else [column])]
+    own = replace(about, B=np.ascontiguousarray(about.B[..., chosen]), D=np.ascontiguousarray(about.D[..., chosen]))
+    scale, fade, slow, white, colour, channels = laid(own, [amplitudes for amplitudes, _, _ in lanes])
+    if column is not None:
+        sd, memory = (np.array([lane[k] for lane in lanes]) for k in (1, 2))
+        scale = np.concatenate([scale, np.broadcast_to(sd, (len(scale), 1, len(lanes)))], axis=1)
+        fade = np.concatenate([fade, np.exp(-own.length[:, None, None] / memory)], axis=1)
+    nll = likelihood(
+        own.A, own.B, own.C, own.D, scale, fade, slow, white, colour, own.start, own.first, own.pointer, own.channel,
+        channels, r, np.empty((0, 0)), np.empty(0),
+    )  # fmt: skip
+    return np.asarray(nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes])))
