@@ -9,7 +9,7 @@ between its samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -17,11 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import minimize_scalar
+from scipy.special import expit
 
+from ..effect import Effect
 from ..engine.simulation import FreeRuns
 from ..shorthands import Array
 from .calibration import CAL
 
+AT_ONCE = "sensor_latency_imu"
+"""What makes readings of accelerations late."""
 VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
 """Least and greatest logarithm of jitter's variance that is tried."""
 
@@ -252,3 +256,47 @@ def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
         around = [uniform_filter1d(own[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for own in (z, good)]
         found[rows] -= around[0] / np.maximum(around[1], 1e-9)
     return found
+
+
+def jumps_by_commands(bench: FreeRuns, p: Array, effects: Mapping[str, Effect]) -> Array | None:
+    """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
+    if bench.learnt or AT_ONCE not in effects or not any(np.any(own.held) for own in bench.runs):
+        return None
+    name, names = effects[AT_ONCE].parameter.name, [own.name for own in bench.model.parameters]
+    if name not in names or p[index := names.index(name)] != 0:
+        return None
+    early = p.copy()
+    early[index] = CAL.early
+    after, before = bench.simulate(np.array([p, early]))
+    return np.where(bench.counted & (np.abs(before - after) > 0), before - after, 0.0)
+
+
+def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None) -> bool:
+    """Whether jitter alone explains more than the best hypothesis does.
+
+    Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
+    little: where it is not known by how much they jump, only the others count.
+
+    Parameters
+    ----------
+    bench, sd, good, jump : as for `jitter`.
+    base, best : (N, channels) residuals without any effect, and with the best explanation's.
+    """
+    y = np.where(bench.counted, base + bench.measured, 0.0)
+    own = sole_jitter(bench, base, y, sd, good, jump)
+    told = good if jump is not None else steady(bench, y, sd, good)[1]
+    gain = 0.5 * float(np.sum(np.where(told, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
+    return own is not None and own.gain >= gain and surely(own.gain) > CAL.present
+
+
+def sole_jitter(
+    bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None
+) -> Scatter | None:
+    """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
+    own = jitter(bench, e, y, sd, good, jump)
+    return own if own is not None and own.left <= CAL.unnamed_noise**2 else None
+
+
+def surely(gain: float) -> float:
+    """The probability of an effect of variance, by its log-likelihood."""
+    return float(expit(gain - CAL.cost_without_forces))

@@ -19,16 +19,15 @@ from ..estimation.calibration import CAL
 from ..estimation.constancy import Spread, orders_of, stretch, varies
 from ..estimation.free_runs import at_their_best, misfit, plain
 from ..estimation.hypothesis import Hypothesis
-from ..estimation.model_error import Amplitudes, Believed
+from ..estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
 from ..estimation.model_error import believed as believed_amplitudes
-from ..estimation.noise import sound, stated_noise, white_noise
+from ..estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from ..estimation.observer import PULLED
 from ..estimation.preparing import Prepared, excerpt, prepare
 from ..estimation.search import Search
 from ..estimation.unknown_forces import knows_unknown_forces
-from ..estimation.variance import Scatter, dropped, fresh, jitter, repeats, steady
+from ..estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from ..estimation.wandering import Wander, wandering
-from ..estimation.whitening import amplitudes_left, whitener
 from ..recording import Recording
 from ..shorthands import Array
 from ..vehicle import Vehicle
@@ -41,8 +40,6 @@ from .selection import Firmly, Selection, select
 from .unknown import Signs, beyond_what_may_be, signs, unnamed
 
 TINY = 1e-12
-AT_ONCE = "sensor_latency_imu"
-"""What makes readings of accelerations late."""
 MOVING = ("steering", "drive", "tyres", "body", "road")
 """Groups of effects that move the vehicle: what wanders in a sensor is its slow error."""
 
@@ -142,7 +139,7 @@ def examine(
     tempered = rough and not forces
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
-    whiten = whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
+    whiten = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces, own)
     selection = select(search, own, whiten, cost, _firmly(bench, start, sd, good))
     selection = with_beginnings(selection, own, whiten, cost)
@@ -162,10 +159,10 @@ def examine(
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
     expected = believed_amplitudes(sd, told, not rough, known)
-    amplitudes = amplitudes_left(bench, search, best, sd, good, expected)
+    amplitudes = _amplitudes(bench, search, best, sd, good, expected)
     left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
-    jumps = _jumps(search, best, effects)
-    if best.candidates and _jitters(bench, selection.base, best, sd, good, jumps):
+    jump = jumps_by_commands(bench, search.vector(best), effects)
+    if best.candidates and jitters(bench, selection.base.e, best.e, sd, good, jump):
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
@@ -173,10 +170,10 @@ def examine(
     freed_ways = dict(zip(ways, at_their_best(search, list(ways.values()), sd, good), strict=True))
     before, then = (misfit(search, freed_ways[frozenset(own.names)]) for own in (selection.base, best))
     closed = closed_by(before, then, sd, plain(then.e, good, bench), bench, tuple(own.name for own in recordings))
-    scatter = {} if stale is None else {"dropped_samples": (stale, _sure(weighed.temper * stale.gain))}
-    jittered, after, leaves = _sole(jitter(bench, best.e, y, sd, good, jumps)), closed.after, 1.0
+    scatter = {} if stale is None else {"dropped_samples": (stale, surely(weighed.temper * stale.gain))}
+    jittered, after, leaves = sole_jitter(bench, best.e, y, sd, good, jump), closed.after, 1.0
     if jittered is not None:
-        present = _sure(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
+        present = surely(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > CAL.present else after
         if present > CAL.present:
@@ -203,6 +200,34 @@ def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
     return stretches
 
 
+def _whitener(
+    bench: FreeRuns, good: NDArray[np.bool_], prior: Believed, sd: Array
+) -> Callable[[Search, Hypothesis | None], Whitener]:
+    """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
+    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
+        return lambda search, own: white_noise(sd, good, bench.rows) if own is None else colour(own.e, good, bench.rows)
+    sizes = ForceSizes(bench)
+
+    def whiten(search: Search, own: Hypothesis | None) -> Whitener:
+        if own is None:
+            p = search.moved(np.array([axis.mean for axis in search.moving]))
+            return model_error(linearised(bench, p, sd, sizes), prior.median, good)
+        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
+        about = linearised(search.bench, search.vector(own), sd, sizes)
+        return model_error(about, estimated(about, own.e, good, prior), good)
+
+    return whiten
+
+
+def _amplitudes(
+    bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
+) -> Amplitudes | None:
+    """Of the model error that is left beside a hypothesis."""
+    if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
+        return None
+    return estimated(linearised(bench, search.vector(best), sd, ForceSizes(bench)), best.e, good, prior)
+
+
 def _alone(selection: Selection, best: Hypothesis) -> float:
     """What the effects of a pair take off the base's cost, each by itself, added up; zero where that is not known."""
     singles = {own.names[0]: selection.base.cost - own.cost for own in selection.of(1)}
@@ -219,49 +244,3 @@ def _firmly(bench: FreeRuns, e: Array, sd: Array, good: NDArray[np.bool_]) -> Fi
         return None
     index = [parameter.name for parameter in bench.model.parameters].index(name)
     return Firmly(index, CAL.firm)
-
-
-def _jumps(search: Search, best: Hypothesis, effects: Mapping[str, Effect]) -> Array | None:
-    """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
-    bench = search.bench
-    if bench.learnt or AT_ONCE not in effects or not any(np.any(own.held) for own in bench.runs):
-        return None
-    name, names = effects[AT_ONCE].parameter.name, [own.name for own in bench.model.parameters]
-    if name not in names:
-        return None
-    index, p = names.index(name), search.vector(best)
-    if p[index] != 0:
-        return None
-    early = p.copy()
-    early[index] = CAL.early
-    after, before = bench.simulate(np.array([p, early]))
-    return np.where(bench.counted & (np.abs(before - after) > 0), before - after, 0.0)
-
-
-def _jitters(
-    bench: FreeRuns, base: Hypothesis, best: Hypothesis, sd: Array, good: NDArray[np.bool_], jumps: Array | None
-) -> bool:
-    """Whether jitter alone explains more than the best hypothesis does.
-
-    Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
-    little: where it is not known by how much they jump, only the others count.
-    """
-    y = np.where(bench.counted, base.e + bench.measured, 0.0)
-    own = _sole(jitter(bench, base.e, y, sd, good, jumps))
-    told = good if jumps is not None else steady(bench, y, sd, good)[1]
-    gain = 0.5 * float(np.sum(np.where(told, (base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0)))
-    return own is not None and own.gain >= gain and _sure(own.gain) > CAL.present
-
-
-def _sole(own: Scatter | None) -> Scatter | None:
-    """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
-    return own if own is not None and own.left <= CAL.unnamed_noise**2 else None
-
-
-def _sure(gain: float) -> float:
-    """The probability of an effect of variance, by its log-likelihood."""
-    return _sigmoid(gain - CAL.cost_without_forces)
-
-
-def _sigmoid(x: float) -> float:
-    return float(1 / (1 + np.exp(-np.clip(x, -30, 30))))

@@ -1,13 +1,17 @@
 """Rows held stale and jitter of the sampling instant are told by how readings scatter."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from gap_cases import GivenBench
 from memory_cases import FITTED
 from toys import drive, tiny
 
+from greybox_id.estimation import variance
 from greybox_id.estimation.preparing import prepare
-from greybox_id.estimation.variance import coin, dropped, fresh, jitter, repeats
+from greybox_id.estimation.variance import Scatter, coin, dropped, fresh, jitter, jitters, repeats, sole_jitter
 from greybox_id.models.effects import EFFECTS
 
 DT, SD = 0.01, np.array([0.05, 0.1])
@@ -234,3 +238,29 @@ def test_scatter_is_not_looked_for_under_a_map_with_memory():
     assert not np.any(repeats(bench))
     e = bench.simulate(bench.model.values[None])[0] - bench.measured
     assert jitter(bench, e, e + bench.measured, np.ones(2), bench.counted) is None
+
+
+def test_jitter_of_some_channels_takes_no_effect_s_place_that_others_tell():
+    rng, n = np.random.default_rng(0), 6000
+    time, sd = 0.01 * np.arange(n), np.array([0.05, 0.05, 0.1])
+    y = np.column_stack([5 * np.sin(w * time) for w in (2.0, 3.1, 2.5)])
+    rates = np.column_stack([5 * w * np.cos(w * time) for w in (2.0, 3.1)])
+    e = sd * rng.standard_normal((n, 3))
+    e[:, :2] += 0.004 * rng.standard_normal((n, 1)) * rates
+    bench = GivenBench(lambda _: y, y - e, 0, 0.01, lengths=[n])
+    bench.model.states = [SimpleNamespace(name=own) for own in bench.channels[:2]]
+    bench.runs[0].held = np.ones(1, dtype=bool)  # the third channel may jump with commands
+    lever = e.copy()
+    lever[:, 2] += np.sin(time)  # ten times its noise
+    asked = (sd, bench.counted, np.zeros((n, 3)))
+    assert jitters(bench, e, e, *asked)
+    assert not jitters(bench, lever, e, *asked)
+
+
+def test_jitter_that_leaves_more_than_noise_is_none(monkeypatch):
+    own, asked = Scatter(0.003, 0.0001, 60.0, 1.2), (None,) * 6
+    for left, sole in ((1.2, True), (2.2, False)):  # errors of a model that lasts a row or two
+        monkeypatch.setattr(variance, "jitter", lambda *_, left=left: replace(own, left=left))
+        assert (sole_jitter(*asked) is not None) == sole
+    monkeypatch.setattr(variance, "jitter", lambda *_: None)
+    assert sole_jitter(*asked) is None

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from calling import greybox
 from driven import without, written
-from gap_cases import CAR, NOISE, NUMBERS, GivenBench, candidate, lap, lateral_lap, nominal
+from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.errors import BadInput
 from greybox_id.estimation.calibration import CAL
 from greybox_id.estimation.constancy import Spread
 from greybox_id.estimation.model_error import believed
-from greybox_id.estimation.variance import Scatter
 from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
-from greybox_id.gap.examining import _jitters, _sole
 from greybox_id.gap.gap import Unnamed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
@@ -435,31 +433,6 @@ def test_what_cannot_be_told_apart_is_ranked_by_what_is_sure_of_it_together():
     )
     listed = [ranked("grip", 0.72), ranked("pitch", 0.45, "bias"), ranked("bias", 0.45, "pitch")]
     assert _of_sets(found, listed, 0.9) == pytest.approx({"pitch": 0.9, "grip": 0.72, "bias": 0.45})
-
-
-def test_jitter_of_some_channels_takes_no_effect_s_place_that_others_tell():
-    rng, n = np.random.default_rng(0), 6000
-    time, sd = 0.01 * np.arange(n), np.array([0.05, 0.05, 0.1])
-    y = np.column_stack([5 * np.sin(w * time) for w in (2.0, 3.1, 2.5)])
-    rates = np.column_stack([5 * w * np.cos(w * time) for w in (2.0, 3.1)])
-    e = sd * rng.standard_normal((n, 3))
-    e[:, :2] += 0.004 * rng.standard_normal((n, 1)) * rates
-    bench = GivenBench(lambda _: y, y - e, 0, 0.01, lengths=[n])
-    bench.model.states = [SimpleNamespace(name=own) for own in bench.channels[:2]]
-    bench.runs[0].held = np.ones(1, dtype=bool)  # the third channel may jump with commands
-    lever = e.copy()
-    lever[:, 2] += np.sin(time)  # ten times its noise
-    best, base = (SimpleNamespace(e=own) for own in (e, lever))
-    asked = (sd, bench.counted, np.zeros((n, 3)))
-    assert _jitters(bench, best, best, *asked)
-    assert not _jitters(bench, base, best, *asked)
-
-
-def test_jitter_that_leaves_more_than_noise_is_none():
-    own = Scatter(0.003, 0.0001, 60.0, 1.2)
-    assert _sole(own) is own
-    assert _sole(replace(own, left=2.2)) is None  # errors of a model that lasts a row or two
-    assert _sole(None) is None
 
 
 def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch):
