@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -40,6 +41,7 @@ def begun(function: Callable[..., Any]) -> Any:
     inner: Any = kept(function)
     ready = False
 
+    @wraps(function)
     def call(*arguments: Any) -> Any:
         nonlocal ready
         if not ready and threading.current_thread() is threading.main_thread() and _is_to_be_kept(inner):

@@ -32,7 +32,7 @@ class Wander:
     effect, unit : of the magnitude.
     sd : standard deviation of its changes.
     correlation_time : s, in which it changes.
-    gain : log-likelihood over magnitudes that stay.
+    gain : log-likelihood over magnitudes that stay, beside unknown forces as they usually are.
     """
 
     effect: str
@@ -52,7 +52,9 @@ def wandering(
     noise: Array,
     asked: Sequence[tuple[str, Axis]],
 ) -> tuple[Wander, ...]:
-    """Effects that surely gain if their magnitudes wander: the one that gains most, and those that gain about as much.
+    """Effects that stand for unknown forces if their magnitudes wander: the likeliest, and what gains about as much.
+
+    Beside one of them forces are as large as they usually are, and it explains as much as larger ones do, or more.
 
     Parameters
     ----------
@@ -69,22 +71,25 @@ def wandering(
     about = tuned_on(linearised(bench, p, noise, sizes, [axis.index for _, axis in asked]), usable)
     forces = len(sizes.forces)
     r = np.ascontiguousarray(residuals[about.row, about.channel])
+    usual = prior.median
     quiet = replace(
-        found, floor_y=min(found.floor_y, prior.median.floor_y), share_y=min(found.share_y, prior.median.share_y),
-        floor_x=min(found.floor_x, prior.median.floor_x), share_x=min(found.share_x, prior.median.share_x),
+        found, floor_y=min(found.floor_y, usual.floor_y), share_y=min(found.share_y, usual.share_y),
+        floor_x=min(found.floor_x, usual.floor_x), share_x=min(found.share_x, usual.share_x), memory_y=usual.memory_y,
+        memory_x=usual.memory_x,
     )  # fmt: skip
-    still = float(np.min(_costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)))
+    loud, still = _costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
+    enough = min(loud + CAL.alike, still - CAL.cost)
     units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
     firsts = [_best(about, r, prior, _everywhere(quiet, unit), forces, forces + k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)
     wanders = list[Wander]()
     for k, ((name, axis), (cost, lane)) in enumerate(zip(asked, firsts, strict=True)):
-        if cost < min(least + CAL.cost, still):
-            fine, (_, sd, memory) = _best(about, r, prior, _about(*lane), forces, forces + k)
-            wanders.append(Wander(name, axis.unit, sd, memory, still - fine))
+        if cost < least + CAL.cost:
+            cost, (_, sd, memory) = _best(about, r, prior, _about(*lane), forces, forces + k)
+            wanders.append(Wander(name, axis.unit, sd, memory, float(still - cost)))
     most = max((own.gain for own in wanders), default=0.0)
-    wanders = [own for own in wanders if own.gain > max(CAL.cost, most - CAL.alike)]
-    return tuple(sorted(wanders, key=lambda own: -own.gain))
+    likely = [own for own in wanders if own.gain > max(still - enough, most - CAL.alike)]
+    return tuple(sorted(likely, key=lambda own: -own.gain))
 
 
 Lane = tuple[Amplitudes, float, float]
