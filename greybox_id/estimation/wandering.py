@@ -78,7 +78,8 @@ def wandering(
         memory_x=usual.memory_x,
     )  # fmt: skip
     loud, still = _costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
-    enough = min(loud + CAL.alike, still - CAL.cost)
+    by_chance = np.log(max(len(asked), 1) / CAL.rare)  # twice what two numbers gain is chi-square of two
+    enough = min(loud + CAL.alike, still - by_chance)
     units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
     firsts = [_best(about, r, prior, _everywhere(quiet, unit), forces, forces + k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)

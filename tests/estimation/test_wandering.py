@@ -50,7 +50,7 @@ def drive(effect, sd, correlation_time, seed, seconds=60.0):
 @pytest.mark.parametrize("seed", [11, 12])
 @pytest.mark.parametrize(
     ("effect", "sd", "correlation_time"),
-    [("road_bank", 0.02, 3.0), ("steering_offset", 0.004, 3.0), ("grip_scale", 0.1, 5.0)],
+    [("road_bank", 0.03, 3.0), ("steering_offset", 0.004, 3.0), ("grip_scale", 0.1, 5.0)],
 )
 def test_what_varies_is_what_the_unknown_looks_like(effect, sd, correlation_time, seed):
     lap = drive(effect, sd, correlation_time, seed)
