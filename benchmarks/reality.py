@@ -119,6 +119,7 @@ def gap(case: str, place: Path, recordings: list[Path], *options: str) -> dict[s
     return row | {
         "gap": body["gap_detected"],
         "unknown": body["unknown_probability"],
+        "like": {own["effect"]: [own["sd"], own["correlation_time"], own["gain"]] for own in body["resembles"]},
         "first": next(iter(ranking), None),
         "applied": {
             name: {key: ranking.get(name, {}).get(key) for key in ("magnitude", "interval", "probability")}
