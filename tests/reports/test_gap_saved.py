@@ -9,6 +9,7 @@ import pytest
 from made_gaps import CASES, LAG, clear
 
 from greybox_id.errors import BadInput
+from greybox_id.estimation.wandering import Wander
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.gap.report import gap_report
 from greybox_id.reports.gap.saved import Made, as_text, load_gap
@@ -43,6 +44,11 @@ def test_a_diagnosis_without_a_picture_is_saved_too(tmp_path):
     assert load_gap(saved(clear(strip=None), tmp_path))[0].strip is None
 
 
+def test_what_the_unknown_looks_like_comes_back(tmp_path):
+    like = (Wander("steering_offset", "rad", 0.002, 1.2, 39.0), Wander("road_bank", "rad", 0.01, 3.0, 37.0))
+    assert load_gap(saved(clear(resembles=like), tmp_path))[0].resembles == like
+
+
 def damaged(body):
     yield "format version 99", {**body, "format_version": 99}
     yield "checksum", {**body, "p_value": 0.5}
@@ -62,7 +68,7 @@ def test_what_is_no_diagnosis_is_a_sentence(tmp_path):
         load_gap(file)
 
 
-@pytest.mark.parametrize("name", ["where", "ranking", "gap", "strip", "data", "recordings", "held_out", "seed"])
+@pytest.mark.parametrize("name", ["where", "ranking", "gap", "strip", "data", "recordings", "held_out", "seed", "resembles"])
 @pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}])
 def test_hostile_content_with_a_right_checksum_is_a_sentence_or_read(name, value, tmp_path):
     from greybox_id.json_data import checksum
