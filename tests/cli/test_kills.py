@@ -18,7 +18,7 @@ from greybox_id.models.registry import build
 from greybox_id.scratch import NAME
 
 LINUX = sys.platform.startswith("linux")
-KILLS = int(os.environ.get("GREYBOX_KILLS", "10"))
+KILLS = int(os.environ.get("GREYBOX_KILLS", "6"))
 """For each command; a third of it for each target of an export but two: all write by one function."""
 CALLS = {
     "predict": "predict {fit} {lap} --out {out}/lap.csv",

@@ -98,7 +98,7 @@ def test_forged_fits_end_in_a_report_or_in_a_sentence(fit):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))  # two seconds a page
 def test_many_forged_fits_end_in_a_report_or_in_a_sentence(fit, seed):
-    tried(fit, 100 + seed, 60)
+    tried(fit, 100 + seed, 30)
 
 
 @pytest.mark.parametrize(
