@@ -68,7 +68,9 @@ def test_what_is_no_diagnosis_is_a_sentence(tmp_path):
         load_gap(file)
 
 
-@pytest.mark.parametrize("name", ["where", "ranking", "gap", "strip", "data", "recordings", "held_out", "seed", "resembles"])
+@pytest.mark.parametrize(
+    "name", ["where", "ranking", "gap", "strip", "data", "recordings", "held_out", "seed", "resembles"]
+)
 @pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}])
 def test_hostile_content_with_a_right_checksum_is_a_sentence_or_read(name, value, tmp_path):
     from greybox_id.json_data import checksum
