@@ -131,4 +131,5 @@ def _costs(
         own.A, own.B, own.C, own.D, scale, fade, slow, white, colour, own.start, own.first, own.pointer, own.channel,
         channels, r, np.empty((0, 0)), np.empty(0),
     )  # fmt: skip
-    return np.asarray(nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes])))
+    cost = nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes]))
+    return np.where(np.isfinite(cost), cost, np.inf)  # derivatives of what nearly spins have no end
