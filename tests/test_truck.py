@@ -59,6 +59,7 @@ def test_signs_as_published_cost_more_than_a_factor_of_two(val):
     assert np.sum(as_published / TYPICAL) > 2 * np.sum(best / TYPICAL)
 
 
+@pytest.mark.slow
 def test_the_second_angle_and_the_road_s_bank_each_lower_an_error(val):
     one, _ = val(3)
     both, _ = val(4)

@@ -61,6 +61,7 @@ def test_what_cannot_be_adapted_is_a_sentence(fitted):
             adapt(fitted, new, **({"seconds": 16.0} | call))
 
 
+@pytest.mark.slow
 def test_the_command_adapts_and_the_fit_it_writes_is_read_again(fitted, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     fitted.save("fit.json")
@@ -72,6 +73,7 @@ def test_the_command_adapts_and_the_fit_it_writes_is_read_again(fitted, tmp_path
     assert "10 s in one run" in refused("adapt", "fit.json", "wet.csv", "--seconds", 5)
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_not_trusted_is_told_first(fitted, tmp_path):
     new = driven(runs=1, seconds=16.0, seed=7)
     wrong = replace(new, signals={**new.signals, "yaw_rate": new["yaw_rate"] * 1000})

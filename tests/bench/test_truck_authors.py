@@ -105,6 +105,7 @@ def test_particles_come_nearer_and_rows_are_of_the_fifteen_nearest(few):
             assert np.max(prior(np.array(told["x"]))) < np.quantile(prior(drawn), 0.3)
 
 
+@pytest.mark.slow
 def test_test_is_scored_by_what_train_alone_sampled(few):
     before = _of_authors(few, quiet, KeptBench("truck"))
     truck_file(few / "test.parquet", 3, 7)

@@ -141,6 +141,7 @@ def told_but_for_time(found):
     return finite([{name: own for name, own in row.items() if name != "cpu_seconds"} for row in found["rows"]])
 
 
+@pytest.mark.slow
 def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
     """Altering test.parquet alters what is said of test, and nothing else."""
     monkeypatch.setattr(bench, "METHODS", ("learning", "transfer"))
@@ -165,6 +166,7 @@ def test_test_is_scored_and_never_fitted_or_selected_on(made_up, monkeypatch):
     assert pairs[0] == pairs[1] == pairs[2] != []
 
 
+@pytest.mark.slow
 def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
     """Ctrl-C loses the training under way; the next run makes what is missing, and says what one run would."""
     count, real = 0, bench.trained
@@ -196,6 +198,7 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
     assert count == before + 7
 
 
+@pytest.mark.slow
 def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
     monkeypatch.setattr(bench, "TAUGHT_ON", (0.5,))

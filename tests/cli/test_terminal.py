@@ -103,6 +103,7 @@ def test_a_full_standard_output_is_told(command):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
 def test_closed_streams_change_nothing_that_is_written(closed, tmp_path):
     done = called(f"datasets make virtual_lap --seed 1 --out {tmp_path} {closed}")

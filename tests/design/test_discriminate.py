@@ -91,6 +91,7 @@ def test_what_stays_likely_beside_what_is_not_sure_is_not_told_apart():
     assert ambiguous(clear(ranking=(first, unlikely), applied=("steering_delay",))) == ()
 
 
+@pytest.mark.slow
 def test_what_is_predicted_is_what_is_left_when_explanations_have_adapted(saved, monkeypatch):
     """More steps than are usual change no separation: what adapts slowly would pass for what is told apart."""
     told = []
@@ -128,6 +129,7 @@ def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     assert designing.quoted(sure, made, "disc:80") is sure
 
 
+@pytest.mark.slow
 def test_what_noise_hides_is_called_impossible_here(saved):
     gap = unsure("steering_delay", "steering_lag", (0.002, 0.002))
     loud = replace(gap.gap, errors=tuple(replace(own, floor=20 * own.floor) for own in gap.gap.errors))

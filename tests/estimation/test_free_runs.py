@@ -47,6 +47,7 @@ def test_what_noise_does_not_explain_does_not_press_tolerances_to_where_they_rea
     assert refitted_tolerances(true, own, tolerant, EFFECTS)[0].trust > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "channel"), [({"geometry": "each_wheel"}, "yaw_rate"), ({"drag": "other_powers"}, "v_x")]
 )

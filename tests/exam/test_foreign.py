@@ -96,6 +96,7 @@ def test_a_tyre_begins_with_its_stiffness_and_reaches_its_friction(tyre):
     assert curve(tyre, -1.3, 3.0, 1.4, 0.2) == -curve(tyre, 1.3, 3.0, 1.4, 0.2)
 
 
+@pytest.mark.slow
 def test_a_double_track_without_width_and_height_is_the_single_track():
     car = random_vehicle(3, "car")
     own = driven(DoubleTrack(single_track(car, True)), car, 8.0, 50.0, 1)

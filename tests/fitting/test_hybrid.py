@@ -99,6 +99,7 @@ def test_where_nothing_changed_training_goes_nowhere(stiffness):
         update_hybrid(stiffness.model, [same[0].rows(0, 180)], How(), quiet)
 
 
+@pytest.mark.slow
 def test_a_hybrid_is_adapted_to_other_tyres_and_left_alone_where_nothing_changed(stiffness):
     for scale, moves in ((0.75, True), (1.0, False)):
         runs = [(steps(0.02, 1100), 14.0), (sine(0.03, 0.5, 1100), 12.0), (steps(-0.025, 600), 13.0)]

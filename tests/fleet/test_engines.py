@@ -89,6 +89,7 @@ def test_a_missing_dask_is_a_sentence(fleet, tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_a_sentence(fleet, tmp_path):
     plan, _, _ = fleet
     where = ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:9")
@@ -158,6 +159,7 @@ def slowly(job):
     return job
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not LINUX, reason="processes are looked for in /proc")
 def test_a_local_run_that_is_killed_carries_on(fleet, tmp_path):
     plan, results, _ = fleet

@@ -83,6 +83,7 @@ def test_recurrent_networks_and_weights_that_nobody_trained_are_refused():
         gb.diagnose("mlp_lateral", other(), vehicle="full_size_car")
 
 
+@pytest.mark.slow
 def test_the_command_diagnoses_its_fit_and_has_no_vehicle_file_for_it(network, tmp_path):
     network.save(tmp_path / "net.json")
     lap = written(other({"steering_delay": 0.06}), tmp_path / "lap.csv")

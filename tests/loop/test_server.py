@@ -168,6 +168,7 @@ def test_rows_and_policies_are_kept_once(tmp_path, policy, rows):
         assert own.client.policy(sha) == policy
 
 
+@pytest.mark.slow
 def test_a_slow_client_is_told_so_and_others_are_served_meanwhile(server):
     """Slowness is that of a head here, whose patience is 10 s."""
     parts = urlsplit(server.address)
@@ -219,6 +220,7 @@ def test_an_upload_that_a_kill_cuts_off_leaves_nothing(tmp_path, policy, rows):
         assert own.client.post(ROWS, rows)["new"]
 
 
+@pytest.mark.slow
 def test_a_job_that_a_kill_interrupts_is_done_after_the_restart(tmp_path, policy, rows):
     """The budget ends the second one: what is learned does not matter here."""
     wanted = {"arm": "nominal", "seconds": 60, "steps": 10_000_000}

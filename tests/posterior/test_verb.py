@@ -74,6 +74,7 @@ def test_laplace_and_mcmc_draw_from_the_same(found, lap, drawn):
         assert own.table["mean"][name] == pytest.approx(drawn.table["mean"][name], abs=0.15 * sd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["laplace", "mcmc"])
 def test_at_a_bound_it_is_the_part_within(found, lap, method):
     """The bound half a standard deviation below the estimate: what lies below it of the draws without a bound."""
@@ -140,6 +141,7 @@ def test_a_killed_run_goes_on_to_the_same_draws(found, lap, tmp_path, monkeypatc
     assert np.array_equal(last.weight, whole.weight)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_there_is_and_more_draws_go_on(found, lap, monkeypatch):
     blocks = 0
 

@@ -112,6 +112,7 @@ def test_a_report_of_another_name_is_refused_before_anything_is_read(out, fitted
     assert fitted.is_file()
 
 
+@pytest.mark.slow
 def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_path):
     names = [f"lap{k}.csv" for k in range(3)]
     read_again = [read(written(lap, tmp_path / name), "canonical") for lap, name in zip(laps[:3], names, strict=True)]
