@@ -5,6 +5,7 @@ import os
 import sys
 
 import pytest
+from numba import njit
 
 from greybox_id import machine_code, processes
 
@@ -85,9 +86,8 @@ def test_where_nothing_can_be_kept_it_is_compiled_here(monkeypatch, forks):
     def no_folder(**how):
         if how.get("cache"):
             raise RuntimeError("cannot cache function: no locator available")
-        return lambda function: function
+        return njit(**how)
 
     monkeypatch.setattr(machine_code, "njit", no_folder)
-    monkeypatch.setattr(machine_code, "_is_to_be_kept", lambda function: False)
     assert machine_code.begun(lambda x: 2 * x)(4) == 8
     assert forks == []
