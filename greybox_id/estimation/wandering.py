@@ -32,7 +32,7 @@ class Wander:
     effect, unit : of the magnitude.
     sd : standard deviation of its changes.
     correlation_time : s, in which it changes.
-    gain : log-likelihood over magnitudes that stay, beside unknown forces as they usually are.
+    gain : log-likelihood over the same magnitude where it stays, beside unknown forces as they usually are.
     """
 
     effect: str
@@ -78,27 +78,32 @@ def wandering(
         memory_x=usual.memory_x,
     )  # fmt: skip
     loud, still = _costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
-    by_chance = np.log(max(len(asked), 1) / CAL.rare)  # twice what two numbers gain is chi-square of two
-    enough = min(loud + CAL.alike, still - by_chance)
     units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
-    firsts = [_best(about, r, prior, _everywhere(quiet, unit), forces, forces + k) for k, unit in enumerate(units)]
+    firsts = [
+        _best(about, r, prior, _everywhere(quiet, unit, CAL.wander_memories), forces, forces + k)
+        for k, unit in enumerate(units)
+    ]
     least = min((cost for cost, _ in firsts), default=still)
-    wanders = list[Wander]()
+    by_chance = float(np.log(max(len(asked), 1) / CAL.rare))  # twice what two numbers gain is chi-square of two
+    wanders = dict[Wander, float]()
     for k, ((name, axis), (cost, lane)) in enumerate(zip(asked, firsts, strict=True)):
         if cost < least + CAL.cost:
             cost, (_, sd, memory) = _best(about, r, prior, _about(*lane), forces, forces + k)
-            wanders.append(Wander(name, axis.unit, sd, memory, float(still - cost)))
-    most = max((own.gain for own in wanders), default=0.0)
-    likely = [own for own in wanders if own.gain > max(still - enough, most - CAL.alike)]
-    return tuple(sorted(likely, key=lambda own: -own.gain))
+            _, lane = _best(about, r, prior, _everywhere(quiet, units[k], (np.inf,)), forces, forces + k)
+            stays, _ = _best(about, r, prior, _about(*lane), forces, forces + k)
+            gain = min(still, stays) - cost
+            if gain > by_chance and cost < loud + CAL.alike:
+                wanders[Wander(name, axis.unit, sd, memory, gain)] = cost
+    least = min(wanders.values(), default=0.0)
+    return tuple(own for own in sorted(wanders, key=lambda own: wanders[own]) if wanders[own] < least + CAL.alike)
 
 
 Lane = tuple[Amplitudes, float, float]
 """Amplitudes of model error; sd and correlation time of the magnitude."""
 
 
-def _everywhere(own: Amplitudes, unit: float) -> Iterator[Lane]:
-    for share, memory in product(CAL.wander_shares, CAL.wander_memories):
+def _everywhere(own: Amplitudes, unit: float, memories: Sequence[float]) -> Iterator[Lane]:
+    for share, memory in product(CAL.wander_shares, memories):
         yield own, share * unit, memory
 
 
