@@ -43,14 +43,18 @@ class Library:
     def __call__(self, function, arguments, sizes):
         """Rows of results of the given sizes; arguments are (rows, entries), or (rows,) for numbers."""
         called = getattr(self.library, f"{self.name}_{function}")
-        called.restype = None
         found = [np.full((len(arguments[0]), size), np.nan) for size in sizes]
-        given = [np.ascontiguousarray(own, dtype=float) for own in arguments]
-        for k in range(len(arguments[0])):
-            words = [ctypes.c_double(own[k]) if own.ndim == 1 else _place(own, k) for own in given]
-            called(*words, *(_place(own, k) for own in found))
+        given = [*(np.ascontiguousarray(own, dtype=float) for own in arguments), *found]
+        called.restype = None
+        called.argtypes = [ctypes.c_double if own.ndim == 1 else ctypes.c_void_p for own in given]
+        for row in zip(*map(_words, given), strict=True):
+            called(*row)
         return found
 
 
-def _place(array, row):
-    return ctypes.c_void_p(array.ctypes.data + row * array.strides[0])
+def _words(array):
+    """What C is given for each row: a number, or the row's address."""
+    if array.ndim == 1:
+        return array.tolist()
+    first, length = array.ctypes.data, array.nbytes // max(len(array), 1)
+    return [first + k * length for k in range(len(array))]

@@ -23,7 +23,6 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
@@ -33,13 +32,14 @@ from ..errors import BadInput
 from ..recording import split_runs
 from ..shorthands import Array
 from .column_map import Reference
+from .pose_smoother import evidence, smooth
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """Signals that are made of poses."""
 BLOCK = 500
-"""Rows that are gone through at a time."""
+"""Rows, each a run of its own, on which the levels are estimated."""
 BLOCKS = 4
-"""Blocks on which the levels are estimated: 2 000 rows tell them to some 5 %."""
+"""Blocks of them: 2 000 rows tell the levels to some 5 %."""
 GLITCHES = 0.05
 """Sound poses of a whole file that may be expected to be taken for glitches."""
 AROUND = 10
@@ -207,13 +207,11 @@ def _likeliest(poses: _Poses, start: _Levels | None) -> _Levels:
 
 
 def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Array | None) -> tuple[Array, float]:
-    columns, loose = _columns(poses, names, psi), _loose(poses, names)
-    parts = [_on_its_own(_block(columns, begin)) for begin in poses.most_driven()]
-    forward, nothing = _forward(len(names)), _nothing_known(len(names))
+    rows, loose = _rows(poses, names, psi), _loose(poses, names)
+    parts = np.vstack([_on_its_own(rows[begin : begin + BLOCK]) for begin in poses.most_driven()])
 
     def unlikeliness(levels: Array) -> float:
-        settings = np.tile(np.concatenate([levels, loose])[:, None], BLOCK)
-        found = -sum(float(forward(nothing, part, settings)[1].full().sum()) for part in parts)
+        found = -float(evidence(parts, _variances(levels, loose), len(names)))
         return found if np.isfinite(found) else np.inf
 
     edge = 1.0 if start is None else 0.2
@@ -244,14 +242,14 @@ def _loose(poses: _Poses, names: tuple[str, ...]) -> Array:
     return np.log([2 * size, 2 * rate, rate / (10 * usual)])
 
 
-def _columns(poses: _Poses, names: tuple[str, ...], psi: Array | None) -> Array:
-    """What the filter is fed, (inputs, n); `psi` turns what is measured in the map's axes, where that is a place."""
-    rows = [poses.steps, poses.begins, poses.fresh.astype(float), *(poses.centred(name) for name in names)]
+def _rows(poses: _Poses, names: tuple[str, ...], psi: Array | None) -> Array:
+    """What the smoother is fed; `psi` turns what is measured in the map's axes, where that is a place."""
+    columns = [poses.steps, poses.begins, poses.fresh.astype(float), *(poses.centred(name) for name in names)]
     if psi is not None:
         once, twice = _turning(np.diff(psi, prepend=psi[0]))
         before = np.exp(1j * (np.concatenate([psi[:1], psi[:-1]]) + poses.means["yaw"]))
-        rows += [(before * once).real, (before * once).imag, (before * twice).real, (before * twice).imag]
-    return np.vstack(rows)
+        columns += [(before * once).real, (before * once).imag, (before * twice).real, (before * twice).imag]
+    return np.column_stack(columns)
 
 
 def _turning(by: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -268,129 +266,21 @@ def _turning(by: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]
     return once, twice
 
 
-def _block(columns: Array, start: int) -> Array:
-    """`BLOCK` rows; those beyond the last change nothing."""
-    block = columns[:, start : start + BLOCK]
-    return np.pad(block, ((0, 0), (0, BLOCK - block.shape[1])))
+def _variances(*logarithms: Array) -> Array:
+    """Of what the logarithms of standard deviations are given."""
+    return np.exp(2 * np.concatenate(logarithms))
 
 
-def _on_its_own(block: Array) -> Array:
+def _on_its_own(rows: Array) -> Array:
     """A block as a run of its own."""
-    block = block.copy()
-    block[0, 0], block[1, 0] = 0.0, 1.0
-    return block
-
-
-def _nothing_known(axes: int) -> Array:
-    return np.zeros(3 * axes + 9 * axes**2)
-
-
-@functools.cache
-def _forward(axes: int) -> cs.Function:
-    """A block of the filter: (state, columns, levels) -> state, evidence, predicted states and covariances."""
-    return _Step(axes).forward().mapaccum(BLOCK)
-
-
-@functools.cache
-def _backward(axes: int) -> cs.Function:
-    return _Step(axes).backward().mapaccum(BLOCK)
-
-
-class _Step:
-    """One row of the filter, forwards and backwards, for one axis (yaw) or two (x and y)."""
-
-    def __init__(self, axes: int) -> None:
-        self.axes, self.n = axes, 3 * axes
-        self.u = cs.SX.sym("u", 3 + axes + (4 if axes == 2 else 0))
-        self.levels = cs.SX.sym("levels", axes + 4)
-        self.r = cs.exp(2 * self.levels[axes])
-
-    def transition(self) -> tuple[cs.SX, cs.SX]:
-        dt, begins, axes = self.u[0], self.u[1], self.axes
-        identity, nought = cs.SX.eye(axes), cs.SX(axes, axes)
-        R, twice = (
-            (_rotation(*self.u[5:7].elements()), _rotation(*self.u[7:9].elements())) if axes == 2 else (identity,) * 2
-        )
-        q = cs.diag(cs.exp(2 * self.levels[:axes]))
-        F = cs.blockcat(
-            [[identity, dt * identity, dt**2 / 2 * twice], [nought, identity, dt * R], [nought, nought, identity]]
-        )
-        W = R @ q @ R.T
-        Q = cs.blockcat(
-            [
-                [dt**5 / 20 * W, dt**4 / 8 * W, dt**3 / 6 * R @ q],
-                [dt**4 / 8 * W, dt**3 / 3 * W, dt**2 / 2 * R @ q],
-                [dt**3 / 6 * q @ R.T, dt**2 / 2 * q @ R.T, dt * q],
-            ]
-        )
-        size, rate, second = (cs.exp(2 * self.levels[axes + 1 + k]) for k in range(3))
-        loose = cs.diag(cs.vertcat(*[size] * axes, *[rate] * axes, *[second] * axes))
-        return (1 - begins) * F, (1 - begins) * Q + begins * loose
-
-    def updates(self, m: cs.SX, P: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, list[tuple[cs.SX, ...]]]:
-        """Each reading in turn: state, covariance, evidence, and (residual, its variance, gain, what it leaves)."""
-        seen, evidence, gone = self.u[2], 0, []
-        for axis in range(self.axes):
-            e, S = self.u[3 + axis] - m[axis], P[axis, axis] + self.r
-            K = seen * P[:, axis] / S
-            H = cs.SX.zeros(1, self.n)
-            H[axis] = 1
-            left = cs.SX.eye(self.n) - K @ H
-            m, P = m + K * e, left @ P @ left.T + K @ K.T * self.r
-            evidence -= seen * (cs.log(S) + e**2 / S) / 2
-            gone.append((e, S, K, left))
-        return m, P, evidence, gone
-
-    def forward(self) -> cs.Function:
-        state = cs.SX.sym("state", self.n + self.n**2)
-        F, Q = self.transition()
-        m, P = F @ state[: self.n], F @ cs.reshape(state[self.n :], self.n, self.n) @ F.T + Q
-        after, P_after, evidence, _ = self.updates(m, P)
-        packed = cs.vertcat(after, cs.vec(P_after))
-        return cs.Function("forward", [state, self.u, self.levels], [packed, evidence, cs.vertcat(m, cs.vec(P))])
-
-    def backward(self) -> cs.Function:
-        adjoint = cs.SX.sym("adjoint", self.n + self.n**2)
-        predicted = cs.SX.sym("predicted", self.n + self.n**2)
-        m, P = predicted[: self.n], cs.reshape(predicted[self.n :], self.n, self.n)
-        lam, L = adjoint[: self.n], cs.reshape(adjoint[self.n :], self.n, self.n)
-        *_, gone = self.updates(m, P)
-        against: list[cs.SX] = []
-        for axis in reversed(range(self.axes)):
-            e, S, K, left = gone[axis]
-            against.insert(0, self.u[2] * (e / S + K.T @ lam) / cs.sqrt(1 / S + K.T @ L @ K))
-            lam, L = left.T @ lam, left.T @ L @ left
-            lam[axis] -= self.u[2] * e / S
-            L[axis, axis] += self.u[2] / S
-        out = cs.vertcat(m - P @ lam, cs.vec(P - P @ L @ P), *against)
-        F, _ = self.transition()
-        packed = cs.vertcat(F.T @ lam, cs.vec(F.T @ L @ F))
-        return cs.Function("backward", [adjoint, cs.vertcat(self.u, predicted), self.levels], [packed, out])
-
-
-def _rotation(c: cs.SX, s: cs.SX) -> cs.SX:
-    return cs.blockcat([[c, -s], [s, c]])
+    rows = rows.copy()
+    rows[0, :2] = 0.0, 1.0
+    return rows
 
 
 def _through(poses: _Poses, names: tuple[str, ...], levels: Array, psi: Array | None) -> _Smoothed:
     """All rows forwards and backwards."""
-    axes, n = len(names), len(poses.time)
-    size = 3 * axes
-    settings = np.tile(np.concatenate([levels, _loose(poses, names)])[:, None], BLOCK)
-    state, fed, predicted = _nothing_known(axes), [], []
-    columns = _columns(poses, names, psi)
-    for part in (_block(columns, start) for start in range(0, n, BLOCK)):
-        ends, _, before = _forward(axes)(state, part, settings)
-        state = ends.full()[:, -1]
-        fed.append(part)
-        predicted.append(before.full())
-    adjoint, found = _nothing_known(axes), []
-    for part, before in zip(reversed(fed), reversed(predicted), strict=True):
-        ends, out = _backward(axes)(adjoint, np.vstack([part, before])[:, ::-1], settings)
-        adjoint = ends.full()[:, -1]
-        found.append(out.full()[:, ::-1])
-    rows = np.hstack(found[::-1])[:, :n].T
-    return _Smoothed(rows[:, :size], rows[:, size : size + size**2].reshape(n, size, size), rows[:, size + size**2 :])
+    return _Smoothed(*smooth(_rows(poses, names, psi), _variances(levels, _loose(poses, names)), len(names)))
 
 
 def _evened(time: Array) -> Array:

@@ -177,7 +177,7 @@ def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) 
 
 def _moved(joined: Joined, where: str, reference: Reference) -> Joined:
     """With the motion that the poses tell."""
-    from .poses import motion  # CasADi is loaded where it is needed
+    from .poses import motion  # Numba is loaded where it is needed
 
     x, y, yaw = (joined.signals[name] for name in ("x", "y", "yaw"))
     found = motion(joined.time, x, y, yaw, reference, where)
