@@ -31,6 +31,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from math import inf, isfinite
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ..errors import BadInput, near
@@ -88,8 +89,8 @@ def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effec
         raise BadInput(f"{where}: {misplaced[0]} is a parameter and belongs under [parameters].")
     must_know(table, KEYS, where)
     stated, tolerated, sensors = (table_of(table, key, where) for key in ("parameters", "effects", "noise"))
-    _all_known(stated, parameters, "parameter", f"{where}: [parameters]")
-    _all_known(tolerated, effects, "effect", f"{where}: [effects]")
+    _all_known(stated, parameters, "parameter", f"{where}: [parameters]", {"effects": effects})
+    _all_known(tolerated, effects, "effect", f"{where}: [effects]", {"parameters": parameters})
     _all_known(sensors, SIGNALS, "signal", f"{where}: [noise]")
     tyres = _tyres(table, path) if "tyre_file" in table else {}
     return Vehicle(
@@ -227,9 +228,18 @@ def _number(value: object, where: str, key: str = "value") -> float:
     return float(value)
 
 
-def _all_known(table: Mapping[str, Any], names: Collection[str], what: str, where: str) -> None:
+def _all_known(
+    table: Mapping[str, Any],
+    names: Collection[str],
+    what: str,
+    where: str,
+    others: Mapping[str, Collection[str]] = MappingProxyType({}),
+) -> None:
+    """Refuse keys that are not among the names; what another table holds is told where it belongs."""
     for key in table:
         if names and key not in names:
+            if elsewhere := [other for other, own in others.items() if key in own]:
+                raise BadInput(f"{where} {key}: that is no {what} and belongs under [{elsewhere[0]}].")
             raise BadInput(
                 f'{where} {key}: there is no {what} "{key}".{near(key, names)} Mend its name or take it out.'
             )

@@ -136,6 +136,14 @@ def test_the_six_vehicles_are_there():
         ("[parameters]\nm = 1\nm = 2", "car.toml: not valid TOML"),
         ("[effects]\nsteering_lg = { sd = 1.0 }", 'there is no effect "steering_lg". Did you mean steering_lag'),
         (
+            "[effects]\nm = 1457.2",
+            r"car.toml: \[effects\] m: that is no effect and belongs under \[parameters\]",
+        ),
+        (
+            "[parameters]\nsteering_lag = 0.003",
+            r"car.toml: \[parameters\] steering_lag: that is no parameter and belongs under \[effects\]",
+        ),
+        (
             "[effects]\nsteering_lag = 0.003",
             r"\[effects\] steering_lag is a tolerance and needs its standard deviation",
         ),
