@@ -3,12 +3,19 @@
 from dataclasses import replace
 
 import casadi as cs
+import gap_cases
 import numpy as np
 import pytest
 from driven import commands, without
+from gap_cases import lap, nominal
 
 import greybox_id as gb
 from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.estimation.axes import candidates, shifting
+from greybox_id.estimation.model_error import ForceSizes, believed, estimated, linearised
+from greybox_id.estimation.preparing import prepare
+from greybox_id.estimation.wandering import wandering
+from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.scores.prediction import simulate
 
@@ -53,8 +60,8 @@ def drive(effect, sd, correlation_time, seed, seconds=60.0):
     [("road_bank", 0.03, 3.0), ("steering_offset", 0.004, 3.0), ("grip_scale", 0.1, 5.0)],
 )
 def test_what_varies_is_what_the_unknown_looks_like(effect, sd, correlation_time, seed):
-    lap = drive(effect, sd, correlation_time, seed)
-    found = gb.diagnose("single_track", lap, vehicle="full_size_car").to_json()
+    driven = drive(effect, sd, correlation_time, seed)
+    found = gb.diagnose("single_track", driven, vehicle="full_size_car").to_json()
     assert found["gap_detected"]
     assert found["unknown_probability"] > 0.5
     first = found["resembles"][0]
@@ -69,3 +76,18 @@ def test_where_nothing_varies_nothing_is_said():
     found = gb.diagnose("single_track", drive("", 0.0, 1.0, 11, seconds=20.0), vehicle="full_size_car").to_json()
     assert not found["resembles"]
     assert not found["gap_detected"]
+
+
+@pytest.mark.parametrize("name", ["tyre_relaxation", "steering_offset", "steering_ratio", "roll_dynamics"])
+def test_another_size_that_stays_is_none_that_varies(name):
+    """Equations at their nulls, an independent simulator at another size all the time."""
+    own = {name: EFFECTS[name] for name in (name, "road_bank", "tyre_relaxation")}
+    driven = [lap({name: EFFECTS[name].typical})]
+    bench = prepare(nominal(), driven, own, gap_cases.CAR).bench(driven)
+    sd = np.array([gap_cases.NOISE[own] for own in bench.channels])
+    p, prior = bench.model.values, believed(sd, True, False, {})
+    residuals = bench.simulate(p[None])[0] - bench.measured
+    about = linearised(bench, p, sd, ForceSizes(bench))
+    amplitudes = estimated(about, residuals, bench.counted, prior)
+    asked = [(one.effect, one.axes[0]) for one in candidates(bench.model, own, shifting(bench.model))]
+    assert wandering(bench, p, residuals, bench.counted, amplitudes, prior, sd, asked) == ()
