@@ -123,6 +123,8 @@ class Calibration:
     shows: float = _known(0.1, "excess of free runs over noise that must be detected; shares of less are luck", AGAIN)
     wander_shares: tuple[float, ...] = _known((0.03, 0.1, 0.3, 1.0), "of its usual size: where searches of one begin")
     wander_memories: tuple[float, ...] = _known((0.7, 3.0, 12.0), "s: the same, from a bend to a lap")
+    wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such a size: up to where the next is")
+    wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
     present: float = _known(0.5, "probability from which on an effect is said to be there", DEFINED)
     least_share: float = _known(0.02, "of the excess held out that a cause closes at least", DEFINED)
     least_gap: float = _known(0.01, "excess over the floor, as a share of noise, that shares are of at least", DEFINED)

@@ -108,7 +108,7 @@ def _everywhere(own: Amplitudes, unit: float, memories: Sequence[float]) -> Iter
 
 
 def _about(own: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
-    for a, b in product((0.5, 0.7, 1.0, 1.4, 2.0), (0.4, 0.65, 1.0, 1.6, 2.5)):
+    for a, b in product(CAL.wander_nearby, CAL.wander_soon):
         yield own, a * sd, b * memory
 
 
