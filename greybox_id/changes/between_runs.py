@@ -160,6 +160,7 @@ def common(
     usual: Mapping[str, float],
     belief: Mapping[str, float],
     start: Common | None = None,
+    settled: float = CAL.between_settled,
 ) -> Common:
     """Explain all rides at once.
 
@@ -170,6 +171,7 @@ def common(
     usual : name -> usual standard deviation between runs, of those that may differ.
     belief : name -> runs that this counts as; infinite where it is no matter of runs.
     start : where they were found before.
+    settled : log-likelihood below which a step that is expected to gain so much is the last.
     """
     numbers = weigher.numbers
     n, runs = len(numbers), len(rides)
@@ -224,7 +226,7 @@ def common(
         return Curve(own.cost + sum(one.cost for one in told), g, H)
 
     for _ in range(CAL.rounds_of_scatter):
-        u, last = descended(cost, curve, u, low, high)
+        u, last = descended(cost, curve, u, low, high, settled)
         everything = np.asarray(np.linalg.inv(last.H), dtype=float)
         beyond = u[n:].reshape(runs, m) - u[varying]
         spread = np.array([np.diag(everything[np.ix_(at, at)]) + np.diag(everything)[varying]
@@ -303,7 +305,12 @@ class Curve:
 
 
 def descended(
-    cost: Callable[[Array], float], curve: Callable[[Array], Curve], start: Array, low: Array, high: Array
+    cost: Callable[[Array], float],
+    curve: Callable[[Array], Curve],
+    start: Array,
+    low: Array,
+    high: Array,
+    settled: float = CAL.between_settled,
 ) -> tuple[Array, Curve]:
     """Where a cost is least within bounds, and what it is there.
 
@@ -319,13 +326,13 @@ def descended(
         B = here.H + lacking if augmented else here.H
         if augmented and np.any(np.linalg.eigvalsh(B) <= 0):  # what was learned elsewhere does not hold here
             B = here.H
-        if _promises(here.g, B, least_within(B, here.g, low - u, high - u, free)) < CAL.between_settled:
+        if _promises(here.g, B, least_within(B, here.g, low - u, high - u, free)) < settled:
             break  # that is what is left to be gained
         there, gained = u, 0.0
         while not gained > 0:
             step = least_within(B, here.g, low - u, high - u, free, damping)
             expected = _promises(here.g, B, step)
-            if expected < CAL.least_promise * CAL.between_settled:
+            if expected < CAL.least_promise * settled:
                 break
             there = np.clip(u + step, low, high)
             gained = here.cost - cost(there)
@@ -349,7 +356,7 @@ def descended(
             both = np.outer(missed, turned) / bend
             lacking = lacking + both + both.T - float(step @ missed) * np.outer(turned, turned) / bend**2
         u, here = there, then
-        still = still + 1 if gained < CAL.between_settled else 0
+        still = still + 1 if gained < settled else 0
         if still == CAL.between_still:
             break
     return u, here

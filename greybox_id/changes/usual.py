@@ -138,7 +138,7 @@ def usual(
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    found = common(weigher, rides, scatter, belief)
+    found = common(weigher, rides, scatter, belief, settled=CAL.enough)  # tells sizes of noise, and no more
     follower.tune(rides, values_of(known, found.x))
     innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
     noise = noise_of([own for own in innovations if own is not None], len(follower.read))
