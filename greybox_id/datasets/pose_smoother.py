@@ -14,8 +14,8 @@ from ..shorthands import Array
 
 
 @begun
-def evidence(rows: Array, variances: Array, axes: int) -> float:  # pragma: no cover
-    """Log-likelihood of the readings, but for a constant."""
+def log_likelihood(rows: Array, variances: Array, axes: int) -> float:  # pragma: no cover
+    """Of the readings, but for a constant."""
     n = 3 * axes
     m, P, found = np.zeros(n), np.zeros((n, n)), 0.0
     F, Q, FP, gone = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((axes, n + 2))
@@ -43,15 +43,15 @@ def smooth(rows: Array, variances: Array, axes: int) -> tuple[Array, Array, Arra
         _update(row, variances, axes, m, P, gone)
         for axis in range(axes - 1, -1, -1):
             K, e, S = gone[axis, :n], gone[axis, n], gone[axis, n + 1]
-            LK = L @ K
+            LK = L @ K  # as a reading changes P to (I - K e^T) P (I - K e^T)^T, L is changed by its transpose
             against[k, axis] = row[2] * (e / S + K @ lam) / np.sqrt(1 / S + K @ LK)
             lam[axis] -= K @ lam + row[2] * e / S
             L[axis] -= LK
             LK = L @ K
             L[:, axis] -= LK
             L[axis, axis] += row[2] / S
-        m[:], P[:] = state[k], covariance[k]
-        state[k] = m - P @ lam
+        P[:] = covariance[k]
+        state[k] -= P @ lam
         covariance[k] = P - P @ L @ P
         if row[1]:
             lam[:], L[:] = 0.0, 0.0

@@ -32,7 +32,7 @@ from ..errors import BadInput
 from ..recording import split_runs
 from ..shorthands import Array
 from .column_map import Reference
-from .pose_smoother import evidence, smooth
+from .pose_smoother import log_likelihood, smooth
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """Signals that are made of poses."""
@@ -211,7 +211,7 @@ def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Ar
     parts = np.vstack([_on_its_own(rows[begin : begin + BLOCK]) for begin in poses.most_driven()])
 
     def unlikeliness(levels: Array) -> float:
-        found = -float(evidence(parts, _variances(levels, loose), len(names)))
+        found = -float(log_likelihood(parts, _variances(levels, loose), len(names)))
         return found if np.isfinite(found) else np.inf
 
     edge = 1.0 if start is None else 0.2
