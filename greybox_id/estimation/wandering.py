@@ -32,7 +32,7 @@ class Wander:
     effect, unit : of the magnitude.
     sd : standard deviation of its changes.
     correlation_time : s, in which it changes.
-    gain : log-likelihood over the same magnitude where it stays, beside unknown forces as they usually are.
+    gain : log-likelihood over the best magnitude that stays, beside unknown forces as they usually are.
     """
 
     effect: str
@@ -79,23 +79,24 @@ def wandering(
     )  # fmt: skip
     loud, still = _costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
     units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
-    firsts = [
-        _best(about, r, prior, _everywhere(quiet, unit, CAL.wander_memories), forces, forces + k)
-        for k, unit in enumerate(units)
-    ]
+
+    def best(lanes: Iterator[Lane], k: int) -> tuple[float, Lane]:
+        return _best(about, r, prior, lanes, forces, forces + k)
+
+    firsts = [best(_everywhere(quiet, unit, CAL.wander_memories), k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)
     by_chance = float(np.log(max(len(asked), 1) / CAL.rare))  # twice what two numbers gain is chi-square of two
-    wanders = dict[Wander, float]()
+    wanders = list[tuple[float, Wander]]()
     for k, ((name, axis), (cost, lane)) in enumerate(zip(asked, firsts, strict=True)):
         if cost < least + CAL.cost:
-            cost, (_, sd, memory) = _best(about, r, prior, _about(*lane), forces, forces + k)
-            _, lane = _best(about, r, prior, _everywhere(quiet, units[k], (np.inf,)), forces, forces + k)
-            stays, _ = _best(about, r, prior, _about(*lane), forces, forces + k)
+            cost, (_, sd, memory) = best(_about(*lane), k)
+            _, staying = best(_everywhere(quiet, units[k], (np.inf,)), k)
+            stays, _ = best(_about(*staying), k)
             gain = min(still, stays) - cost
             if gain > by_chance and cost < loud + CAL.alike:
-                wanders[Wander(name, axis.unit, sd, memory, gain)] = cost
-    least = min(wanders.values(), default=0.0)
-    return tuple(own for own in sorted(wanders, key=lambda own: wanders[own]) if wanders[own] < least + CAL.alike)
+                wanders.append((cost, Wander(name, axis.unit, sd, memory, gain)))
+    wanders.sort(key=lambda own: own[0])
+    return tuple(own for cost, own in wanders if cost < wanders[0][0] + CAL.alike)
 
 
 Lane = tuple[Amplitudes, float, float]
@@ -108,7 +109,7 @@ def _everywhere(own: Amplitudes, unit: float, memories: Sequence[float]) -> Iter
 
 
 def _about(own: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
-    for a, b in product(CAL.wander_nearby, CAL.wander_soon):
+    for a, b in product(CAL.wander_nearby, CAL.wander_soon if np.isfinite(memory) else (1.0,)):
         yield own, a * sd, b * memory
 
 

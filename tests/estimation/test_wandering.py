@@ -81,13 +81,13 @@ def test_where_nothing_varies_nothing_is_said():
 @pytest.mark.parametrize("name", ["tyre_relaxation", "steering_offset", "steering_ratio", "roll_dynamics"])
 def test_another_size_that_stays_is_none_that_varies(name):
     """Equations at their nulls, an independent simulator at another size all the time."""
-    own = {name: EFFECTS[name] for name in (name, "road_bank", "tyre_relaxation")}
+    known = {each: EFFECTS[each] for each in (name, "road_bank", "tyre_relaxation")}
     driven = [lap({name: EFFECTS[name].typical})]
-    bench = prepare(nominal(), driven, own, gap_cases.CAR).bench(driven)
-    sd = np.array([gap_cases.NOISE[own] for own in bench.channels])
+    bench = prepare(nominal(), driven, known, gap_cases.CAR).bench(driven)
+    sd = np.array([gap_cases.NOISE[channel] for channel in bench.channels])
     p, prior = bench.model.values, believed(sd, True, False, {})
     residuals = bench.simulate(p[None])[0] - bench.measured
     about = linearised(bench, p, sd, ForceSizes(bench))
     amplitudes = estimated(about, residuals, bench.counted, prior)
-    asked = [(one.effect, one.axes[0]) for one in candidates(bench.model, own, shifting(bench.model))]
+    asked = [(one.effect, one.axes[0]) for one in candidates(bench.model, known, shifting(bench.model))]
     assert wandering(bench, p, residuals, bench.counted, amplitudes, prior, sd, asked) == ()
