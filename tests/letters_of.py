@@ -4,6 +4,7 @@ import re
 from functools import cache
 from xml.etree import ElementTree
 
+import typst
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
@@ -15,6 +16,15 @@ TYPE = FontProperties(family=["STIXGeneral", "DejaVu Sans"])
 def width(words, size):
     """How wide words are, points."""
     return TextPath((0.0, 0.0), words, size, prop=TYPE).get_extents().x1
+
+
+@cache
+def drawn(words, size):
+    """How wide they are in the type that pages are set in, points, as Typst measures it."""
+    about = (
+        f'#set text(font: "Libertinus Serif", size: {size}pt)\n#context [#metadata(measure("{words}").width.pt()) <w>]'
+    )
+    return float(typst.query(about.encode(), "<w>", field="value", one=True))
 
 
 def boxes(svg):

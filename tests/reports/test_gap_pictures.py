@@ -5,17 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from letters_of import troubles
+from letters_of import boxes, drawn, troubles
 from made_gaps import CASES, DELAY, LAG, clear, none, strip, without_v_y
 from pypdf import PdfReader
 from report_parts import below
 
 from greybox_id.errors import BadInput
 from greybox_id.gap import Ranked, Where
+from greybox_id.models.effects import EFFECTS
 from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
 from greybox_id.reports.figures.sheet import Sheet
+from greybox_id.reports.figures.style import SMALL
 from greybox_id.reports.gap.page import (
     MOVED,
     after_words,
@@ -133,6 +135,16 @@ def _odd():
 def test_letters_do_not_overlap_nor_leave_the_figure(case):
     for one in drawings(CASES[case]() if case in CASES else _odd()[case]):
         assert troubles(one.svg) == [], one.name
+
+
+@pytest.mark.parametrize("names", [tuple(EFFECTS)[k : k + 6] for k in range(0, len(EFFECTS), 6)])
+def test_every_effects_name_stands_whole_beside_its_bar(names):
+    own = clear(ranking=tuple(replace(DELAY, effect=name) for name in names))
+    (causes,) = (one for one in drawings(own) if one.name == "gap_ranking")
+    words = {name.replace("_", " ") for name in names}
+    beside = [(own, box[2] - drawn(own, SMALL)) for own, box in boxes(causes.svg)[0] if own in words]
+    assert len(beside) == len(names)
+    assert [own for own, left in beside if left < 0.0] == []
 
 
 def test_the_page_is_written_whole_and_alike(tmp_path):

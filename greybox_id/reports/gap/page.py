@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
@@ -160,7 +159,7 @@ def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
     ax.axvline(1.0, **look(INK, 0.8))
     ax.set(xlabel="size that would show over the usual one [1]", xscale="log", xlim=SIZES,
            ylim=(max(len(shown), 4) - 0.4, -0.6))  # fmt: skip
-    ax.set_yticks(at, [_label(name) for name, _ in shown])
+    ax.set_yticks(at, [name.replace("_", " ") for name, _ in shown])
     ax.grid(visible=False, axis="y")
 
 
@@ -234,7 +233,7 @@ def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
         ax.plot(np.full(len(members), 1.08 + 0.12 * k), members, **line)
     ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
     ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
-    ax.set_yticks(range(len(shown)), [_label(own.effect) for own in shown])
+    ax.set_yticks(range(len(shown)), [own.effect.replace("_", " ") for own in shown])
     ax.grid(visible=False, axis="y")
 
 
@@ -415,8 +414,3 @@ def write_picture(gap: Gap, path: str | Path) -> Path:
     """Write the page as the file's name says, PNG or PDF, atomically."""
     write = write_pdf if Path(path).suffix.lower() == ".pdf" else write_png
     return write(page(gap), path)
-
-
-def _label(name: str) -> str:
-    """An effect's name beside an axis: long ones stand on two lines."""
-    return textwrap.fill(name.replace("_", " "), 20)
