@@ -26,19 +26,19 @@ import numpy as np
 import pandas as pd
 from scipy.stats import beta
 
-from greybox_id.adaptation.outcome import parted
-from greybox_id.adaptation.verb import adapt
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.datasets.synthetic_racer.car import Car
-from greybox_id.datasets.synthetic_racer.drive import DrivenRun, drive
-from greybox_id.datasets.synthetic_racer.driver import Pid, PurePursuit, Stanley
-from greybox_id.fit import Fit
+from greybox_id.fitting.adaptation.outcome import parted
+from greybox_id.fitting.adaptation.verb import adapt
+from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.how import How
+from greybox_id.fitting.scores.memory import errors, predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
-from greybox_id.recording import Recording
-from greybox_id.scores.memory import errors, predictions
+from greybox_lab.virtual.synthetic_racer.car import Car
+from greybox_lab.virtual.synthetic_racer.drive import DrivenRun, drive
+from greybox_lab.virtual.synthetic_racer.driver import Pid, PurePursuit, Stanley
 
 OF_CARS = 77
 """Beside each seed, so that no other generator draws the same numbers."""

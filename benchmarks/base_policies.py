@@ -15,9 +15,9 @@ import time
 from pathlib import Path
 
 import greybox_id
-from greybox_id.loop.adapting import FOLLOW
-from greybox_id.racing.laps import drive
-from greybox_id.racing.worlds import world
+from greybox_lab.driving.loop.adapting import FOLLOW
+from greybox_lab.driving.racing.laps import drive
+from greybox_lab.driving.racing.worlds import world
 
 FOLDER = Path(greybox_id.__file__).parent / "racing" / "policies"
 

@@ -26,18 +26,18 @@ import numpy as np
 
 import greybox_id as gb
 from greybox_id.api.given import vehicle as known_vehicle
-from greybox_id.datasets.virtual_vehicle import vehicle_file_text
-from greybox_id.datasets.virtual_vehicle.layout import Grid
-from greybox_id.errors import BadInput
-from greybox_id.exam.answers import exceeds
-from greybox_id.exam.foreign.case import DURATION, _ForeignCase
-from greybox_id.exam.foreign.double_track import advance, at_start, record
-from greybox_id.exam.foreign.families import OF_SENSORS, together, withheld
-from greybox_id.exam.foreign.ride import driven, recorded
-from greybox_id.exam.foreign.vehicles import Stepwise
-from greybox_id.exam.plan import Planned
-from greybox_id.machine_code import kept
-from greybox_id.recording import Recording
+from greybox_id.base.errors import BadInput
+from greybox_id.base.machine_code import kept
+from greybox_id.datasets.recording import Recording
+from greybox_lab.exam.answers import exceeds
+from greybox_lab.exam.foreign.case import DURATION, _ForeignCase
+from greybox_lab.exam.foreign.double_track import advance, at_start, record
+from greybox_lab.exam.foreign.families import OF_SENSORS, together, withheld
+from greybox_lab.exam.foreign.ride import driven, recorded
+from greybox_lab.exam.foreign.vehicles import Stepwise
+from greybox_lab.exam.plan import Planned
+from greybox_lab.virtual.virtual_vehicle import vehicle_file_text
+from greybox_lab.virtual.virtual_vehicle.layout import Grid
 
 EFFECTS = (
     *("grip_scale", "front_stiffness", "rear_stiffness", "mass_change", "aero_drag", "rolling_resistance"),

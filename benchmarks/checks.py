@@ -18,8 +18,8 @@ from typing import Any
 
 from checks_recordings import FAULTS, clean, possible, twelve
 
-from greybox_id.checks import Finding, Severity, check
-from greybox_id.recording import Recording
+from greybox_id.datasets.checks import Finding, Severity, check
+from greybox_id.datasets.recording import Recording
 
 SEEDS = {"choice": 100_000, "results": 400_000}
 """First seed of each set."""

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from greybox_id.base.shorthands import Array
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.datasets.virtual_vehicle import EFFECTS, MANOEUVRES, drive, random_vehicle, steered
-from greybox_id.datasets.virtual_vehicle.scale import Scale
-from greybox_id.recording import Recording
-from greybox_id.shorthands import Array
+from greybox_lab.virtual.virtual_vehicle import EFFECTS, MANOEUVRES, drive, random_vehicle, steered
+from greybox_lab.virtual.virtual_vehicle.scale import Scale
 
 RATES = (20.0, 25.0, 40.0, 50.0, 100.0, 125.0, 200.0)
 SECONDS = (10.0, 120.0)

@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
+from greybox_id.datasets.recording import Recording
 from greybox_id.fitting import How, fit
 from greybox_id.models.registry import build
-from greybox_id.recording import Recording
 
 FREE = ("I_z", "B_f", "D_f", "B_r", "D_r")
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}

@@ -35,7 +35,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import greybox_id as gb
-from greybox_id.datasets.virtual_vehicle import (
+from greybox_id.gap.advice import to_drive
+from greybox_id.gap.design.discriminate import ambiguous, parted
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
+from greybox_id.models.vehicles import with_tolerances
+from greybox_lab.exam.aliases import ALWAYS_ALIKE, always_alike
+from greybox_lab.virtual.virtual_vehicle import (
     Forms,
     SteppedCar,
     VirtualCar,
@@ -46,17 +52,11 @@ from greybox_id.datasets.virtual_vehicle import (
     tolerances,
     vehicle_file_text,
 )
-from greybox_id.datasets.virtual_vehicle.drive import made
-from greybox_id.datasets.virtual_vehicle.effects import complete
-from greybox_id.datasets.virtual_vehicle.manoeuvres import PIECES
-from greybox_id.datasets.virtual_vehicle.record import record
-from greybox_id.datasets.virtual_vehicle.tyres import curve
-from greybox_id.design.discriminate import ambiguous, parted
-from greybox_id.exam.aliases import ALWAYS_ALIKE, always_alike
-from greybox_id.gap.advice import to_drive
-from greybox_id.models.effects import EFFECTS
-from greybox_id.models.registry import build
-from greybox_id.models.vehicles import with_tolerances
+from greybox_lab.virtual.virtual_vehicle.drive import made
+from greybox_lab.virtual.virtual_vehicle.effects import complete
+from greybox_lab.virtual.virtual_vehicle.manoeuvres import PIECES
+from greybox_lab.virtual.virtual_vehicle.record import record
+from greybox_lab.virtual.virtual_vehicle.tyres import curve
 
 NAMES = ("I_z", "B_f", "D_f", "B_r", "D_r")
 DURATION, RATE, COLOUR = 20.0, 50.0, 0.3

@@ -28,14 +28,14 @@ from rich.table import Table
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
+from greybox_id.base.shorthands import Array
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.solvers.gauss_newton import gauss_newton
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_ROWS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
-from greybox_id.motion_model import MotionModel
-from greybox_id.recording import Recording
-from greybox_id.shorthands import Array
-from greybox_id.solvers.gauss_newton import gauss_newton
+from greybox_id.models.motion_model import MotionModel
 
 DT = 0.02
 NOISE = np.array([0.02, 0.01, 0.15])

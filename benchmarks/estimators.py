@@ -30,19 +30,19 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from greybox_id.choices.parameters import wanted_vehicle
-from greybox_id.choices.wanted import Wanted
+from greybox_id.base.errors import GreyboxError
+from greybox_id.base.shorthands import Array
 from greybox_id.datasets.read import SUFFIXES, read
-from greybox_id.datasets.synthetic_simrod import EXCITED, make
-from greybox_id.errors import GreyboxError
+from greybox_id.datasets.recording import Recording
 from greybox_id.filters import How, Track, track
+from greybox_id.fitting.choices.parameters import wanted_vehicle
+from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.scores.estimates import Estimates
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
-from greybox_id.motion_model import MotionModel
-from greybox_id.parameter import Parameter
-from greybox_id.recording import Recording
-from greybox_id.scores.estimates import Estimates
-from greybox_id.shorthands import Array
+from greybox_lab.virtual.synthetic_simrod import EXCITED, make
 
 SKIPPED = 2.0
 """s at the beginning of each segment."""

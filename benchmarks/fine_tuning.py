@@ -12,10 +12,10 @@ import time
 
 import pandas as pd
 
-from greybox_id.racing.laps import drive
-from greybox_id.racing.learner import FINE_TUNING, Settings, learn, shipped_learned
-from greybox_id.racing.world import World
-from greybox_id.racing.worlds import world
+from greybox_lab.driving.racing.laps import drive
+from greybox_lab.driving.racing.learner import FINE_TUNING, Settings, learn, shipped_learned
+from greybox_lab.driving.racing.world import World
+from greybox_lab.driving.racing.worlds import world
 
 VEHICLES = (
     {"grip_scale": 0.8, "steering_delay": 0.06, "steering_lag": 0.08, "steering_ratio": 1.1},

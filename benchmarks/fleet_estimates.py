@@ -19,12 +19,12 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
-from greybox_id.combined import Z
 from greybox_id.datasets.formats import write
-from greybox_id.datasets.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
-from greybox_id.fleet.hierarchy import Informed, population
-from greybox_id.fleet.joined import joined_fits
-from greybox_id.fleet.store import Store
+from greybox_id.fitting.combined import Z
+from greybox_lab.fleet.hierarchy import Informed, population
+from greybox_lab.fleet.joined import joined_fits
+from greybox_lab.fleet.store import Store
+from greybox_lab.virtual.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
 
 RATE = 50.0
 SPREADS = {"I_z": 0.06, "B_f": 0.08, "B_r": 0.08}

@@ -28,17 +28,17 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
+from greybox_id.base.shorthands import Array
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.estimation.bench import Bench, Simulated
 from greybox_id.gap.diagnosis import diagnose
+from greybox_id.gap.estimation.bench import Bench, Simulated
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import build
-from greybox_id.motion_model import MotionModel
-from greybox_id.recording import Recording
-from greybox_id.shorthands import Array
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}
 CASES = {

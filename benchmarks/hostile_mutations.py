@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
-from greybox_id.json_data import NOT_FINITE, checksum, without_nan
+from greybox_id.base.json_data import NOT_FINITE, checksum, without_nan
 
 WORDS = (
     b"nan", b"inf", b"-1", b"1e999", b"", b"0", b"9" * 400, b"true", b'"', b"[" * 3000, b"{", b"\xff", b"\0", b"../x",

@@ -11,11 +11,11 @@ import h5py
 import numpy as np
 
 from greybox_id.cli import main
-from greybox_id.datasets import vehicle_file
 from greybox_id.datasets.formats import write
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.recording import Recording
+from greybox_id.models import vehicle_file
 
 WRITTEN = ("csv", "parquet", "mat", "h5", "mcap", "mf4")
 KINDS = (*WRITTEN, "csv.gz", "mat73", "db3", "columns", "vehicle", "fit")

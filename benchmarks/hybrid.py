@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from greybox_id.datasets.synthetic_simrod import Test, make
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.fit import Fit
+from greybox_id.datasets.recording import join
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.fit import Fit
+from greybox_id.fitting.scores.estimates import Estimates, apply_hybrid
 from greybox_id.models.registry import prepared
-from greybox_id.recording import join
-from greybox_id.scores.estimates import Estimates, apply_hybrid
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.virtual.synthetic_simrod import Test, make
 
 Row = dict[str, str | float]
 BARS = {"force": 4.0, "stiffness": 5.0}

@@ -34,8 +34,17 @@ from hybrid import Row, as_table, row
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from greybox_id.adaptation.verb import adapt
-from greybox_id.datasets.synthetic_simrod import (
+from greybox_id.base.shorthands import Array
+from greybox_id.datasets.recording import join
+from greybox_id.fitting import How, fit
+from greybox_id.fitting.adaptation.verb import adapt
+from greybox_id.fitting.fit import Fit
+from greybox_id.fitting.scores.estimates import apply_hybrid
+from greybox_id.fitting.training import update_hybrid, window_error
+from greybox_id.models.hybrid_model import HybridModel
+from greybox_id.models.registry import prepared
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.virtual.synthetic_simrod import (
     EFFECTS,
     FORMS,
     MANOEUVRES,
@@ -48,16 +57,7 @@ from greybox_id.datasets.synthetic_simrod import (
     steering,
     tyre_truth,
 )  # fmt: skip
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.datasets.virtual_vehicle import steered
-from greybox_id.fit import Fit
-from greybox_id.fitting import How, fit
-from greybox_id.fitting.training import update_hybrid, window_error
-from greybox_id.hybrid_model import HybridModel
-from greybox_id.models.registry import prepared
-from greybox_id.recording import join
-from greybox_id.scores.estimates import apply_hybrid
-from greybox_id.shorthands import Array
+from greybox_lab.virtual.virtual_vehicle import steered
 
 NAME = "hybrid_stiffness"
 PARTS = ("constant", "speed", "update", "alarm", "noise", "imu", "bands")

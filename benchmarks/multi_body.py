@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from greybox_id.datasets.virtual_vehicle.layout import Grid, Row
-from greybox_id.datasets.virtual_vehicle.loop import STEP
-from greybox_id.datasets.virtual_vehicle.scale import G
-from greybox_id.errors import BadInput
-from greybox_id.exam.foreign.double_track import arriving
-from greybox_id.exam.foreign.vehicles import Stepwise
-from greybox_id.machine_code import compiled
+from greybox_id.base.errors import BadInput
+from greybox_id.base.machine_code import compiled
+from greybox_lab.exam.foreign.double_track import arriving
+from greybox_lab.exam.foreign.vehicles import Stepwise
+from greybox_lab.virtual.virtual_vehicle.layout import Grid, Row
+from greybox_lab.virtual.virtual_vehicle.loop import STEP
+from greybox_lab.virtual.virtual_vehicle.scale import G
 
 FASTEST_SERVO = 2e-3
 """Time constant, s, below which its steps are too coarse."""

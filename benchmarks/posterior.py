@@ -33,24 +33,24 @@ import numpy as np
 from scipy.stats import chi2, kstest, wasserstein_distance
 from threadpoolctl import threadpool_limits
 
-from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.base.errors import GreyboxError
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.errors import GreyboxError
-from greybox_id.fit import Fit
+from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.how import How
+from greybox_id.fitting.posterior import abc_smc
+from greybox_id.fitting.posterior.density import PosteriorDensity
+from greybox_id.fitting.posterior.laplace import trusted
+from greybox_id.fitting.posterior.posterior import Posterior
+from greybox_id.fitting.posterior.verb import SampleOptions, sample
 from greybox_id.fitting.restated import restated
+from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.fitting.verb import fit
-from greybox_id.model import Combination
+from greybox_id.models.model import Combination
+from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.motion_model import MotionModel
-from greybox_id.parameter import Prior
-from greybox_id.posterior import abc_smc
-from greybox_id.posterior.density import PosteriorDensity
-from greybox_id.posterior.laplace import trusted
-from greybox_id.posterior.posterior import Posterior
-from greybox_id.posterior.verb import SampleOptions, sample
-from greybox_id.recording import Recording
-from greybox_id.scores.prediction import simulate
+from greybox_id.models.vehicle_file import vehicle
 
 PRIORS = {
     "I_z": (2400.0, 480.0), "l_f": (1.3, 0.05), "l_r": (1.4, 0.05), "B_f": (10.0, 2.0), "D_f": (0.95, 0.1),
@@ -145,12 +145,12 @@ def _driven(model: Any, rng: np.random.Generator, number: int) -> Recording:
 
 def truck_fit(data: Path, options: SampleOptions) -> dict[str, Any]:
     """The truck's bicycle with one angle, fitted by the verb, and sampled."""
-    from greybox_id.bench.truck_grey_boxes import deviations
-    from greybox_id.bench.truck_inputs import prepared
-    from greybox_id.bench.truck_models import LEVER_ARM, truck, v_y_bias
+    from greybox_id.fitting.posterior.predictive import predictive_band
     from greybox_id.models.effects import EFFECTS
     from greybox_id.models.registry import known
-    from greybox_id.posterior.predictive import predictive_band
+    from greybox_lab.papers.truck_grey_boxes import deviations
+    from greybox_lab.papers.truck_inputs import prepared
+    from greybox_lab.papers.truck_models import LEVER_ARM, truck, v_y_bias
 
     train, val = (prepared(data / f"{split}.parquet") for split in ("train", "val"))
     model = truck(LEVER_ARM, EFFECTS["yaw_rate_bias"], v_y_bias)

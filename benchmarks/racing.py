@@ -13,9 +13,9 @@ import time
 
 import numpy as np
 
-from greybox_id.racing.learner import learn
-from greybox_id.racing.world import OWN, World
-from greybox_id.racing.worlds import world
+from greybox_lab.driving.racing.learner import learn
+from greybox_lab.driving.racing.world import OWN, World
+from greybox_lab.driving.racing.worlds import world
 
 
 def driven(own: World) -> np.ndarray:

@@ -44,17 +44,17 @@ from multi_body import MultiBody, parameters
 from rich.console import Console
 from rich.table import Table
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.datasets.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.errors import BadInput
-from greybox_id.exam.foreign.case import columns
-from greybox_id.exam.foreign.ride import driven, recorded
-from greybox_id.exam.make import write_recording
+from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
-from greybox_id.motion_model import MotionModel
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.exam.foreign.case import columns
+from greybox_lab.exam.foreign.ride import driven, recorded
+from greybox_lab.exam.make import write_recording
+from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 
 CASES = ("truck", "roboracer", "commonroad")
 NOISE = {"v_x": 0.03, "yaw_rate": 0.006, "a_x": 0.1, "a_y": 0.1}

@@ -22,15 +22,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from greybox_id.base.errors import GreyboxError
 from greybox_id.datasets.read import read
-from greybox_id.errors import GreyboxError
+from greybox_id.datasets.recording import Recording
 from greybox_id.fitting import How, fit
-from greybox_id.model import Model
+from greybox_id.fitting.scores.memory import predictions
+from greybox_id.fitting.scores.metrics import score
+from greybox_id.models.model import Model
 from greybox_id.models.registry import build, candidates
-from greybox_id.recording import Recording
 from greybox_id.reports.text.fit import as_dict as summary
-from greybox_id.scores.memory import predictions
-from greybox_id.scores.metrics import score
 
 PUBLISHED = {
     ("yaw_rate", 100): (0.109, 0.031),

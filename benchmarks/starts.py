@@ -17,11 +17,11 @@ import numpy as np
 from engine import DT, FREE, NOISE, problem, simulator
 from threadpoolctl import threadpool_limits
 
+from greybox_id.base.shorthands import Array
 from greybox_id.engine.motion.shooting import MotionProblem
+from greybox_id.engine.solvers.gauss_newton import gauss_newton
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
 from greybox_id.models.lateral import lateral
-from greybox_id.shorthands import Array
-from greybox_id.solvers.gauss_newton import gauss_newton
 
 CHAINS: dict[str, tuple[int | None, ...]] = {
     "growing horizons: " + ", ".join(f"{rows} rows" for rows in SHORT_HORIZONS) + ", whole run": (

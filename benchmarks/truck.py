@@ -13,12 +13,12 @@ import json
 import sys
 from pathlib import Path
 
-from greybox_id.bench.kept import KeptBench
-from greybox_id.bench.truck import TruckOptions, truck_tables
-from greybox_id.bench.truck_report import tables
-from greybox_id.errors import GreyboxError
-from greybox_id.json_data import finite
+from greybox_id.base.errors import GreyboxError
+from greybox_id.base.json_data import finite
 from greybox_id.reports.text.screen import as_text
+from greybox_lab.papers.kept import KeptBench
+from greybox_lab.papers.truck import TruckOptions, truck_tables
+from greybox_lab.papers.truck_report import tables
 
 
 def main() -> int:

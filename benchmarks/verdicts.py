@@ -29,19 +29,19 @@ from pathlib import Path
 
 import numpy as np
 
+from greybox_id.base.errors import GreyboxError
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.datasets.vehicle_file import vehicle as vehicle_of
-from greybox_id.datasets.virtual_vehicle import drive, random_vehicle
-from greybox_id.datasets.virtual_vehicle.drive import steered
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.errors import GreyboxError
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.scores.metrics import ahead
+from greybox_id.fitting.scores.motion import score_motion
 from greybox_id.models.registry import build
-from greybox_id.recording import Recording
-from greybox_id.scores.metrics import ahead
-from greybox_id.scores.motion import score_motion
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle_file import vehicle as vehicle_of
+from greybox_lab.virtual.virtual_vehicle import drive, random_vehicle
+from greybox_lab.virtual.virtual_vehicle.drive import steered
 
 HORIZONS = (0.5, 1.0, 2.0)
 MODELS = ("lateral", "kinematic", "single_track", "longitudinal")

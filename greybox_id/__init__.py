@@ -13,8 +13,9 @@ import sys
 from importlib import import_module
 from types import ModuleType
 
-from .registration import register as _register
-from .version import __version__ as __version__
+from greybox_lab.driving.registration import register as _register
+
+from .base.version import __version__ as __version__
 
 _PLACES = {
     "read": "api.reading:read",
@@ -71,7 +72,7 @@ __all__ = list(_PLACES)
 
 def __getattr__(name: str) -> object:
     if name not in _PLACES:
-        from .errors import near
+        from .base.errors import near
 
         raise AttributeError(f"greybox_id has no {name!r}.{near(name, _PLACES)}")
     module, _, inside = _PLACES[name].partition(":")
@@ -84,7 +85,7 @@ def __dir__() -> list[str]:
 
 
 class _TopLevel(ModuleType):
-    """This package, in which a verb keeps its name when the module of the same name (`greybox_id.fit`) is imported."""
+    """This package, in which a verb keeps its name when the module of the same name (`greybox_id.fitting.fit`) is imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name not in _PLACES or not isinstance(value, ModuleType):

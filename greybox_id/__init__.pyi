@@ -1,12 +1,14 @@
 """What `__init__` loads on demand, for editors and type checkers; a test holds the two together."""
 
+from greybox_lab.driving.learn_policy import learn_policy as learn_policy
+from greybox_lab.fleet import verbs
+
 from .api import effects as effects
 from .api import models as models
 from .api.adapting import AdaptationResult
 from .api.adapting import adapt as adapt
 from .api.designing import design as design
 from .api.diagnosing import diagnose as diagnose
-from .api.driving import learn_policy as learn_policy
 from .api.fit_result import FitResult
 from .api.fitting import fit as fit
 from .api.fitting import load as load
@@ -27,25 +29,24 @@ from .api.sampling import PosteriorResult
 from .api.sampling import sample as sample
 from .api.track_result import TrackResult
 from .api.tracking import track as track
-from .checks.finding import Finding as Finding
-from .checks.finding import Severity as Severity
+from .base.errors import BadInput as BadInput
+from .base.errors import BadModel as BadModel
+from .base.errors import GreyboxError as GreyboxError
+from .datasets.checks.finding import Finding as Finding
+from .datasets.checks.finding import Severity as Severity
+from .datasets.recording import Recording as Recording
 from .datasets.shipped import shipped as shipped
-from .effect import Effect as Effect
-from .errors import BadInput as BadInput
-from .errors import BadModel as BadModel
-from .errors import GreyboxError as GreyboxError
 from .filters.how import TrackOptions as TrackOptions
 from .fitting.how import FitOptions as FitOptions
-from .fleet import verbs
-from .model import Model as Model
+from .fitting.uncertainty.profile import Profile as Profile
+from .models.effect import Effect as Effect
 from .models.effects.stating import alteration as alteration
-from .motion_model import MotionModel as MotionModel
-from .motion_model import State as State
-from .parameter import Parameter as Parameter
-from .parameter import Prior as Prior
-from .recording import Recording as Recording
-from .uncertainty.profile import Profile as Profile
-from .vehicle import Stated as Stated
+from .models.model import Model as Model
+from .models.motion_model import MotionModel as MotionModel
+from .models.motion_model import State as State
+from .models.parameter import Parameter as Parameter
+from .models.parameter import Prior as Prior
+from .models.vehicle import Stated as Stated
 
 __version__: str
 

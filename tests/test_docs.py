@@ -10,7 +10,7 @@ import matplotlib as mpl
 import pytest
 from documents import DOCS, fenced, page, run_page
 
-from greybox_id.uncertainty.identifiability import TOGETHER
+from greybox_id.fitting.uncertainty.identifiability import TOGETHER
 
 PACKAGE = DOCS.parent / "greybox_id"
 

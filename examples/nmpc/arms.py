@@ -19,14 +19,14 @@ from lap import lap
 from learned import LearnedPrediction
 from prediction import Prediction
 
-from greybox_id.bench.loop import CAPS, FIRST_VEHICLE
-from greybox_id.files import write_atomically
-from greybox_id.learned.injection import InjectedModel
-from greybox_id.loop.adapting import last_rows, world_of
-from greybox_id.loop.arms import oracle, twin
-from greybox_id.loop.scene import Hands, Scene, driven
-from greybox_id.loop.swap import read_learned
+from greybox_id.base.files import write_atomically
 from greybox_id.models.registry import motion_model_of
+from greybox_lab.driving.learned.injection import InjectedModel
+from greybox_lab.driving.loop.adapting import last_rows, world_of
+from greybox_lab.driving.loop.arms import oracle, twin
+from greybox_lab.driving.loop.scene import Hands, Scene, driven
+from greybox_lab.driving.loop.swap import read_learned
+from greybox_lab.papers.loop import CAPS, FIRST_VEHICLE
 
 ARMS = ("nominal", "actuator_net", "residual", "named", "oracle")
 

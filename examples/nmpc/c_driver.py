@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from wishes import Wishes
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
-from greybox_id.motion_model import MotionModel
-from greybox_id.racing.track import RaceTrack
+from greybox_id.models.motion_model import MotionModel
+from greybox_lab.driving.racing.track import RaceTrack
 
 Row = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from prediction import Prediction
 from program import Linear, Program
 from wishes import Wishes
 
-from greybox_id.racing.track import RaceTrack
+from greybox_lab.driving.racing.track import RaceTrack
 
 Row = NDArray[np.float64]
 Grid = NDArray[np.float64]

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from lap import Lap
 
-from greybox_id.files import write_atomically
-from greybox_id.racing.track import RaceTrack
+from greybox_id.base.files import write_atomically
 from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, look
+from greybox_lab.driving.racing.track import RaceTrack
 
 LINES = {
     "true": look(INK, 2.2, "true effects"),

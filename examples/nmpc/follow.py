@@ -3,7 +3,7 @@
     python examples/nmpc/follow.py next/plan.csv --vehicle car.toml
 
 It drives the vehicle of scene.py as its file states it. A controller that looks ahead takes a plan's path and speed;
-one that does not takes the plan's commands row by row and the few lines of `greybox_id.design.driver`.
+one that does not takes the plan's commands row by row and the few lines of `greybox_id.gap.design.driver`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from lap import Lap, lap
 from prediction import Prediction
 from scene import PAIRS, PERIOD, SEED, STAGES, Scene
 
-from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
-from greybox_id.motion_model import MotionModel
-from greybox_id.racing.track import POINTS, RaceTrack
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.driving.racing.track import POINTS, RaceTrack
 
 
 def path_of(plan: pd.DataFrame, half_width: float) -> tuple[RaceTrack, float]:

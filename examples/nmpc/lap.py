@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from greybox_id.datasets.virtual_vehicle import SteppedCar, VirtualCar
-from greybox_id.racing.track import RaceTrack
+from greybox_lab.driving.racing.track import RaceTrack
+from greybox_lab.virtual.virtual_vehicle import SteppedCar, VirtualCar
 
 Row = NDArray[np.float64]
 

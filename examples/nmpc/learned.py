@@ -6,9 +6,9 @@ import casadi as cs
 import numpy as np
 from prediction import Prediction, Row, Symbol
 
-from greybox_id.learned.injection import InjectedModel
-from greybox_id.learned.net import Layers
-from greybox_id.racing.stage import BEND
+from greybox_lab.driving.learned.injection import InjectedModel
+from greybox_lab.driving.learned.net import Layers
+from greybox_lab.driving.racing.stage import BEND
 
 
 class LearnedPrediction(Prediction):

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from greybox_id.export.equations import Equations
-from greybox_id.motion_model import MotionModel
-from greybox_id.racing.stage import BEND, moved_along
+from greybox_id.models.motion_model import MotionModel
+from greybox_lab.driving.racing.stage import BEND, moved_along
 
 Row = NDArray[np.float64]
 Symbol = Any

@@ -25,8 +25,8 @@ from rich.console import Console
 from rich.table import Table
 from scene import PAIRS, PERIOD, SEED, Scene
 
-from greybox_id.files import write_atomically
-from greybox_id.motion_model import MotionModel
+from greybox_id.base.files import write_atomically
+from greybox_id.models.motion_model import MotionModel
 
 WIDTH = 170
 """Of the table, characters."""

@@ -12,8 +12,12 @@ import numpy as np
 from wishes import Wishes
 
 from greybox_id.cli.gap import gap
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.datasets.virtual_vehicle import (
+from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.registry import model_of, with_effects
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.driving.racing.track import RaceTrack, Usage, track
+from greybox_lab.exam.make import write_recording
+from greybox_lab.virtual.virtual_vehicle import (
     EFFECTS,
     VirtualCar,
     drive,
@@ -22,10 +26,6 @@ from greybox_id.datasets.virtual_vehicle import (
     tolerances,
     vehicle_file_text,
 )
-from greybox_id.exam.make import write_recording
-from greybox_id.models.registry import model_of, with_effects
-from greybox_id.motion_model import MotionModel
-from greybox_id.racing.track import RaceTrack, Usage, track
 
 PERIOD = 0.02
 """s, between commands."""

@@ -8,15 +8,15 @@ from pathlib import Path
 
 from rich.console import RenderableType
 
-from ..adaptation.outcome import Adaptation
-from ..adaptation.verb import adapt as adapt_fit
-from ..condition import span
+from ..base.condition import span
+from ..base.declared import understood
+from ..base.errors import BadInput
 from ..datasets.read import read as read_file
-from ..declared import understood
-from ..errors import BadInput
-from ..fit import Fit
+from ..datasets.recording import Recording
+from ..fitting.adaptation.outcome import Adaptation
+from ..fitting.adaptation.verb import adapt as adapt_fit
+from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
-from ..recording import Recording
 from ..reports.text.adapt import parts
 from ..reports.text.screen import as_text
 from . import given

@@ -7,16 +7,16 @@ from math import isfinite
 
 import numpy as np
 
-from ..errors import BadInput
-from ..fit import FREE_RUN, Fit
+from ..base.errors import BadInput
+from ..base.statistics import NORMAL
+from ..fitting.fit import FREE_RUN, Fit
 from ..gap import Gap, Ranked
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
-from ..model import Model
+from ..models.hybrid_model import HybridModel
+from ..models.memory_model import MemoryModel
+from ..models.model import Model
+from ..models.parameter import Parameter
 from ..models.registry import build
-from ..parameter import Parameter
-from ..statistics import NORMAL
-from ..vehicle import ChosenModel, Stated, Vehicle
+from ..models.vehicle import ChosenModel, Stated, Vehicle
 
 CLOSED = ", gap closed"
 """Behind the name of a vehicle."""

@@ -10,29 +10,29 @@ from typing import Any
 from rich.console import RenderableType
 from rich.table import Table
 
-from ..declared import understood
-from ..design.arena import arena as arena_of
-from ..design.discriminate import ambiguous, detecting, discriminating
-from ..design.limits import must_agree, read_limits, stated, usual_limits
-from ..design.plan import KIND, Design
-from ..design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
-from ..errors import BadInput
-from ..files import at_once, replacing, write_atomically
-from ..fit import KIND as FIT_KIND
-from ..fit import Fit, load
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.files import at_once, replacing, write_atomically
+from ..base.guard import FileContent, claim, content_of
+from ..base.numbers import alike, pretty_unit
+from ..base.saved import format_of
+from ..fitting.fit import KIND as FIT_KIND
+from ..fitting.fit import Fit, load
+from ..gap.design.arena import arena as arena_of
+from ..gap.design.discriminate import ambiguous, detecting, discriminating
+from ..gap.design.limits import must_agree, read_limits, stated, usual_limits
+from ..gap.design.plan import KIND, Design
+from ..gap.design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
 from ..gap.gap import Gap
-from ..guard import FileContent, claim, content_of
 from ..models.effects import EFFECTS
+from ..models.motion_model import MotionModel
 from ..models.registry import build
+from ..models.vehicle import Stated, Vehicle
 from ..models.vehicles import with_tolerances
-from ..motion_model import MotionModel
-from ..numbers import alike, pretty_unit
 from ..reports.gap.saved import KIND as GAP_KIND
 from ..reports.gap.saved import Made, load_gap
 from ..reports.manoeuvre import manoeuvre
 from ..reports.text.screen import as_text, plain_table
-from ..saved import format_of
-from ..vehicle import Stated, Vehicle
 from . import given
 from .gap_result import GapResult
 from .given import VehicleLike
@@ -146,7 +146,7 @@ def design(
     vehicle : whose file states where the steering stops (`steer_max`), unless `limits` do.
     speed_max, grip : m/s; largest share of an axle's friction that is used.
     repeat : how often it is going to be driven.
-    driver : whether speed and path are kept by a driver (`greybox_id.design.driver`), or commands given as they stand.
+    driver : whether speed and path are kept by a driver (`greybox_id.gap.design.driver`), or commands given as they stand.
     effort : of the search, over what is usual: 0.2 is quick, 3 leaves little to be found.
     seed : of everything random.
     progress : called with one line at a time.

@@ -7,28 +7,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..changes.verb import diagnose_change
-from ..checks.finding import listed
-from ..choices.wanted import doubts, must_be_recorded
-from ..declared import understood
-from ..effect import Effect
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.version import __version__
+from ..datasets.checks.finding import listed
+from ..datasets.recording import Recording
 from ..engine.of_motion import equations_of_motion
 from ..engine.simulation import Diagnosed
-from ..errors import BadInput
-from ..estimation.memory_bench import must_suit
-from ..fit import Fit
+from ..fitting.choices.wanted import doubts, must_be_recorded
+from ..fitting.fit import Fit
+from ..fitting.provenance import data_record
+from ..gap.changes.verb import diagnose_change
 from ..gap.diagnosis import diagnose as diagnose_gap
+from ..gap.estimation.memory_bench import must_suit
 from ..gap.gap import Gap
-from ..memory_model import MemoryModel
-from ..model import Model
+from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.memory_model import MemoryModel
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 from ..models.registry import install, known, model_of
-from ..motion_model import MotionModel
-from ..provenance import data_record
-from ..recording import Recording
+from ..models.vehicle import Vehicle
 from ..reports.gap.saved import Made, stated_numbers
-from ..vehicle import Vehicle
-from ..version import __version__
 from . import given
 from .closed_vehicle import FITTED, fitted_vehicle, with_sensors
 from .fitting import Progress

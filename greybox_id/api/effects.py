@@ -11,8 +11,8 @@ Effect steering_lag: first-order time constant of the steering [s], nothing chan
 
 from __future__ import annotations
 
-from ..effect import Effect
-from ..errors import near_or_all
+from ..base.errors import near_or_all
+from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.own import own_effect
 from ..models.registry import install

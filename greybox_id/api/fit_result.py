@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ..combined import reach
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.numbers import pretty_unit
+from ..base.shorthands import Array
 from ..datasets.read import read
-from ..declared import understood
-from ..errors import BadInput
+from ..datasets.recording import Recording
 from ..export.equations import entries
-from ..fit import Fit
-from ..numbers import pretty_unit
-from ..provenance import DataRecord
-from ..recording import Recording
+from ..fitting.combined import reach
+from ..fitting.fit import Fit
+from ..fitting.provenance import DataRecord
+from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
 from ..reports.text.fit import parts
 from ..reports.text.screen import as_text
-from ..shorthands import Array
-from ..uncertainty.profile import Profile
 from . import given, predictions, profiles
 from .given import Columns, Recordings
 from .validating import Validation, validation
@@ -43,7 +43,7 @@ class FitResult(Fit):
     """A fit: the model at its estimates, how well each is known, and what the model makes of recordings.
 
     `gb.fit` and `gb.load` return it. What it is as a record (`model`, `sd`, `stages`, `metrics`, `data` ...) is
-    documented at `greybox_id.fit.Fit`.
+    documented at `greybox_id.fitting.fit.Fit`.
 
     Attributes
     ----------

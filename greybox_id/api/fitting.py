@@ -7,24 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..choices.parameters import with_choices
-from ..choices.wanted import Wanted, doubts, must_be_recorded
-from ..declared import understood
-from ..effect import Effect
-from ..errors import BadInput
-from ..fit import Fit
-from ..fit import load as load_fit
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..datasets.recording import Recording, join
+from ..fitting.choices.parameters import with_choices
+from ..fitting.choices.wanted import Wanted, doubts, must_be_recorded
+from ..fitting.fit import Fit
+from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
+from ..fitting.posterior.posterior import Posterior
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.scores.prediction import must_suit
 from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
-from ..kinds import by_kind
-from ..model import Model
+from ..models.effect import Effect
+from ..models.kinds import by_kind
+from ..models.model import Model
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
-from ..posterior.posterior import Posterior
-from ..recording import Recording, join
-from ..scores.prediction import must_suit
 from . import given
 from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike

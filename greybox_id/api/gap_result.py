@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from ..changes.verb import Changed
-from ..errors import BadInput
+from ..base.errors import BadInput
+from ..base.numbers import number, percent, pretty_unit
+from ..gap.changes.verb import Changed
 from ..gap.gap import Gap
-from ..model import Model
-from ..numbers import number, percent, pretty_unit
+from ..models.model import Model
 from ..reports.gap.saved import Made
 from ..reports.gap.words import judged, tells, whether
 from ..reports.text.gap import parts
@@ -124,7 +124,7 @@ class ChangeResult(GapResult):
 
     Attributes
     ----------
-    change : what changed, as `greybox_id.changes.verb.Changed`.
+    change : what changed, as `greybox_id.gap.changes.verb.Changed`.
     """
 
     change: Changed | None = field(default=None, compare=False)

@@ -7,19 +7,19 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ..choices.parameters import Choices, magnitudes, wanted_vehicle
-from ..choices.wanted import Wanted
+from ..base.errors import BadInput, near_or_all
 from ..datasets.column_map import ColumnMap
 from ..datasets.read import read as read_file
-from ..effect import Effect
-from ..errors import BadInput, near_or_all
-from ..fit import Fit
-from ..model import Model
+from ..datasets.recording import Recording
+from ..fitting.choices.parameters import Choices, magnitudes, wanted_vehicle
+from ..fitting.choices.wanted import Wanted
+from ..fitting.fit import Fit
+from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.model import Model
 from ..models.own import is_place, own_effect, own_model
 from ..models.registry import MODELS, install
-from ..recording import Recording
-from ..vehicle import Vehicle
+from ..models.vehicle import Vehicle
 
 Columns: TypeAlias = str | Path | ColumnMap
 """A column map: the name of a shipped one, the path of a TOML file, or the map itself."""

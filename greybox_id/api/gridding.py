@@ -9,12 +9,12 @@ from typing import Any
 import pandas as pd
 from rich.console import RenderableType
 
-from ..declared import understood
-from ..errors import BadInput
-from ..files import replacing
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.files import replacing
+from ..base.numbers import number
+from ..datasets.recording import Recording
 from ..fitting.grid import Grid, fit_grid, values_of
-from ..numbers import number
-from ..recording import Recording
 from ..reports.text.screen import as_text, led, plain_table
 from . import given
 from .given import Columns

@@ -7,21 +7,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..declared import understood
-from ..effect import Effect
-from ..errors import BadInput
+from greybox_lab.driving.racing.export import PolicySubject, export_policy
+from greybox_lab.driving.racing.learner import Learned
+from greybox_lab.driving.racing.policy import Policy, load_policy
+
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..datasets.recording import Recording
 from ..export.subject import Subject
 from ..export.verb import ALONE
 from ..export.verb import export as export_subject
-from ..fit import Fit
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..gap.gap import Gap
-from ..model import Model
+from ..models.effect import Effect
+from ..models.model import Model
 from ..models.registry import known
-from ..posterior.posterior import Posterior, load_posterior
-from ..racing.export import PolicySubject, export_policy
-from ..racing.learner import Learned
-from ..racing.policy import Policy, load_policy
-from ..recording import Recording
 from ..reports.comparison import NamedFit, comparison
 from ..reports.document import Document, Part, Section
 from ..reports.gap.report import gap_report

@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import BadInput
-from ..fit import Fit
-from ..fit import load as load_fit
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..fitting.fit import Fit
+from ..fitting.fit import load as load_fit
+from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.pretraining import Pretraining, Span
 from ..fitting.training import TrainedBefore
-from ..hybrid_model import HybridModel
-from ..kinds import must_be
+from ..models.hybrid_model import HybridModel
+from ..models.kinds import must_be
+from ..models.motion_model import MotionModel
 from ..models.registry import build
-from ..motion_model import MotionModel
-from ..posterior.posterior import Posterior, load_posterior
-from ..shorthands import Array
 from .fitting import pretraining
 
 DRAWS = 200

@@ -6,11 +6,11 @@ from dataclasses import dataclass, fields
 from html import escape
 from pathlib import Path
 
-from ..choices.parameters import wanted_vehicle
-from ..datasets.vehicle_file import write_vehicle
-from ..errors import BadInput
-from ..numbers import counted, exact, short_with_sd
-from ..vehicle import Stated, Vehicle
+from ..base.errors import BadInput
+from ..base.numbers import counted, exact, short_with_sd
+from ..fitting.choices.parameters import wanted_vehicle
+from ..models.vehicle import Stated, Vehicle
+from ..models.vehicle_file import write_vehicle
 
 MOST_SHOWN, IN_A_LINE = 12, 4
 """Values that are shown, and of those in a line."""
@@ -20,7 +20,7 @@ MOST_SHOWN, IN_A_LINE = 12, 4
 class KnownVehicle(Vehicle):
     """What is stated of a vehicle: values, how well they are known, tolerances, sensor noise; from a file and to it.
 
-    Attributes are those of `greybox_id.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise` (signal ->
+    Attributes are those of `greybox_id.models.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise` (signal ->
     standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
 
     Examples

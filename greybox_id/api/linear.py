@@ -9,11 +9,11 @@ import control
 import numpy as np
 from scipy.optimize import least_squares
 
+from ..base.errors import BadInput
+from ..base.shorthands import Array
 from ..engine.of_motion import equations_of_motion
-from ..errors import BadInput
 from ..export.equations import Equations
-from ..model import Model
-from ..shorthands import Array
+from ..models.model import Model
 
 EXACT = 1e-15
 """Tolerances of the search for a steady state: as exact as numbers are."""

@@ -12,14 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
-from ..errors import near_or_all
-from ..hybrid_model import HybridModel
-from ..memory_model import MemoryModel
-from ..model import Model
+from ..base.errors import near_or_all
+from ..datasets.recording import Recording
+from ..models.hybrid_model import HybridModel
+from ..models.memory_model import MemoryModel
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 from ..models.own import own_model
 from ..models.registry import MODELS, build, install, prepared
-from ..motion_model import MotionModel
-from ..recording import Recording
 from . import given
 from .given import VehicleLike
 

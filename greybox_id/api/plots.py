@@ -11,13 +11,15 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from ..errors import BadInput, near_or_all
+from ..base.errors import BadInput, near_or_all
+from ..base.numbers import pretty_unit
+from ..base.shorthands import Array
+from ..base.signals import unit_of, unit_of_quantity
+from ..datasets.recording import Recording
 from ..gap import Budget
-from ..kinds import must_be
-from ..model import Model
-from ..motion_model import MotionModel
-from ..numbers import pretty_unit
-from ..recording import Recording
+from ..models.kinds import must_be
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 from ..reports.figures.characteristics import (
     A_Y,
     AXLES,
@@ -30,8 +32,6 @@ from ..reports.figures.characteristics import (
 from ..reports.figures.sheet import band
 from ..reports.figures.style import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, look
 from ..reports.settled import OverSlip
-from ..shorthands import Array
-from ..signals import unit_of, unit_of_quantity
 from . import given, predictions
 from .given import Columns
 

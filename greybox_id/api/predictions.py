@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..choices.wanted import must_be_recorded
-from ..declared import understood
+from ..base.declared import understood
+from ..base.errors import BadInput, near_or_all
+from ..base.signals import unit_of, unit_of_quantity
+from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
-from ..errors import BadInput, near_or_all
-from ..fit import Fit
-from ..model import Model
-from ..recording import Recording
-from ..scores.metrics import FREE_RUN
-from ..scores.metrics import score as score_model
-from ..scores.prediction import predict as predict_rows
-from ..scores.prediction import simulate as simulate_runs
-from ..scores.timing import (
+from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.fit import Fit
+from ..fitting.scores.metrics import FREE_RUN
+from ..fitting.scores.metrics import score as score_model
+from ..fitting.scores.prediction import predict as predict_rows
+from ..fitting.scores.prediction import simulate as simulate_runs
+from ..fitting.scores.timing import (
     calibrated_predictions,
     calibrated_seconds,
     calibrated_timing,
     calibration_words,
     must_have_timing,
 )
-from ..signals import unit_of, unit_of_quantity
+from ..models.model import Model
 from . import given
 from .given import Columns, Effects, ModelLike, VehicleLike
 

@@ -13,23 +13,23 @@ import pandas as pd
 from rich.console import RenderableType
 from rich.table import Table
 
-from ..declared import understood
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.numbers import interval, number, pretty_unit
+from ..base.processes import Pace, apart, side_by_side
+from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
-from ..errors import BadInput
-from ..fit import Fit
+from ..engine.solvers.gauss_newton import Solution
+from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
 from ..fitting.restated import place, profiled, restated
-from ..numbers import interval, number, pretty_unit
-from ..processes import Pace, apart, side_by_side
-from ..recording import Recording
+from ..fitting.uncertainty import uncertainty
+from ..fitting.uncertainty.profile import End, Profile
+from ..fitting.uncertainty.profile import profile as profile_one
+from ..fitting.uncertainty.sandwich import Uncertainty
 from ..reports.recordings import matched
 from ..reports.text.fit import estimate
 from ..reports.text.screen import as_text, plain_table
-from ..solvers.gauss_newton import Solution
-from ..uncertainty import uncertainty
-from ..uncertainty.profile import End, Profile
-from ..uncertainty.profile import profile as profile_one
-from ..uncertainty.sandwich import Uncertainty
 from . import given
 from .given import Columns, Recordings
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..checks import Finding
-from ..checks import check as check_recording
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..datasets.checks import Finding
+from ..datasets.checks import check as check_recording
 from ..datasets.read import read as read_file
-from ..datasets.vehicle_file import shipped_vehicles
-from ..declared import understood
-from ..errors import BadInput
-from ..recording import Recording
+from ..datasets.recording import Recording
+from ..models.vehicle_file import shipped_vehicles
 from . import given
 from .given import Columns
 

@@ -11,21 +11,21 @@ import numpy as np
 import pandas as pd
 from rich.console import RenderableType
 
-from ..choices.wanted import must_be_recorded
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.files import ensure_writable
+from ..base.guard import claim, content_of
+from ..base.numbers import interval, number, pretty_unit
 from ..datasets.formats.contents import needed
-from ..declared import understood
-from ..errors import BadInput
-from ..files import ensure_writable
-from ..fit import Fit
+from ..datasets.recording import Recording
+from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
-from ..guard import claim, content_of
-from ..numbers import interval, number, pretty_unit
-from ..posterior.abc_smc import Distance
-from ..posterior.posterior import Method, Posterior, load_posterior
-from ..posterior.predictive import banded_table, predictive_band
-from ..posterior.verb import SampleOptions, must_suit_sampling
-from ..posterior.verb import sample as sample_fit
-from ..recording import Recording
+from ..fitting.posterior.abc_smc import Distance
+from ..fitting.posterior.posterior import Method, Posterior, load_posterior
+from ..fitting.posterior.predictive import banded_table, predictive_band
+from ..fitting.posterior.verb import SampleOptions, must_suit_sampling
+from ..fitting.posterior.verb import sample as sample_fit
 from ..reports.figures.estimates import corner
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table
@@ -48,7 +48,7 @@ class PosteriorResult(Posterior):
     """Draws of the posterior of a fit's parameters, as `gb.sample` returns them.
 
     What it is as a record (`frame`, `table`, `r_hat`, `ess`, `weight` ...) is documented at
-    `greybox_id.posterior.posterior.Posterior`.
+    `greybox_id.fitting.posterior.posterior.Posterior`.
 
     Examples
     --------

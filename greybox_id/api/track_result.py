@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ..base.numbers import pretty_unit, with_sd
+from ..base.version import __version__
+from ..datasets.recording import Recording
 from ..filters.how import TrackOptions
 from ..filters.track import Track
-from ..numbers import pretty_unit, with_sd
-from ..recording import Recording
 from ..reports.text.screen import as_text
 from ..reports.text.track import parts
 from ..reports.track.digest import Digest, TrackMade, digest
-from ..version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

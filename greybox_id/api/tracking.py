@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ..declared import understood
-from ..effect import Effect
-from ..errors import BadInput
+from ..base.declared import understood
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..base.version import __version__
+from ..datasets.recording import Recording
 from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
-from ..fit import Fit
-from ..kinds import must_be
-from ..model import Model
+from ..fitting.fit import Fit
+from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.kinds import must_be
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 from ..models.registry import install, model_of
-from ..motion_model import MotionModel
-from ..recording import Recording
+from ..models.vehicle import TrackingPlan, Vehicle
 from ..reports.track.digest import TrackMade
-from ..shorthands import Array
-from ..vehicle import TrackingPlan, Vehicle
-from ..version import __version__
 from . import given
 from .fitting import Progress
 from .given import Columns, ModelLike, VehicleLike

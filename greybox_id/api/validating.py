@@ -8,17 +8,17 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from ..choices.wanted import must_be_recorded
-from ..fit import Fit
+from ..datasets.recording import Recording
+from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.fit import Fit
 from ..fitting.judging import judgement
-from ..provenance import data_record
-from ..recording import Recording
+from ..fitting.provenance import data_record
+from ..fitting.scores.metrics import Scores, as_dict
+from ..fitting.scores.verdict import HELD_OUT, distrust, used_signals
+from ..fitting.verdict import Verdict
 from ..reports.text.fit import errors_table, verdict_table
 from ..reports.text.motion import motion_errors_table
 from ..reports.text.screen import as_text
-from ..scores.metrics import Scores, as_dict
-from ..scores.verdict import HELD_OUT, distrust, used_signals
-from ..verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from ..errors import GreyboxError
-from ..version import __version__
+from ..base.errors import GreyboxError
+from ..base.version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
 from .terminal import NotTaken, clean, drop_output, interrupts, streams, tell

@@ -58,8 +58,8 @@ def adapt(
     from dataclasses import replace
 
     from ..api.adapting import adapted
-    from ..files import ensure_writable
-    from ..guard import claim
+    from ..base.files import ensure_writable
+    from ..base.guard import claim
     from .options import fit_of
 
     fit = fit_of(fit_file)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from ..errors import near_or_all
-from ..guard import allow_overwriting, claim, guarding, protect
+from ..base.errors import near_or_all
+from ..base.guard import allow_overwriting, claim, guarding, protect
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]

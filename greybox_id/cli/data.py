@@ -11,22 +11,22 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from ..checks import Finding, Severity, check, distrusted
+from ..base.errors import BadInput
+from ..base.files import write_atomically
+from ..base.guard import claim
+from ..base.numbers import counted
+from ..base.processes import Pace
+from ..datasets.checks import Finding, Severity, check, distrusted
 from ..datasets.formats import WRITTEN, write
-from ..errors import BadInput
-from ..files import write_atomically
-from ..guard import claim
-from ..joining import join_files
-from ..numbers import counted
-from ..processes import Pace
-from ..recording import Recording
+from ..datasets.joining import join_files
+from ..datasets.recording import Recording
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .options import columns_option, json_option, part_asked, read_part
 from .output import console, print_json, progress, working
 
 if TYPE_CHECKING:
-    from ..mapping import MapEntry, Proposal
+    from ..datasets.mapping import MapEntry, Proposal
 
 
 COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
@@ -85,7 +85,7 @@ def map_command(file: str, out: str | None, wheelbase: float | None, as_json: bo
     \b
     greybox data map lap7.csv --out my_car.toml
     """
-    from ..mapping import as_toml, propose
+    from ..datasets.mapping import as_toml, propose
 
     target = map_target(out) if out else None
     with working(f"looking at {file}"):

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from ..datasets.made import MADE, make
+from greybox_lab.virtual.made import MADE, make
+
 from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, public
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup

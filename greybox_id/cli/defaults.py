@@ -23,8 +23,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ..errors import BadInput, near_or_all
-from ..toml_file import read_toml
+from ..base.errors import BadInput, near_or_all
+from ..base.toml_file import read_toml
 from .commands import COMMANDS
 from .options import MARK
 from .terminal import tell

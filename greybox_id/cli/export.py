@@ -7,20 +7,21 @@ from typing import Any
 
 import click
 
+from greybox_lab.driving.racing.export import TARGETS as POLICY_TARGETS
+from greybox_lab.driving.racing.export import PolicySubject, export_policy
+from greybox_lab.driving.racing.policy import POLICY, load_policy
+
 from ..api.handing_over import identifier, moving
-from ..choices.parameters import Choices, Magnitudes, magnitudes, with_choices
-from ..errors import BadInput
+from ..base.errors import BadInput
+from ..base.numbers import pretty_unit
+from ..base.saved import format_of
 from ..export.subject import Subject
 from ..export.verb import ALONE, TARGETS, cautions, origins
 from ..export.verb import export as export_model
-from ..model import Model
+from ..fitting.choices.parameters import Choices, Magnitudes, magnitudes, with_choices
+from ..models.model import Model
 from ..models.registry import with_effects
-from ..numbers import pretty_unit
-from ..racing.export import TARGETS as POLICY_TARGETS
-from ..racing.export import PolicySubject, export_policy
-from ..racing.policy import POLICY, load_policy
 from ..reports.text.screen import plain
-from ..saved import format_of
 from .completion import names
 from .defaults import command_line
 from .options import fit_of, json_option, own_option, simulated_model_options, wanted

@@ -130,10 +130,10 @@ def fit(
     usable; the verdict says why.
     """  # fmt: skip
     from ..api.fitting import planned, pretraining  # not for --help: these load every model and the solvers
-    from ..choices.parameters import noise_of
-    from ..files import ensure_writable
+    from ..base.files import ensure_writable
+    from ..base.guard import claim
     from ..fitting import How
-    from ..guard import claim
+    from ..fitting.choices.parameters import noise_of
     from ..reports.text.fit import as_dict, parts
 
     if early_stopping and strength is not None:

@@ -23,28 +23,28 @@ from ..api.diagnosing import (
     must_have_gaps,
     of_fit,
 )
-from ..changes.verb import Changed, diagnose_change
-from ..choices.parameters import wanted_vehicle
-from ..choices.wanted import must_be_recorded
-from ..datasets.vehicle_file import write_vehicle
-from ..design.arena import arena as arena_of
+from ..base.errors import BadInput
+from ..base.files import at_once, ensure_writable, write_atomically
+from ..base.guard import claim, option_of
+from ..base.json_data import finite, plain
+from ..base.numbers import listed, number, pretty_unit
+from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed
-from ..errors import BadInput
-from ..files import at_once, ensure_writable, write_atomically
 from ..fitting import Say
+from ..fitting.choices.parameters import wanted_vehicle
+from ..fitting.choices.wanted import must_be_recorded
 from ..gap import Gap
+from ..gap.changes.verb import Changed, diagnose_change
+from ..gap.design.arena import arena as arena_of
 from ..gap.diagnosis import diagnose
-from ..guard import claim, option_of
-from ..json_data import finite, plain
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
-from ..numbers import listed, number, pretty_unit
-from ..recording import Recording
+from ..models.vehicle import Vehicle
+from ..models.vehicle_file import write_vehicle
 from ..reports.gap.saved import Made, as_text
 from ..reports.gap.words import budget, magnitude_words
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led
-from ..vehicle import Vehicle
 from .completion import names
 from .defaults import command_line
 from .options import VEHICLES, columns_option, fit_of, json_option, named_model, own_option, read_part

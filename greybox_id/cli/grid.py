@@ -54,10 +54,10 @@ def grid(
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv
     """
     from ..api.gridding import grid_parts, kept_table, spanned, written_to
+    from ..base.files import ensure_writable
+    from ..base.guard import claim
     from ..datasets.result_table import target_of
-    from ..files import ensure_writable
     from ..fitting.grid import fit_grid
-    from ..guard import claim
 
     target = claim(target_of(out, (".parquet",)), becomes="a table of a grid")
     varied, fixed = spanned(settings)

@@ -9,16 +9,16 @@ import click
 import numpy as np
 from rich.table import Table
 
-from ..choices.parameters import wanted_vehicle
-from ..effect import Effect
-from ..errors import BadInput, near_or_all
-from ..model import Model
+from ..base.errors import BadInput, near_or_all
+from ..base.numbers import pretty_unit
+from ..base.signals import unit_of
+from ..fitting.choices.parameters import wanted_vehicle
+from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.model import Model
+from ..models.parameter import Parameter
 from ..models.registry import MODELS, build
-from ..numbers import pretty_unit
-from ..parameter import Parameter
 from ..reports.text.screen import plain, plain_table
-from ..signals import unit_of
 from .completion import names
 from .options import VEHICLES, json_option, named_effect, named_model, settings_of
 from .output import console, print_json

@@ -15,14 +15,14 @@ from .completion import names
 from .terminal import tell
 
 if TYPE_CHECKING:
-    from ..choices.wanted import Wanted
     from ..datasets.column_map import ColumnMap
-    from ..fit import Fit
-    from ..recording import Recording
+    from ..datasets.recording import Recording
+    from ..fitting.choices.wanted import Wanted
+    from ..fitting.fit import Fit
 
 
 def _vehicles() -> tuple[str, ...]:
-    from ..datasets.vehicle_file import shipped_vehicles
+    from ..models.vehicle_file import shipped_vehicles
 
     return shipped_vehicles()
 
@@ -44,8 +44,8 @@ def _kept(ctx: click.Context, option: click.Parameter, value: Any) -> None:
 
 
 def _span(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
-    from ..condition import span
-    from ..errors import BadInput
+    from ..base.condition import span
+    from ..base.errors import BadInput
 
     try:
         _kept(ctx, option, None if value is None else span(value))
@@ -242,8 +242,12 @@ def wanted(
     per_run: Sequence[str] = (),
 ) -> Wanted:
     """What these options ask for."""
-    from ..choices.parameters import Choices, magnitudes, wanted_vehicle  # not for --help: these load every model
-    from ..choices.wanted import Wanted
+    from ..fitting.choices.parameters import (  # not for --help: these load every model
+        Choices,
+        magnitudes,
+        wanted_vehicle,
+    )
+    from ..fitting.choices.wanted import Wanted
 
     choices = Choices(fix, free, prior, start, per_run)
     return Wanted(name, wanted_vehicle(vehicle), settings_of(settings), magnitudes(effects), choices)
@@ -257,9 +261,9 @@ def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> 
 
 def fit_of(file: str | Path) -> Fit:
     """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
-    from ..fit import load
+    from ..fitting.fit import load
+    from ..fitting.verdict import NOT_USABLE
     from ..models.registry import build
-    from ..verdict import NOT_USABLE
 
     found = load(file, build)
     if found.verdict is not None and found.verdict.usability == NOT_USABLE:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console, RenderableType
 from rich.text import Text
 
-from ..json_data import finite
-from ..processes import duration
+from ..base.json_data import finite
+from ..base.processes import duration
+from ..fitting.verdict import NOT_USABLE, Verdict
 from ..reports.text.screen import WIDTH, Screen, as_text
-from ..verdict import NOT_USABLE, Verdict
 from .terminal import clean_json, tell
 
 if TYPE_CHECKING:

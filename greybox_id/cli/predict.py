@@ -9,21 +9,21 @@ from typing import Any
 import click
 import numpy as np
 
-from ..choices.parameters import Choices, state_values, with_choices
-from ..choices.wanted import doubts_of_drive, must_be_recorded
+from ..base.guard import claim
+from ..base.numbers import counted, pretty_unit, with_sd
+from ..base.signals import unit_of
+from ..datasets.recording import Recording
 from ..datasets.result_table import target_of, write_table
 from ..engine.simulation import Prediction
-from ..guard import claim
-from ..model import Model
-from ..numbers import counted, pretty_unit, with_sd
-from ..recording import Recording
+from ..fitting.choices.parameters import Choices, state_values, with_choices
+from ..fitting.choices.wanted import doubts_of_drive, must_be_recorded
+from ..fitting.scores.metrics import as_dict, prediction_errors
+from ..fitting.scores.prediction import as_table, assumed, predicted_how
+from ..fitting.scores.prediction import predict as predict_rows
+from ..fitting.scores.prediction import simulate as simulate_runs
+from ..fitting.scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing, must_have_timing
+from ..models.model import Model
 from ..reports.text.memory import timing_lines
-from ..scores.metrics import as_dict, prediction_errors
-from ..scores.prediction import as_table, assumed, predicted_how
-from ..scores.prediction import predict as predict_rows
-from ..scores.prediction import simulate as simulate_runs
-from ..scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing, must_have_timing
-from ..signals import unit_of
 from .options import (
     calibrate_option,
     columns_option,
@@ -100,8 +100,8 @@ def predict(
             found = predict_rows(model, recording, horizon, open_loop=open_loop)
             table = as_table(model, recording, found, "predicted")
         else:
-            from ..posterior.posterior import load_posterior
-            from ..posterior.predictive import banded_table, predictive_band
+            from ..fitting.posterior.posterior import load_posterior
+            from ..fitting.posterior.predictive import banded_table, predictive_band
 
             band = predictive_band(fit, load_posterior(posterior), recording, horizon)
             found, table = band.mean, banded_table(model, recording, band)

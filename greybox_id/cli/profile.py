@@ -8,9 +8,9 @@ from pathlib import Path
 import click
 
 from ..api.profiles import profiles, trained
+from ..base.guard import claim
 from ..datasets.result_table import PLAIN, target_of, write_table
 from ..fitting.restated import profiled
-from ..guard import claim
 from .options import fit_of, jobs_option, json_option, own_option
 from .output import console, print_json, progress, show
 from .report import recordings_of

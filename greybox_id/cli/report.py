@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..condition import span
-from ..errors import BadInput
-from ..files import at_once
-from ..fit import Fit, load
-from ..guard import claim
+from ..base.condition import span
+from ..base.errors import BadInput
+from ..base.files import at_once
+from ..base.guard import claim
+from ..base.numbers import counted
+from ..base.saved import format_of
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit, load
 from ..models.registry import build
-from ..numbers import counted
-from ..recording import Recording
-from ..saved import format_of
 from .options import json_option, own_option, part
 from .output import console, print_json, working
 
@@ -100,7 +100,7 @@ def _document(
         return _side_by_side(files, train, validate, columns)
     if others:
         return OTHERS[kinds[files[0]]](files[0])
-    from ..posterior.posterior import load_posterior
+    from ..fitting.posterior.posterior import load_posterior
     from ..reports.report import prepared
 
     fit = load(files[0], build)

@@ -68,7 +68,7 @@ def sample(
     """  # fmt: skip
     from ..api.profiles import trained
     from ..api.sampling import posterior_target, sampled
-    from ..posterior.verb import SampleOptions, must_suit_sampling
+    from ..fitting.posterior.verb import SampleOptions, must_suit_sampling
     from .options import fit_of
     from .report import recordings_of
 

@@ -14,7 +14,7 @@ from typing import Any, TextIO, cast
 
 import click
 
-from ..processes import interrupt, interrupts_return
+from ..base.processes import interrupt, interrupts_return
 from ..reports.text.screen import ORDERS, Screen, clean
 
 __all__ = ["NotTaken", "Screen", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]

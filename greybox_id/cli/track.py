@@ -11,21 +11,21 @@ import click
 
 from ..api.track_result import TrackResult
 from ..api.tracking import TrackSetup
-from ..choices.parameters import named, number
-from ..choices.wanted import Wanted
+from ..base.errors import BadInput
+from ..base.files import at_once, write_atomically
+from ..base.guard import claim
+from ..base.version import __version__
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
-from ..datasets.vehicle_file import write_vehicle
-from ..errors import BadInput
-from ..files import at_once, write_atomically
 from ..filters import How
 from ..filters import track as track_recording
 from ..filters.track import tracked_vehicle
-from ..guard import claim
+from ..fitting.choices.parameters import named, number
+from ..fitting.choices.wanted import Wanted
 from ..models.effects import EFFECTS
+from ..models.vehicle_file import write_vehicle
 from ..reports.text.track import as_dict, parts
 from ..reports.track.digest import TrackMade, as_text
-from ..version import __version__
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
 from .output import console, print_json, progress, show

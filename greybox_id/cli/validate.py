@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import click
 
 from ..api.validating import validation
-from ..fit import load
+from ..base.numbers import counted
+from ..fitting.fit import load
 from ..models.registry import build
-from ..numbers import counted
 from .options import columns_option, json_option, own_option, read_part
 from .output import end_by, print_json, show, working
 

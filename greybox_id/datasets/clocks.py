@@ -13,10 +13,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import BadInput
-from ..recording import Resampled
-from ..shorthands import Array
-from ..signals import ANGLES_AROUND, COMMANDS
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..base.signals import ANGLES_AROUND, COMMANDS
+from .recording import Resampled
 
 REGULAR = 0.05
 """Steps that scatter by less than this share of the usual one are kept as they are."""

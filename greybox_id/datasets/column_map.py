@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadInput, near
-from ..shorthands import Array
-from ..signals import SIGNALS
-from ..toml_file import must_know, parse_toml, table_of, text_of
-from ..units import to_si
+from ..base.errors import BadInput, near
+from ..base.shorthands import Array
+from ..base.signals import SIGNALS
+from ..base.toml_file import must_know, parse_toml, table_of, text_of
+from ..base.units import to_si
 from .shipped import named_text, shipped_files
 
 HOLDS = ("zero", "linear")
@@ -111,7 +111,7 @@ class ColumnMap:
     ----------
     name : short name, kept in the recording's source.
     time : the time column; converted to seconds.
-    signals : signal name -> column, for names of `greybox_id.signals.SIGNALS`.
+    signals : signal name -> column, for names of `greybox_id.base.signals.SIGNALS`.
     extra : name -> column for a file's own further channels.
     about, source : for people: signs, traps, where such files come from.
     hold : how commands run between rows, "zero" (held) or "linear".

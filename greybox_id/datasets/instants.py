@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..errors import BadInput
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
 from .column_map import Column
 from .formats.contents import RawTable
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..machine_code import begun, compiled
-from ..shorthands import Array
+from ..base.machine_code import begun, compiled
+from ..base.shorthands import Array
 
 
 @begun

@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from ..errors import BadInput
-from ..recording import split_runs
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
 from .column_map import Reference
 from .pose_smoother import log_likelihood, smooth
+from .recording import split_runs
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """Signals that are made of poses."""

@@ -17,11 +17,11 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from ..errors import BadInput, near_or_all
-from ..files import cache_folder, replacing, writable, write_atomically
-from ..guard import permit
-from ..shorthands import Say
-from ..version import __version__
+from ..base.errors import BadInput, near_or_all
+from ..base.files import cache_folder, replacing, writable, write_atomically
+from ..base.guard import permit
+from ..base.shorthands import Say
+from ..base.version import __version__
 from .formats import hash_of
 
 

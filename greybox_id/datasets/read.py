@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import BadInput, near
-from ..recording import Recording, Source, split_runs
-from ..shorthands import Array
-from ..signals import SD, unit_of
+from ..base.errors import BadInput, near
+from ..base.shorthands import Array
+from ..base.signals import SD, unit_of
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
 from .formats.contents import TIME, RawTable, one_column
 from .instants import Instants, instants, origin_of
+from .recording import Recording, Source, split_runs
 
 __all__ = ["SUFFIXES", "read"]
 

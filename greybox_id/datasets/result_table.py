@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..errors import BadInput
-from ..files import replacing
-from ..guard import MARK
-from ..signals import unit_of, unit_of_quantity
+from ..base.errors import BadInput
+from ..base.files import replacing
+from ..base.guard import MARK
+from ..base.signals import unit_of, unit_of_quantity
 from .formats import mdf
 from .formats.contents import BETWEEN_RUNS, Columns, needed
 

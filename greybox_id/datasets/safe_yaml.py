@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadInput
-from ..files import small_file
+from ..base.errors import BadInput
+from ..base.files import small_file
 from .formats.contents import needed
 
 DEEPEST, MOST = 20, 20_000

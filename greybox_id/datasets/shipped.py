@@ -1,14 +1,14 @@
 """Recordings, vehicles and column maps that come with the package.
 
-`racer_train` and `racer_valid` are made by `greybox_id.datasets.synthetic_racer`: a synthetic 1:10 car in
+`racer_train` and `racer_valid` are made by `greybox_lab.virtual.synthetic_racer`: a synthetic 1:10 car in
 the columns and units of the RoboRacer recordings.
 """
 
 from pathlib import Path
 
-from ..errors import BadInput, near
-from ..files import near_file
-from ..toml_file import small_text
+from ..base.errors import BadInput, near
+from ..base.files import near_file
+from ..base.toml_file import small_text
 
 FOLDER = Path(__file__).parent / "shipped"
 

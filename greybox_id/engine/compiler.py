@@ -22,10 +22,10 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
-from ..errors import GreyboxError
-from ..files import cache_folder
-from ..processes import elsewhere
-from ..scratch import scratch_folder
+from ..base.errors import GreyboxError
+from ..base.files import cache_folder
+from ..base.processes import elsewhere
+from ..base.scratch import scratch_folder
 
 FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
 """-O2 takes half as long again and gives nothing: the code is vectors already. No contraction of a b + c, which can

@@ -8,9 +8,9 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
-from ..errors import BadModel
-from ..model import Symbol
-from ..shorthands import Array, Index
+from ..base.errors import BadModel
+from ..base.shorthands import Array, Index
+from ..models.model import Symbol
 from .sampled import SampledFunction
 from .trace import Trace, namespace
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import casadi as cs
 
-from ..errors import BadModel, GreyboxError, near_or_all
-from ..model import Model, Namespace
+from ..base.errors import BadModel, GreyboxError, near_or_all
+from ..models.model import Model, Namespace
 
 KINDS = {"x": "state", "u": "input", "p": "parameter"}
 """What the namespaces of equations hold."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 from .sampled import call
 from .trace import Trace
 

@@ -23,7 +23,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 from .compiler import CannotCompile, library, tell_slow
 from .vectors import FEW, WIDE, narrow_source, source
 from .virtual import VirtualMachine

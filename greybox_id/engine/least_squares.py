@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..model import Model
-from ..parameter import Parameter, Prior
-from ..shorthands import Array, Index
+from ..base.shorthands import Array, Index
+from ..models.model import Model
+from ..models.parameter import Parameter, Prior
 
 
 def prior_rows(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ..errors import BadInput
-from ..kinds import by_kind
-from ..model import Model
-from ..motion_model import MotionModel
+from ..base.errors import BadInput
+from ..models.kinds import by_kind
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 
 
 @by_kind

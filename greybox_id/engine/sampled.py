@@ -8,7 +8,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 
 BLOCK = 128
 """Samples a mapped function evaluates at a time. One map serves runs of every length: making one takes CasADi

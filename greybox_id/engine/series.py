@@ -14,9 +14,9 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from ..errors import BadInput
-from ..recording import Recording
-from ..shorthands import Array, Index
+from ..base.errors import BadInput
+from ..base.shorthands import Array, Index
+from ..datasets.recording import Recording
 from .free_run import free_run
 from .trace import Columns, Trace, tidy
 

@@ -14,8 +14,8 @@ from copy import copy
 
 import numpy as np
 
-from ..recording import Recording
-from ..shorthands import Array
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from .elements import Sensing
 from .least_squares import NormalEquations, beliefs, lay_out, limits
 from .series import Run, runs

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ..memory_model import MemoryModel
-from ..motion_model import MotionModel
-from ..shorthands import Array, Index, Mask
+from ..base.shorthands import Array, Index, Mask
+from ..models.memory_model import MemoryModel
+from ..models.motion_model import MotionModel
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadModel
-from ..memory_model import MemoryModel
-from ..model import Namespace, Symbol
-from ..shorthands import Index
+from ..base.errors import BadModel
+from ..base.shorthands import Index
+from ..models.memory_model import MemoryModel
+from ..models.model import Namespace, Symbol
 from .equations import called, must_be_numbers
 from .sampled import SampledFunction
 

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 
 BLOCK = 128
 """Most lanes that one mapped function evaluates."""

@@ -14,11 +14,11 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
+from ..base.signals import SIGNALS, unit_of, unit_of_quantity
 from ..engine.motion.trace import MotionTrace
-from ..model import Model, Symbol
-from ..motion_model import MotionModel
-from ..parameter import Parameter, pack
-from ..signals import SIGNALS, unit_of, unit_of_quantity
+from ..models.model import Model, Symbol
+from ..models.motion_model import MotionModel
+from ..models.parameter import Parameter, pack
 
 
 @dataclass(frozen=True)

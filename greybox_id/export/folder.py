@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadInput
-from ..files import new_folder
-from ..guard import claim, permit_folder
-from ..json_data import read_json, without_nan
+from ..base.errors import BadInput
+from ..base.files import new_folder
+from ..base.guard import claim, permit_folder
+from ..base.json_data import read_json, without_nan
 
 MANIFEST = "manifest.json"
 FORMAT = "greybox-export"

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import casadi as cs
 
+from ..base.signals import SIGNALS, unit_of
 from ..engine.trace import Trace, namespace
-from ..kinds import by_kind
-from ..memory_model import MemoryModel
-from ..model import Model, Symbol
-from ..parameter import pack
-from ..signals import SIGNALS, unit_of
+from ..models.kinds import by_kind
+from ..models.memory_model import MemoryModel
+from ..models.model import Model, Symbol
+from ..models.parameter import pack
 from .equations import Equations, Named, entries, joined
 from .subject import Subject
 

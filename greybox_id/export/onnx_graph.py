@@ -17,7 +17,7 @@ import casadi as cs
 import onnx
 from onnx import TensorProto, helper
 
-from ..errors import BadInput
+from ..base.errors import BadInput
 from .memory_equations import MemoryEquations
 
 IR_VERSION = 8

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 from .equations import Equations, Named
 
 FAST, AT_REST = 25.0, 0.1

@@ -9,11 +9,11 @@ from math import isfinite
 import casadi as cs
 import numpy as np
 
+from ..base.errors import BadInput
 from ..engine.motion.trace import MotionTrace
-from ..errors import BadInput
-from ..kinds import must_be
-from ..model import Model, Namespace, Symbol
-from ..motion_model import MotionModel, Quantities
+from ..models.kinds import must_be
+from ..models.model import Model, Namespace, Symbol
+from ..models.motion_model import MotionModel, Quantities
 from .subject import Subject
 
 G = 9.81

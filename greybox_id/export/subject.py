@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ..base.errors import BadInput, near_or_all
+from ..base.version import __version__
 from ..engine.of_motion import equations_of_motion
-from ..errors import BadInput, near_or_all
-from ..fit import Fit
-from ..model import Model
-from ..motion_model import MotionModel
-from ..vehicle import Vehicle
-from ..version import __version__
+from ..fitting.fit import Fit
+from ..models.model import Model
+from ..models.motion_model import MotionModel
+from ..models.vehicle import Vehicle
 from .equations import Equations
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..version import __version__
+from ..base.version import __version__
 from .c.build import cmake, read_me
 from .c.example import example, memory_example
 from .c.memory import MemoryC

@@ -8,7 +8,7 @@ from math import isfinite
 
 import casadi as cs
 
-from ..version import __version__
+from ..base.version import __version__
 from .equations import Equations, Named
 from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions

@@ -10,9 +10,9 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib import resources
 
+from ..base.version import __version__
 from ..engine.compiler import CannotCompile, compiler_command
 from ..engine.motion.schedule import STABLE
-from ..version import __version__
 from .c.motion import MotionC
 from .c.naming import constant, number
 from .equations import Equations, Named

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import casadi as cs
 
-from ..errors import BadInput
+from ..base.errors import BadInput
 from .equations import Equations, Named
 from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions

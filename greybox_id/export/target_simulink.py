@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from ..version import __version__
+from ..base.version import __version__
 from .c.motion import MotionC
 from .c.naming import constant
 from .equations import entries

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from math import atan, sin
 from typing import NamedTuple
 
-from ..datasets.tyre_file import DIGITS
-from ..errors import BadInput
+from ..base.errors import BadInput
+from ..models.tyre_file import DIGITS
 from .origin import KeyOrigin
 from .quoting import one_line
 from .single_track_numbers import HELD, Axle, single_track_of, value_of, without_form_error

@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from ..errors import BadInput, near_or_all
-from ..files import replacing
-from ..guard import claim
+from ..base.errors import BadInput, near_or_all
+from ..base.files import replacing
+from ..base.guard import claim
 from .folder import write_folder
 from .origin import KeyOrigin
 from .subject import Subject

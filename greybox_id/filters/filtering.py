@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..base.shorthands import Array
 from ..engine.compiler import CannotCompile, tell_slow
-from ..shorthands import Array
 from .kernel import CompiledFilter, History, Kept, Kind, SigmaPoints
 from .laid import LaidRun
 from .plain import PlainFilter

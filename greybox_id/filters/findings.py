@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from ..base.errors import BadInput
+from ..base.numbers import exact
+from ..base.shorthands import Array, Mask
+from ..base.signals import unit_of
+from ..datasets.recording import Recording
 from ..engine.motion.runs import MotionRun
-from ..errors import BadInput
-from ..motion_model import MotionModel
-from ..numbers import exact
-from ..recording import Recording
-from ..scores.verdict import distrust
-from ..shorthands import Array, Mask
-from ..signals import unit_of
+from ..fitting.scores.verdict import distrust
+from ..models.motion_model import MotionModel
 from .kernel import History
 from .laid import LaidRun
 from .state_space import Tracked

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import get_args
 
-from ..errors import BadInput, near_or_all
+from ..base.errors import BadInput, near_or_all
 from .filtering import GATE
 from .kernel import Kind, SigmaPoints
 

@@ -16,8 +16,8 @@ from typing import Literal
 import casadi as cs
 import numpy as np
 
+from ..base.shorthands import Array
 from ..engine.compiler import library
-from ..shorthands import Array
 from .sources import ekf_source, ukf_source
 from .state_space import StateSpace
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checks.values import outlying
+from ..base.shorthands import Array, Index
+from ..datasets.checks.values import outlying
+from ..datasets.recording import Recording
 from ..engine.motion.runs import MotionRun, motion_runs
 from ..engine.motion.schedule import longest_segment, schedule
-from ..recording import Recording
-from ..shorthands import Array, Index
 from .state_space import StateSpace
 
 

@@ -9,14 +9,14 @@ from typing import TextIO
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.shorthands import Array
 from ..datasets.column_map import ColumnMap
-from ..effect import Effect
+from ..datasets.recording import Recording
 from ..engine.motion.runs import MotionRun
 from ..engine.motion.schedule import longest_segment
-from ..errors import BadInput
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..shorthands import Array
+from ..models.effect import Effect
+from ..models.motion_model import MotionModel
 from .filtering import Filtering
 from .how import How
 from .laid import LONGEST_GAP, LaidRun

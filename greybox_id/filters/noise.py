@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import BadInput, near_or_all
-from ..recording import Recording
-from ..shorthands import Array
-from ..signals import unit_of
-from ..statistics import white_noise_sd
+from ..base.errors import BadInput, near_or_all
+from ..base.shorthands import Array
+from ..base.signals import unit_of
+from ..base.statistics import white_noise_sd
+from ..datasets.recording import Recording
 from .state_space import StateSpace
 
 PER_ROOT_SECOND = 0.1

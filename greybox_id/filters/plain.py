@@ -11,7 +11,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ..shorthands import Array
+from ..base.shorthands import Array
 from .kernel import History, Kept, Kind, SigmaPoints, blank_history
 from .state_space import StateSpace
 

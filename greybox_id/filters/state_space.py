@@ -25,7 +25,7 @@ import numpy as np
 
 from ..engine.motion.trace import MotionTrace
 from ..engine.sampled import SampledFunction
-from ..motion_model import MotionModel
+from ..models.motion_model import MotionModel
 
 TINY_TIME = 1e-15
 """Added to lengths of segments, s: some have none."""

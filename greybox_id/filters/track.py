@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from ..effect import Effect
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..shorthands import Array
-from ..vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from ..models.effect import Effect
+from ..models.motion_model import MotionModel
+from ..models.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
 from .findings import Consistency
 
 

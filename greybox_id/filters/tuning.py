@@ -19,10 +19,10 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize
 
-from ..errors import BadInput
-from ..motion_model import MotionModel
-from ..parameter import Parameter
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..models.motion_model import MotionModel
+from ..models.parameter import Parameter
 from .filtering import Filtering
 from .laid import LaidRun
 from .state_space import StateSpace

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..effect import Effect
-from ..errors import BadInput, near_or_all
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..shorthands import Array, Say
-from ..signals import unit_of, unit_of_quantity
+from ..base.errors import BadInput, near_or_all
+from ..base.shorthands import Array, Say
+from ..base.signals import unit_of, unit_of_quantity
+from ..datasets.recording import Recording
+from ..models.effect import Effect
+from ..models.motion_model import MotionModel
 from .filtering import Filtering, filtering, smoothed
 from .findings import (
     Consistency,

@@ -15,12 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effect import Effect
-from ..errors import BadInput, near_or_all
-from ..model import Symbol
-from ..motion_model import MotionModel, Quantities
-from ..parameter import Parameter
-from ..signals import unit_of, unit_of_quantity
+from ..base.errors import BadInput, near_or_all
+from ..base.signals import unit_of, unit_of_quantity
+from ..models.effect import Effect
+from ..models.model import Symbol
+from ..models.motion_model import MotionModel, Quantities
+from ..models.parameter import Parameter
 from .state_space import Tracked
 
 SHARE = 0.2

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ..datasets.recording import Recording
+from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..engine.trace import Trace
-from ..memory_model import MemoryModel
-from ..recording import Recording
-from ..scores.timing import RunDelay, Timing, aligned, aligned_together, run_delays
-from ..solvers.gauss_newton import Status, gauss_newton
+from ..models.memory_model import MemoryModel
 from .how import Say
+from .scores.timing import RunDelay, Timing, aligned, aligned_together, run_delays
 from .steps import MOST_STEPS, fit_briefly
 
 ROUNDS = 2

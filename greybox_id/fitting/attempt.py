@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.shorthands import Array
+from ..base.statistics import MIDDLE_HALF, correlation_time
+from ..datasets.recording import Recording
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..solvers.ipopt import ipopt
-from ..statistics import MIDDLE_HALF, correlation_time
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.solvers.ipopt import ipopt
+from ..models.motion_model import MotionModel
 from .how import How, Say, quiet
 
 SHORT_HORIZONS = (4, 100)

@@ -6,16 +6,16 @@ road may beat every baseline on a winding one, and be far from what the model ca
 
 from __future__ import annotations
 
+from ..base.errors import BadInput
+from ..datasets.recording import Recording
 from ..engine.motion.simulator import Simulator
-from ..errors import BadInput
-from ..fit import Fit
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..scores.motion import score_motion
-from ..scores.verdict import times_as_large
-from ..verdict import WITH_CARE, Reason
+from ..models.motion_model import MotionModel
 from .attempt import refitted
+from .fit import Fit
 from .how import How
+from .scores.motion import score_motion
+from .scores.verdict import times_as_large
+from .verdict import WITH_CARE, Reason
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0

@@ -8,11 +8,11 @@ import numpy as np
 
 from ..engine.motion.shooting import MotionProblem
 from ..engine.shooting import Problem
-from ..provenance import Certificate
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..solvers.ipopt import NEAR, SAME, ipopt
-from ..solvers.quasi_newton import refine, settle
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.solvers.ipopt import NEAR, SAME, ipopt
+from ..engine.solvers.quasi_newton import refine, settle
 from .how import Say
+from .provenance import Certificate
 
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 3
 """Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544

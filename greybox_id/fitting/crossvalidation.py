@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.processes import side_by_side
+from ..base.shorthands import Array
+from ..datasets.recording import Recording, join
 from ..engine.shooting import Problem
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.trace import Trace
-from ..errors import BadInput
-from ..memory_model import MemoryModel
-from ..processes import side_by_side
-from ..recording import Recording, join
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..models.memory_model import MemoryModel
 
 FOLDS = 6
 STRETCH = 6

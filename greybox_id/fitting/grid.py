@@ -21,22 +21,22 @@ import pandas as pd
 import scipy.linalg as la
 from threadpoolctl import threadpool_limits
 
+from ..base.errors import BadInput
+from ..base.processes import side_by_side
+from ..base.shorthands import Array
+from ..base.statistics import correlation_time
+from ..datasets.recording import Recording
 from ..engine.shooting import Problem
+from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..engine.trace import Trace
-from ..errors import BadInput
-from ..kinds import must_be
-from ..memory_model import MemoryModel
+from ..models.kinds import must_be
+from ..models.memory_model import MemoryModel
 from ..models.registry import prepared
-from ..processes import side_by_side
-from ..recording import Recording
-from ..scores.memory import aic, errors, predictions
-from ..scores.metrics import Error
-from ..scores.verdict import doubted
-from ..shorthands import Array
-from ..solvers.gauss_newton import Status, gauss_newton
-from ..statistics import correlation_time
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
 from .how import Say, above_zero, quiet
+from .scores.memory import aic, errors, predictions
+from .scores.metrics import Error
+from .scores.verdict import doubted
 from .steps import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, get_args
 
+from ..base.errors import BadInput, near_or_all
 from ..engine.motion.shooting import Starts
-from ..errors import BadInput, near_or_all
-from ..kinds import by_kind
-from ..model import Model
-from ..scores.timing import calibrated_seconds, must_have_timing
+from ..models.kinds import by_kind
+from ..models.model import Model
+from .scores.timing import calibrated_seconds, must_have_timing
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]
 
@@ -71,7 +71,7 @@ class FitOptions:
     >>> gb.FitOptions(horizon=-1)
     Traceback (most recent call last):
     ...
-    greybox_id.errors.BadInput: horizon: seconds above zero are needed, or None for whole runs, not -1.
+    greybox_id.base.errors.BadInput: horizon: seconds above zero are needed, or None for whole runs, not -1.
     """
 
     strengths: Literal["cross-validation", "early stopping"] | float = "cross-validation"

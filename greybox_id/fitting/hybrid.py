@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.errors import BadInput
 from ..engine.hybrid.stretches import stretches
-from ..errors import BadInput
-from ..fit import Fit
-from ..hybrid_model import HybridModel
+from ..models.hybrid_model import HybridModel
+from .fit import Fit
 from .how import refused
 from .networks import fit_network
 from .pretraining import Pretraining

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..checks.finding import Finding
-from ..fit import Fit
-from ..kinds import by_kind
-from ..model import Model
-from ..provenance import DataRecord
-from ..recording import Recording
-from ..scores.metrics import Scores, score_beside_hold, unfitted_scores
-from ..scores.verdict import HELD_OUT, TRAINED, judged
-from ..verdict import USABLE, Reason, Verdict
+from ..datasets.checks.finding import Finding
+from ..datasets.recording import Recording
+from ..models.kinds import by_kind
+from ..models.model import Model
+from .fit import Fit
+from .provenance import DataRecord
+from .scores.metrics import Scores, score_beside_hold, unfitted_scores
+from .scores.verdict import HELD_OUT, TRAINED, judged
+from .verdict import USABLE, Reason, Verdict
 
 
 @dataclass(frozen=True)

@@ -8,25 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.series import runs
 from ..engine.shooting import Problem
+from ..engine.solvers.gauss_newton import Solution, Status
 from ..engine.trace import Trace
-from ..errors import BadInput
-from ..fit import Fit
-from ..kinds import must_be
-from ..memory_model import MemoryModel
-from ..parameter import unpack
-from ..provenance import Stage
-from ..recording import Recording
-from ..scores.timing import calibrated_seconds
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status
-from ..uncertainty import uncertainty
+from ..models.kinds import must_be
+from ..models.memory_model import MemoryModel
+from ..models.parameter import unpack
 from .aligning import alignment
 from .crossvalidation import choose_structure
+from .fit import Fit
 from .how import FOR_MOTION, refused
+from .provenance import Stage
 from .restated import stated_again
+from .scores.timing import calibrated_seconds
 from .steps import fit_alone, fit_together
+from .uncertainty import uncertainty
 from .verb import FitTask, estimated
 
 NO_OPTIMUM = {

@@ -15,21 +15,18 @@ from typing import Any
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.processes import apart, side_by_side
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
 from ..engine.motion.schedule import longest_segment
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
-from ..errors import BadInput
-from ..fit import Fit
-from ..model import Model
-from ..motion_model import MotionModel
-from ..processes import apart, side_by_side
-from ..provenance import Certificate, Stage
-from ..recording import Recording
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..uncertainty import uncertainty
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..models.model import Model
+from ..models.motion_model import MotionModel
 from .attempt import (
     MOST_STEPS,
     SHORT_STEPS,
@@ -44,9 +41,12 @@ from .attempt import (
 )
 from .carrying import carries_over
 from .certificate import certified
+from .fit import Fit
 from .how import FOR_MOTION, How, Say, quiet, refused
 from .judging import carried
+from .provenance import Certificate, Stage
 from .restated import stated_again
+from .uncertainty import uncertainty
 from .verb import FitTask, estimated
 
 CARRIED_ON, LOWER = 2, 1e-6

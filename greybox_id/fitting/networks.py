@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, stretches
-from ..errors import BadInput
-from ..hybrid_model import HybridModel
-from ..recording import Recording
-from ..shorthands import Array
-from ..solvers.quasi_newton import Descent, descend
+from ..engine.solvers.quasi_newton import Descent, descend
+from ..models.hybrid_model import HybridModel
 from .how import How, Say
 from .pretraining import Pretraining, faster, known_physics, pretrained
 from .training import Trained, manoeuvres, split, trained_best

@@ -16,16 +16,16 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ..base.errors import BadInput, near_or_all
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, RateErrors
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.simulator import Simulator
-from ..errors import BadInput, near_or_all
-from ..hybrid_model import HybridModel
-from ..motion_model import MotionModel
-from ..parameter import Prior
-from ..recording import Recording
-from ..shorthands import Array
-from ..solvers.quasi_newton import descend
+from ..engine.solvers.quasi_newton import descend
+from ..models.hybrid_model import HybridModel
+from ..models.motion_model import MotionModel
+from ..models.parameter import Prior
 from .how import Say
 
 Span = Literal["data", "box"]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+from ..base.errors import BadInput, near_or_all
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
-from ..errors import BadInput, near_or_all
-from ..fit import Fit
-from ..kinds import by_kind
-from ..model import Model
-from ..recording import Recording
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..models.kinds import by_kind
+from ..models.model import Model
+from .fit import Fit
 
 TOLERANCE = 1e-10
 

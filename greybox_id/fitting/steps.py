@@ -8,19 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.processes import apart, side_by_side
+from ..base.shorthands import Array
+from ..datasets.recording import Recording, join
 from ..engine.shooting import Problem
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.solvers.ipopt import ipopt
 from ..engine.trace import Trace
-from ..errors import BadInput
-from ..memory_model import MemoryModel
-from ..processes import apart, side_by_side
-from ..provenance import Stage
-from ..recording import Recording, join
-from ..shorthands import Array
-from ..solvers.gauss_newton import Solution, Status, gauss_newton
-from ..solvers.ipopt import ipopt
+from ..models.memory_model import MemoryModel
 from .certificate import certified
 from .crossvalidation import choose_strengths
 from .how import How, Say, quiet
+from .provenance import Stage
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5

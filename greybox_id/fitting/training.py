@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.processes import apart, side_by_side
+from ..base.shorthands import Array
+from ..base.signals import SIGNALS
+from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
-from ..errors import BadInput
-from ..hybrid_model import HybridModel
-from ..parameter import Parameter
-from ..processes import apart, side_by_side
-from ..provenance import Stage
-from ..recording import Recording
-from ..shorthands import Array
-from ..signals import SIGNALS
-from ..solvers.quasi_newton import Descent, descend
+from ..engine.solvers.quasi_newton import Descent, descend
+from ..models.hybrid_model import HybridModel
+from ..models.parameter import Parameter
 from .how import How, Say, quiet
+from .provenance import Stage
 
 HELD_OUT = 0.2
 """Share of the manoeuvres that say when to stop."""

@@ -11,25 +11,25 @@ from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
-from ..checks.finding import Finding
-from ..errors import BadInput
-from ..fit import Fit
-from ..kinds import by_kind
-from ..model import Model
-from ..provenance import DataRecord, data_record
-from ..recording import Recording, join
-from ..scores.metrics import as_dict
-from ..scores.timing import (
+from ..base.errors import BadInput
+from ..datasets.checks.finding import Finding
+from ..datasets.recording import Recording, join
+from ..models.kinds import by_kind
+from ..models.model import Model
+from .fit import Fit
+from .how import How, Say, Solver, quiet
+from .judging import judgement
+from .pretraining import Pretraining
+from .provenance import DataRecord, data_record
+from .scores.metrics import as_dict
+from .scores.timing import (
     calibrated_errors,
     calibrated_seconds,
     calibrated_timing,
     calibration_words,
     must_have_timing,
 )
-from ..scores.verdict import distrust, used_signals
-from .how import How, Say, Solver, quiet
-from .judging import judgement
-from .pretraining import Pretraining
+from .scores.verdict import distrust, used_signals
 from .training import TrainedBefore
 
 __all__ = ["FitTask", "How", "Say", "Solver", "estimated", "fit"]

@@ -1,7 +1,7 @@
 """The sim-to-real gap: where it lies, which unmodelled effect causes it, how far it shrinks once that is added."""
 
-from ..estimation.strip import Strip
-from ..scores.horizons import Errors
+from ..fitting.scores.horizons import Errors
+from .estimation.strip import Strip
 from .gap import CHANNELS, REGIMES, Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 __all__ = [

@@ -7,8 +7,8 @@ from math import inf, isfinite
 
 import numpy as np
 
-from ..effect import Effect
-from ..estimation.calibration import CAL
+from ..models.effect import Effect
+from .estimation.calibration import CAL
 from .examining import TINY, Examined
 from .gap import Limit
 

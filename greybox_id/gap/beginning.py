@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.axes import ActingRows, Candidate
-from ..estimation.bench import Bench
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis, Start, by_cost
-from ..estimation.model_error import ModelError
-from ..estimation.noise import Whitener
-from ..estimation.part_bench import PartBench
-from ..estimation.refit import refit, settled
-from ..estimation.search import Search
-from ..estimation.shortlist import of_gain
-from ..shorthands import Array
+from ..base.shorthands import Array
+from .estimation.axes import ActingRows, Candidate
+from .estimation.bench import Bench
+from .estimation.calibration import CAL
+from .estimation.hypothesis import Hypothesis, Start, by_cost
+from .estimation.model_error import ModelError
+from .estimation.noise import Whitener
+from .estimation.part_bench import PartBench
+from .estimation.refit import refit, settled
+from .estimation.search import Search
+from .estimation.shortlist import of_gain
 from .evidence import Costs, price
 from .selection import Selection
 

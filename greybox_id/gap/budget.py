@@ -14,12 +14,12 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.shorthands import Array
+from ..base.statistics import resampled
 from ..engine.simulation import FreeRuns
-from ..estimation.calibration import CAL
-from ..estimation.free_runs import Misfit
-from ..estimation.noise import blocks
-from ..shorthands import Array
-from ..statistics import resampled
+from .estimation.calibration import CAL
+from .estimation.free_runs import Misfit
+from .estimation.noise import blocks
 from .gap import Budget, Share
 
 Set = frozenset[str]

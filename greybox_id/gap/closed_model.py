@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.shorthands import Array
+from ..base.statistics import MIDDLE_HALF, correlation_time
+from ..datasets.recording import Recording
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
-from ..estimation.axes import ActingRows
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.preparing import excerpt, thinned, with_beliefs
+from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..fitting.attempt import LEAST_NOISE
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..scores.horizons import Errors, between, mean_squares
-from ..shorthands import Array
-from ..solvers.gauss_newton import Status, gauss_newton
-from ..statistics import MIDDLE_HALF, correlation_time
+from ..fitting.scores.horizons import Errors, between, mean_squares
+from ..models.motion_model import MotionModel
 from .closing import closure, left_open
+from .estimation.axes import ActingRows
+from .estimation.calibration import CAL
+from .estimation.hypothesis import Hypothesis
+from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
 from .gap import Closure, Moved
 

@@ -11,18 +11,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effect import Effect
+from ..base.shorthands import Array
+from ..base.signals import unit_of
+from ..base.statistics import resampled
+from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
-from ..estimation.calibration import CAL
-from ..estimation.free_runs import Misfit, plain, refitted_tolerances
-from ..estimation.noise import blocks, stated_noise
-from ..estimation.variance import fresh
-from ..recording import Recording
-from ..scores.horizons import Errors, by_horizon, diverges
-from ..shorthands import Array
-from ..signals import unit_of
-from ..statistics import resampled
-from ..vehicle import Vehicle
+from ..fitting.scores.horizons import Errors, by_horizon, diverges
+from ..models.effect import Effect
+from ..models.vehicle import Vehicle
+from .estimation.calibration import CAL
+from .estimation.free_runs import Misfit, plain, refitted_tolerances
+from .estimation.noise import blocks, stated_noise
+from .estimation.variance import fresh
 from .gap import Closure
 
 

@@ -10,29 +10,29 @@ import numpy as np
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from ..checks import Severity, check
-from ..checks.finding import listed
-from ..effect import Effect
+from ..base.errors import BadInput
+from ..base.numbers import pretty_unit
+from ..base.statistics import NORMAL
+from ..datasets.checks import Severity, check
+from ..datasets.checks.finding import listed
+from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed
-from ..errors import BadInput
-from ..estimation.axes import ActingRows
-from ..estimation.calibration import CAL
-from ..estimation.constancy import Spread
-from ..estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.observer import PULLED
-from ..estimation.strip import strip
-from ..estimation.variance import fresh
-from ..estimation.wandering import Wander
-from ..numbers import pretty_unit
-from ..recording import Recording
-from ..scores.horizons import by_horizon
-from ..statistics import NORMAL
-from ..vehicle import Vehicle
+from ..fitting.scores.horizons import by_horizon
+from ..models.effect import Effect
+from ..models.vehicle import Vehicle
 from .advice import advice, limits, not_excited, unread
 from .budget import budget, subsets
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
+from .estimation.axes import ActingRows
+from .estimation.calibration import CAL
+from .estimation.constancy import Spread
+from .estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
+from .estimation.hypothesis import Hypothesis
+from .estimation.observer import PULLED
+from .estimation.strip import strip
+from .estimation.variance import fresh
+from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, examine
 from .gap import Budget, Gap, Ranked

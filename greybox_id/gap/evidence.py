@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
-from ..estimation.axes import Candidate
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.noise import Colour
-from ..shorthands import Array
+from ..base.shorthands import Array
+from .estimation.axes import Candidate
+from .estimation.calibration import CAL
+from .estimation.hypothesis import Hypothesis
+from .estimation.noise import Colour
 from .selection import Selection
 
 NEVER = 1e6

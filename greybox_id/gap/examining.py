@@ -9,30 +9,30 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks.finding import listed
-from ..effect import Effect
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..datasets.checks.finding import listed
+from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
-from ..errors import BadInput
-from ..estimation.axes import candidates, nuisances, shifting
-from ..estimation.bench import Bench
-from ..estimation.calibration import CAL
-from ..estimation.constancy import Spread, orders_of, stretch, varies
-from ..estimation.free_runs import at_their_best, misfit, plain
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
-from ..estimation.model_error import believed as believed_amplitudes
-from ..estimation.noise import Whitener, colour, sound, stated_noise, white_noise
-from ..estimation.observer import PULLED
-from ..estimation.preparing import Prepared, excerpt, prepare
-from ..estimation.search import Search
-from ..estimation.unknown_forces import knows_unknown_forces
-from ..estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
-from ..estimation.wandering import Wander, wandering
-from ..recording import Recording
-from ..shorthands import Array
-from ..vehicle import Vehicle
+from ..models.effect import Effect
+from ..models.vehicle import Vehicle
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
+from .estimation.axes import candidates, nuisances, shifting
+from .estimation.bench import Bench
+from .estimation.calibration import CAL
+from .estimation.constancy import Spread, orders_of, stretch, varies
+from .estimation.free_runs import at_their_best, misfit, plain
+from .estimation.hypothesis import Hypothesis
+from .estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
+from .estimation.model_error import believed as believed_amplitudes
+from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
+from .estimation.observer import PULLED
+from .estimation.preparing import Prepared, excerpt, prepare
+from .estimation.search import Search
+from .estimation.unknown_forces import knows_unknown_forces
+from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
+from .estimation.wandering import Wander, wandering
 from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals

@@ -8,10 +8,10 @@ from math import isfinite, nan, sqrt
 from typing import Any
 
 from ..engine.simulation import Diagnosed
-from ..estimation.calibration import CAL
-from ..estimation.strip import Strip
-from ..estimation.wandering import Wander
-from ..scores.horizons import Errors
+from ..fitting.scores.horizons import Errors
+from .estimation.calibration import CAL
+from .estimation.strip import Strip
+from .estimation.wandering import Wander
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """What a diagnosis looks at, in this order."""

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effect import Effect
+from ..base.shorthands import Array
 from ..engine.simulation import FreeRuns
-from ..estimation.calibration import CAL
-from ..estimation.shortlist import Promise
-from ..estimation.strip import running
-from ..shorthands import Array
+from ..models.effect import Effect
+from .estimation.calibration import CAL
+from .estimation.shortlist import Promise
+from .estimation.strip import running
 from .gap import Where
 
 EQUATIONS = {

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import BadInput
-from ..estimation.axes import Candidate
-from ..estimation.calibration import CAL
-from ..estimation.hypothesis import Hypothesis, Start, by_cost
-from ..estimation.noise import Whitener
-from ..estimation.refit import refit, settled, with_slopes
-from ..estimation.search import Search
-from ..estimation.shortlist import Promise, from_where_best, promises
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from .estimation.axes import Candidate
+from .estimation.calibration import CAL
+from .estimation.hypothesis import Hypothesis, Start, by_cost
+from .estimation.noise import Whitener
+from .estimation.refit import refit, settled, with_slopes
+from .estimation.search import Search
+from .estimation.shortlist import Promise, from_where_best, promises
 
 
 @dataclass(frozen=True)

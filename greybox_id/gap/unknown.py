@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from ..base.shorthands import Array
 from ..engine.simulation import FreeRuns
-from ..estimation.calibration import CAL
-from ..estimation.constancy import varies
-from ..estimation.hypothesis import Hypothesis
-from ..estimation.model_error import Amplitudes
-from ..estimation.search import Search
-from ..shorthands import Array
+from .estimation.calibration import CAL
+from .estimation.constancy import varies
+from .estimation.hypothesis import Hypothesis
+from .estimation.model_error import Amplitudes
+from .estimation.search import Search
 from .gap import Unnamed
 
 

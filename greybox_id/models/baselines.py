@@ -14,13 +14,13 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ..memory_model import MemoryModel, Past
-from ..model import Namespace, Symbol
-from ..parameter import Parameter, Prior
-from ..recording import Recording
+from ..datasets.recording import Recording
+from .memory_model import MemoryModel, Past
+from .model import Namespace, Symbol
 from .msnn_lat import average_gain
 from .msnn_long import GRAVITY
 from .msnn_parts import centres, fading, fading_prior, memberships, over
+from .parameter import Parameter, Prior
 from .settings import within
 
 TYPICAL_RANGE = {"v_x": 1.0, "motor_current": 3.0, "steer": 0.2}

@@ -36,12 +36,12 @@ from math import pi, tan
 import casadi as cs
 import numpy as np
 
-from ..model import Symbol
-from ..motion_model import MotionModel, Quantities
-from ..parameter import Parameter, Prior
-from ..shorthands import Array
+from ..base.shorthands import Array
 from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
+from .model import Symbol
+from .motion_model import MotionModel, Quantities
+from .parameter import Parameter, Prior
 from .roughness import TRACK_SD, steered_wheels
 from .single_track import G
 from .smooth import forward_speed

@@ -27,12 +27,12 @@ from math import ceil
 import casadi as cs
 import numpy as np
 
-from ..errors import BadInput
-from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
-from ..model import Namespace, Symbol
-from ..parameter import Parameter, Prior
-from ..recording import Recording
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from .hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
+from .model import Namespace, Symbol
+from .parameter import Parameter, Prior
 from .settings import within
 from .single_track import BODY, DRIVE, G
 from .smooth import remaining

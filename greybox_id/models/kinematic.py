@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass
 
 import casadi as cs
 
-from ..model import Combination, Namespace, Symbol
-from ..motion_model import MotionModel, Quantities, State
-from ..parameter import Parameter
+from .model import Combination, Namespace, Symbol
+from .motion_model import MotionModel, Quantities, State
+from .parameter import Parameter
 from .single_track import BODY
 
 LEAST_SHARE = 0.1

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 
 import casadi as cs
 
-from ..model import Namespace, Symbol
-from ..motion_model import MotionModel, Quantities, State
+from .model import Namespace, Symbol
+from .motion_model import MotionModel, Quantities, State
 from .single_track import BODY, G, combinations
 from .smooth import SLIPPING, forward_speed, steer_slip
 from .tyres import Tyre, axle, pacejka

@@ -23,12 +23,12 @@ from typing import cast, get_args
 import casadi as cs
 import numpy as np
 
-from ..errors import BadInput, near_or_all
-from ..hybrid_model import Carried, FeedForwardNetwork, HybridModel, Integrator
-from ..model import Namespace, Symbol
-from ..parameter import Parameter
-from ..recording import Recording
+from ..base.errors import BadInput, near_or_all
+from ..datasets.recording import Recording
 from .hybrid import sized, v_y_of, weights
+from .hybrid_model import Carried, FeedForwardNetwork, HybridModel, Integrator
+from .model import Namespace, Symbol
+from .parameter import Parameter
 from .settings import within
 from .single_track import BODY, G
 from .tyres import axle, pacejka

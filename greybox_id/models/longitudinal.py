@@ -13,10 +13,10 @@ from collections.abc import Mapping
 
 import casadi as cs
 
-from ..model import Combination, Namespace, Symbol
-from ..motion_model import MotionModel, Quantities, State
-from ..parameter import Parameter
 from .effects.elements import lag
+from .model import Combination, Namespace, Symbol
+from .motion_model import MotionModel, Quantities, State
+from .parameter import Parameter
 from .single_track import BODY, DRIVE, G
 from .smooth import sign_of_motion
 

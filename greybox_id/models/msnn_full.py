@@ -24,11 +24,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from ..errors import BadInput
-from ..memory_model import MemoryModel, Past
-from ..model import Namespace, Symbol
-from ..recording import Recording
+from ..base.errors import BadInput
+from ..datasets.recording import Recording
 from .effects import sensor_latency_imu, steering_rate_limit
+from .memory_model import MemoryModel, Past
+from .model import Namespace, Symbol
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..memory_model import MemoryModel, Past
-from ..model import Namespace, Symbol
-from ..parameter import Parameter, Prior
-from ..recording import Recording
+from ..datasets.recording import Recording
+from .memory_model import MemoryModel, Past
+from .model import Namespace, Symbol
 from .msnn_parts import centres, fading, fading_prior, memberships, over
+from .parameter import Parameter, Prior
 from .settings import within
 
 TYPICAL_GAIN = 3.0

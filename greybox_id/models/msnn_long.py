@@ -15,12 +15,12 @@ from dataclasses import asdict, dataclass, replace
 import casadi as cs
 import numpy as np
 
-from ..memory_model import MemoryModel, Past
-from ..model import Namespace, Symbol
-from ..parameter import Parameter, Prior
-from ..recording import Recording
-from ..shorthands import Array
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from .memory_model import MemoryModel, Past
+from .model import Namespace, Symbol
 from .msnn_parts import centres, fading, fading_prior, memberships, over
+from .parameter import Parameter, Prior
 from .settings import within
 
 GRAVITY = 9.81  # m/s^2

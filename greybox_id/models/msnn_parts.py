@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import casadi as cs
 import numpy as np
 
-from ..errors import BadInput
-from ..model import Symbol
-from ..parameter import Prior
-from ..shorthands import Array
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from .model import Symbol
+from .parameter import Prior
 
 
 def memberships(x: Symbol, centres: Sequence[float]) -> list[Symbol]:

@@ -9,10 +9,10 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 
-from ..effect import Effect
-from ..errors import BadInput, near_or_all
-from ..files import near_file
-from ..model import Model
+from ..base.errors import BadInput, near_or_all
+from ..base.files import near_file
+from .effect import Effect
+from .model import Model
 from .registry import register
 
 _PLACE = re.compile(r"(.+\.py):([^\W\d]\w*)")

@@ -10,13 +10,8 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
-from ..effect import AnyModel, Effect
-from ..errors import BadInput, near
-from ..kinds import must_be
-from ..model import Model
-from ..motion_model import MotionModel
-from ..recording import Recording
-from ..vehicle import Stated, Vehicle
+from ..base.errors import BadInput, near
+from ..datasets.recording import Recording
 from .baselines import (
     GeneralSettings,
     LateralBenchSettings,
@@ -27,13 +22,17 @@ from .baselines import (
     msnn_bench_lat,
     msnn_bench_long,
 )
+from .effect import AnyModel, Effect
 from .effects import EFFECTS
 from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
+from .kinds import must_be
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
+from .model import Model
+from .motion_model import MotionModel
 from .msnn_full import (
     FullSettings,
     PlusSettings,
@@ -48,6 +47,7 @@ from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
 from .single_track import DRIVES, single_track
 from .tyres import TYRES, TyreSettings
+from .vehicle import Stated, Vehicle
 from .vehicles import stated_effect, with_vehicle
 
 __all__ = [

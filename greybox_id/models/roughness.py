@@ -12,14 +12,14 @@ from typing import Any
 
 import casadi as cs
 
-from ..effect import AnyModel, Effect
-from ..model import Symbol
-from ..motion_model import MotionModel, Quantities
-from ..parameter import Parameter, Prior
-from ..vehicle import Vehicle
+from .effect import AnyModel, Effect
 from .effects.stating import speed
 from .effects.tyres import FRONT_SHARE
+from .model import Symbol
+from .motion_model import MotionModel, Quantities
+from .parameter import Parameter, Prior
 from .single_track import G
+from .vehicle import Vehicle
 
 GROUP = "roughness"
 FORM_SD = 0.01

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
-from ..errors import BadInput, near
+from ..base.errors import BadInput, near
 
 T = TypeVar("T")
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 
 import casadi as cs
 
-from ..model import Combination, Namespace, Symbol
-from ..motion_model import MotionModel, Quantities, State
-from ..parameter import Parameter
+from .model import Combination, Namespace, Symbol
+from .motion_model import MotionModel, Quantities, State
+from .parameter import Parameter
 from .smooth import SLIPPING, forward_speed, sign_of_motion, steer_slip
 from .tyres import Tyre, axle, pacejka
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as cs
 
-from ..model import Symbol
-from ..motion_model import Validity
+from .model import Symbol
+from .motion_model import Validity
 
 SLOWEST = 0.5
 """Below this speed, m/s, slip angles are computed as if the vehicle rolled this fast."""

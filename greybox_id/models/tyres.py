@@ -13,9 +13,9 @@ from types import SimpleNamespace
 
 import casadi as cs
 
-from ..errors import BadInput, near
-from ..model import Namespace, Symbol
-from ..parameter import Parameter
+from ..base.errors import BadInput, near
+from .model import Namespace, Symbol
+from .parameter import Parameter
 
 STEEPEST = 1.5
 """Slip angle, rad, beyond which its tangent no longer grows; every tyre slides there."""

@@ -10,12 +10,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from math import hypot
 
-from ..effect import AnyModel, Effect
-from ..errors import BadInput
-from ..parameter import Parameter, Prior
-from ..vehicle import Stated, Vehicle
+from ..base.errors import BadInput
+from .effect import AnyModel, Effect
 from .longitudinal import WHEELS
+from .parameter import Parameter, Prior
 from .single_track import BODY, DRIVE, G
+from .vehicle import Stated, Vehicle
 
 MEASURED = ("m", "l_f", "l_r", "h_cg", "track_f", "track_r", "wheel_radius", "I_w")
 """Geometry and mass: held when a number is stated alone."""

@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..base.numbers import counted, listed, number, percent, pretty_unit, signal_words
+from ..base.numbers import interval as interval_of
+from ..base.shorthands import Array, Index
+from ..base.signals import SIGNALS, unit_of
+from ..base.statistics import correlation_time, resampled
+from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
-from ..fit import Fit
-from ..numbers import counted, listed, number, percent, pretty_unit, signal_words
-from ..numbers import interval as interval_of
-from ..recording import Recording
-from ..scores.metrics import FREE_RUN
-from ..shorthands import Array, Index
-from ..signals import SIGNALS, unit_of
-from ..statistics import correlation_time, resampled
+from ..fitting.fit import Fit
+from ..fitting.scores.metrics import FREE_RUN
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
 from .figures.sheet import sheet_of
 from .figures.style import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ..fit import Fit
-from ..numbers import capital, counted, interval, listed, number, percent, pretty_unit, signal_words, with_sd
-from ..parameter import Parameter
-from ..provenance import DataRecord, Stage
-from ..signals import unit_of
+from ..base.numbers import capital, counted, interval, listed, number, percent, pretty_unit, signal_words, with_sd
+from ..base.signals import unit_of
+from ..fitting.fit import Fit
+from ..fitting.provenance import DataRecord, Stage
+from ..models.parameter import Parameter
 from .document import Formulas, Part, Points, Table, Text
 from .equations.expression import Equation, readable
 from .figures.estimates import same_as_best, spread_of

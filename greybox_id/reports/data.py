@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..checks import Finding, check
+from ..base.errors import BadInput
+from ..base.numbers import counted, number, percent, pretty_unit, raised, signal_words
+from ..base.shorthands import Array
+from ..base.signals import unit_of
+from ..datasets.checks import Finding, check
 from ..datasets.column_map import Column, column_map
-from ..errors import BadInput
-from ..numbers import counted, number, percent, pretty_unit, raised, signal_words
-from ..recording import Recording
-from ..shorthands import Array
-from ..signals import unit_of
+from ..datasets.recording import Recording
 from .document import Drawing, Part, Points, Table, Text, titled
 from .figures.characteristics import excitation
 from .recordings import Seen, of_role

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..files import write_atomically
+from ..base.files import write_atomically
 from .equations.expression import Equation
 
 if TYPE_CHECKING:  # matplotlib is loaded where something is drawn

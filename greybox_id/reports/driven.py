@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.motion.prediction import Predictor
 from ..engine.motion.runs import MotionRun, recorded_outputs
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Prediction
-from ..fit import Fit
-from ..motion_model import MotionModel
-from ..provenance import DataRecord
-from ..recording import Recording
-from ..scores.metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
-from ..scores.motion import hold
-from ..shorthands import Array
+from ..fitting.fit import Fit
+from ..fitting.provenance import DataRecord
+from ..fitting.scores.metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
+from ..fitting.scores.motion import hold
+from ..models.motion_model import MotionModel
 from .recordings import Seen, matched, of_role
 
 SHOWN = ("alpha_f", "alpha_r")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ..numbers import listed, signal_words
+from ..base.numbers import listed, signal_words
 from .document import Drawing
 from .figures.predictions import residual_correlations, spectrum, traces
 from .noise import Noise

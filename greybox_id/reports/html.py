@@ -6,8 +6,8 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from ..files import write_atomically
-from ..guard import MARK
+from ..base.files import write_atomically
+from ..base.guard import MARK
 from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .equations.typesetting import in_mathml
 from .figures.style import DARK, LIGHT

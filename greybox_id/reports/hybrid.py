@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..fit import Fit
-from ..hybrid_model import HybridModel
-from ..numbers import capital, counted, listed, number, signal_words
-from ..posterior.posterior import Posterior
-from ..recording import Recording
-from ..scores.estimates import apply_hybrid
-from ..scores.hybrid import hybrid_predictions
-from ..scores.metrics import FREE_RUN
-from ..shorthands import Array
+from ..base.numbers import capital, counted, listed, number, signal_words
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.scores.estimates import apply_hybrid
+from ..fitting.scores.hybrid import hybrid_predictions
+from ..fitting.scores.metrics import FREE_RUN
+from ..models.hybrid_model import HybridModel
 from .content import ended, made_with, scalars, stages, written_down
 from .document import Drawing, Part, Text, titled
 from .equations.hybrid import hybrid_equations, network_words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..design.plan import Design
+from ..gap.design.plan import Design
 from .figures.sheet import Sheet, band
 from .figures.style import BLUE, DASHED, INK, ORANGE, PALE, look
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fit import Fit
-from ..memory_model import MemoryModel
-from ..numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
-from ..posterior.posterior import Posterior
-from ..provenance import Stage
-from ..recording import Recording
-from ..scores.memory import predictions, protocols
-from ..signals import unit_of
+from ..base.numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
+from ..base.signals import unit_of
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.provenance import Stage
+from ..fitting.scores.memory import predictions, protocols
+from ..models.memory_model import MemoryModel
 from .content import (
     OBJECTIVE,
     ROLE_WORDS,

@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..fit import SURPRISING, Fit
-from ..motion_model import MotionModel
-from ..numbers import (
+from ..base.numbers import (
     capital,
     counted,
     interval,
@@ -25,13 +23,15 @@ from ..numbers import (
     signal_words,
     with_sd,
 )
-from ..parameter import Parameter
-from ..posterior.posterior import Posterior
-from ..provenance import Stage
-from ..recording import Recording
-from ..scores.metrics import FREE_RUN, HORIZONS, ahead
-from ..signals import unit_of
-from ..uncertainty.identifiability import absent, left_open, told_together
+from ..base.signals import unit_of
+from ..datasets.recording import Recording
+from ..fitting.fit import SURPRISING, Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.provenance import Stage
+from ..fitting.scores.metrics import FREE_RUN, HORIZONS, ahead
+from ..fitting.uncertainty.identifiability import absent, left_open, told_together
+from ..models.motion_model import MotionModel
+from ..models.parameter import Parameter
 from .content import (
     OBJECTIVE,
     ROLE_WORDS,

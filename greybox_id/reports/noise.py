@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend
 
-from ..recording import Recording
-from ..shorthands import Array
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 
 REST_SHARE = 0.003
 """At rest: slower than this share of the top speed (the 99 % quantile of speed)."""

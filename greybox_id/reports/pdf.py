@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import typst
 
-from ..errors import BadInput
-from ..files import replacing
-from ..guard import MARK
+from ..base.errors import BadInput
+from ..base.files import replacing
+from ..base.guard import MARK
 from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .equations.typesetting import in_typst
 from .words import Span, is_symbol_index, named, spans

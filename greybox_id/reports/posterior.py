@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..fit import Fit
-from ..numbers import interval, number, pretty_unit, signal_words
-from ..posterior.posterior import Posterior
-from ..posterior.predictive import PredictiveBand, predictive_band
-from ..recording import Recording
+from ..base.numbers import interval, number, pretty_unit, signal_words
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.posterior.predictive import PredictiveBand, predictive_band
 from .document import Drawing, Part, Points, Table, Text, titled
 from .driven import Driven
 from .figures.estimates import corner

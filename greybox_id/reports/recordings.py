@@ -8,13 +8,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
-from ..errors import BadInput
-from ..fit import Fit
-from ..provenance import DataRecord
-from ..recording import Recording
-from ..scores.metrics import FREE_RUN
-from ..shorthands import Array
+from ..fitting.fit import Fit
+from ..fitting.provenance import DataRecord
+from ..fitting.scores.metrics import FREE_RUN
 
 SECONDS = 15.0
 """Length of a typical stretch."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import BadInput
-from ..fit import Fit
-from ..model import Model
-from ..posterior.posterior import Posterior
-from ..posterior.verb import must_suit_sampling
-from ..recording import Recording
+from ..base.errors import BadInput
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.posterior.verb import must_suit_sampling
+from ..models.model import Model
 from .content import can_be_used, noise_words, recorded
 from .data import data_parts, limits
 from .document import Document, Pairs, Text, VerdictBox, titled

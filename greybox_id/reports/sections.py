@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..fit import Fit
-from ..kinds import by_kind
-from ..model import Model
-from ..numbers import capital, counted, listed, percent, pretty_unit, signal_words, with_sd
-from ..posterior.posterior import Posterior
-from ..recording import Recording
-from ..reports.equations.tracing import traced
-from ..scores.metrics import FREE_RUN
-from ..scores.prediction import simulate
-from ..signals import unit_of
+from ..base.numbers import capital, counted, listed, percent, pretty_unit, signal_words, with_sd
+from ..base.signals import unit_of
+from ..datasets.recording import Recording
+from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.scores.metrics import FREE_RUN
+from ..fitting.scores.prediction import simulate
+from ..models.kinds import by_kind
+from ..models.model import Model
 from .content import OBJECTIVE, ROLE_WORDS, circumstances, ended, made_with, scalars, stages, written_down
 from .document import Part, Table, Text, titled
+from .equations.tracing import traced
 from .recordings import Seen, matched
 
 EQUATIONS = "Written down from the model itself, with the effects added to it."

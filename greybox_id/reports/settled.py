@@ -8,10 +8,10 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
+from ..base.shorthands import Array
 from ..engine.motion.trace import MotionTrace
-from ..motion_model import MotionModel
-from ..parameter import Parameter
-from ..shorthands import Array
+from ..models.motion_model import MotionModel
+from ..models.parameter import Parameter
 
 ROUNDS, SETTLED = 30, 1e-9
 """Newton steps to a steady state, at most, and the rates in it, per state's scale and second."""

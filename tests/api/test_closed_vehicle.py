@@ -12,16 +12,16 @@ from memory_cases import made
 from toys import tiny
 
 from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
-from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
-from greybox_id.datasets.vehicle_file import write_vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.gap import Ranked
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
-from greybox_id.scores.prediction import simulate
-from greybox_id.vehicle import ChosenModel, Stated
+from greybox_id.models.vehicle import ChosenModel, Stated
+from greybox_id.models.vehicle_file import vehicle as read_vehicle
+from greybox_id.models.vehicle_file import write_vehicle
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 

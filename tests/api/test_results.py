@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 import greybox_id as gb
-from greybox_id.fit import Fit
-from greybox_id.scores.metrics import score
-from greybox_id.scores.prediction import simulate
+from greybox_id.fitting.fit import Fit
+from greybox_id.fitting.scores.metrics import score
+from greybox_id.fitting.scores.prediction import simulate
 
 mpl.use("Agg")
 

@@ -74,8 +74,8 @@ def test_importing_it_loads_no_library():
 
 def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():
     code = (
-        "import greybox_id as gb; import greybox_id.fit, greybox_id.export.verb, greybox_id.models.registry;"
-        "from greybox_id.fit import Fit; from greybox_id.export import subject;"
+        "import greybox_id as gb; import greybox_id.fitting.fit, greybox_id.export.verb, greybox_id.models.registry;"
+        "from greybox_id.fitting.fit import Fit; from greybox_id.export import subject;"
         "assert callable(gb.fit) and callable(gb.export) and callable(gb.models.single_track);"
         "assert issubclass(gb.Fit, Fit)"
     )

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from calling import greybox, refused
 
-from greybox_id.datasets.virtual_vehicle import drive, random_vehicle, vehicle_file_text
+from greybox_lab.virtual.virtual_vehicle import drive, random_vehicle, vehicle_file_text
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from calling import greybox
 from driven import driven, written
 
-from greybox_id.processes import FORKS
+from greybox_id.base.processes import FORKS
 
 
 @pytest.fixture(scope="module")

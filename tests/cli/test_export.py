@@ -10,14 +10,14 @@ import pytest
 from calling import greybox, refused
 from networks import FOLDER
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
 from greybox_id.export.verb import TARGETS
 from greybox_id.fitting import How
 from greybox_id.fitting import fit as fit_model
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
 
 
 @pytest.fixture(scope="module")

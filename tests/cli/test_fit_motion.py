@@ -8,10 +8,10 @@ import pytest
 from calling import greybox, refused
 from driven import driven, without, written
 
-from greybox_id.choices.wanted import doubts_of_drive
-from greybox_id.fit import load
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.choices.wanted import doubts_of_drive
+from greybox_id.fitting.fit import load
 from greybox_id.models.registry import build
-from greybox_id.recording import Recording
 
 HELD = ["--fix", "C_f", "--fix", "C_r", "--fix", "m"]
 STIFF = 1.2

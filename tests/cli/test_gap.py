@@ -11,12 +11,12 @@ from driven import driven, without, written
 from made_gaps import CASES, clear, none, unknown
 from rich.console import Console
 
+from greybox_id.base.errors import BadInput
 from greybox_id.cli.gap import diagnosed, show
-from greybox_id.datasets.vehicle_file import vehicle as read_vehicle
-from greybox_id.errors import BadInput
 from greybox_id.fitting import How, fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
+from greybox_id.models.vehicle_file import vehicle as read_vehicle
 from greybox_id.reports.gap.saved import load_gap
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")

@@ -8,12 +8,12 @@ from calling import greybox, refused
 from driven import without, written
 from toys import drive, tiny
 
+from greybox_id.base.errors import BadInput
 from greybox_id.cli.gap import diagnosed
-from greybox_id.errors import BadInput
+from greybox_id.datasets.recording import join
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.effects import EFFECTS
-from greybox_id.recording import join
-from greybox_id.scores.memory import predictions
 
 
 def made(late, seed):

@@ -160,7 +160,7 @@ def test_the_page_has_every_command():
 
 
 def test_keys_of_a_bench_are_those_of_the_page(tmp_path, monkeypatch):
-    import greybox_id.bench.msnn as bench
+    import greybox_lab.papers.msnn as bench
 
     monkeypatch.setattr(bench, "ENTRIES", bench.ENTRIES[:1])
     monkeypatch.setattr(bench, "_closed", lambda *_: [])

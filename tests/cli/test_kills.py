@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 from driven import driven, written
 
-from greybox_id.fit import load
+from greybox_id.base.scratch import NAME
+from greybox_id.fitting.fit import load
 from greybox_id.models.registry import build
-from greybox_id.scratch import NAME
 
 LINUX = sys.platform.startswith("linux")
 KILLS = int(os.environ.get("GREYBOX_KILLS", "6"))

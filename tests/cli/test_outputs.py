@@ -13,9 +13,9 @@ from calling import greybox, refused
 from driven import driven, written
 from networks import FOLDER as NETWORKS
 
+from greybox_id.base.guard import content_of
 from greybox_id.cli import greybox as root
 from greybox_id.cli.commands import WRITTEN, Guarded
-from greybox_id.guard import content_of
 
 READ = (
     "--columns", "--vehicle", "--fit", "--train", "--validate", "--held-out", "--real", "--own", "--data", "--since",

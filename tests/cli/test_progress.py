@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from greybox_id.base.processes import Pace
 from greybox_id.cli import output
-from greybox_id.processes import Pace
 
 
 def test_the_pace_of_what_is_done_says_how_long_the_rest_takes(monkeypatch):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.clocks import Readings, on_one_clock
-from greybox_id.errors import BadInput
 
 
 def joined(*groups, named=None, hold="zero"):

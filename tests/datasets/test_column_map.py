@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from greybox_id.base.errors import BadInput, GreyboxError
+from greybox_id.base.signals import SIGNALS
+from greybox_id.base.units import to_si
 from greybox_id.datasets.column_map import column_map, parse_column_map, shipped_maps
-from greybox_id.errors import BadInput, GreyboxError
-from greybox_id.signals import SIGNALS
-from greybox_id.units import to_si
 
 GOOD = """
 name = "mine"

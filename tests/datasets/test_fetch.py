@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from calling import greybox, refused
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.public import ATTEMPTS, HASHES, PUBLIC, PublicDataset, Remote, fetch
-from greybox_id.errors import BadInput
 
 CONTENT = b"".join(b"%d,%d\n" % (k, k * k) for k in range(40_000))
 SHA = hashlib.sha256(CONTENT).hexdigest()

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 STEPS = np.arange(50) * 10_000_001  # ns
 NS = 1_731_000_000_123_456_789 + STEPS

@@ -6,11 +6,11 @@ import pytest
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import RACER, simulate
 
-from greybox_id.checks import check
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.checks import check
 from greybox_id.datasets.column_map import Reference, parse_column_map
 from greybox_id.datasets.poses import MADE, motion
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 AT = Reference(forward=0.022, left=-0.01, heading=-0.0077)
 NOISE = 0.0005, 0.001  # m, rad

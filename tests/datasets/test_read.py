@@ -12,9 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from greybox_id.base.errors import BadInput, GreyboxError
 from greybox_id.datasets.column_map import column_map, parse_column_map
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput, GreyboxError
 
 ROWS = 6
 CSV = "t,Speed,accx,accy,yaw_rate,steering_angle,current\n" + "".join(

@@ -11,9 +11,9 @@ import pytest
 from calling import greybox, refused
 from mcap.reader import make_reader
 
+from greybox_id.base.errors import BadInput
+from greybox_id.base.guard import content_of
 from greybox_id.datasets.result_table import TOPIC, target_of, write_table
-from greybox_id.errors import BadInput
-from greybox_id.guard import content_of
 from greybox_id.models.registry import build
 
 TABLE = pd.DataFrame(

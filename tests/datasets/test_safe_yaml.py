@@ -5,8 +5,8 @@ import time
 import pytest
 from calling import refused
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.safe_yaml import parse_yaml, read_yaml
-from greybox_id.errors import BadInput
 
 HOSTILE = {
     "object": "!!python/object/apply:os.system ['true']",

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from independent import rate_limited
 from toys import DT, drive, joined, linear_toy, scattered, speed_toy, tiny
 
+from greybox_id.base.errors import BadModel
 from greybox_id.engine.elements import Sensing
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
-from greybox_id.errors import BadModel
-from greybox_id.memory_model import SampledActuator
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
-from greybox_id.scores.memory import predictions
+from greybox_id.models.memory_model import SampledActuator
 
 
 @given(st.floats(0.1, 20.0), st.integers(0, 99))

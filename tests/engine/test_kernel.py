@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from greybox_id import scratch
+from greybox_id.base import scratch
 from greybox_id.engine import compiler, emit, kernel
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN

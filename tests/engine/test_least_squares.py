@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.engine.least_squares import prior_rows
-from greybox_id.parameter import Parameter, Prior
+from greybox_id.models.parameter import Parameter, Prior
 
 
 def half_squares(parameters, p, strengths=None):

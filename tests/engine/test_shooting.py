@@ -9,7 +9,7 @@ from toys import TINY, drive, joined, linear_toy, scattered, speed_toy, tiny
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
-from greybox_id.parameter import Parameter, Prior
+from greybox_id.models.parameter import Parameter, Prior
 
 
 def problem_of(model, *recordings, closed_loop=False, **more):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from toys import linear_toy, tiny
 
+from greybox_id.base.errors import BadModel
 from greybox_id.engine.trace import Trace
-from greybox_id.errors import BadModel
 
 
 def test_memory_is_the_longest_window():

@@ -5,14 +5,14 @@ import pytest
 from exported import MEMORY, memory, subject
 from toys import drive, linear_toy
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.elements import Actuation
 from greybox_id.engine.trace import Trace
-from greybox_id.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.memory_equations import MemoryEquations, equations_of
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.scores.memory import predictions
 
 CLOSED = ("msnn_full", "msnn_full_plus")
 

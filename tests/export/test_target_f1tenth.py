@@ -6,13 +6,13 @@ import yaml
 from calling import greybox
 from exported import points, subject
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_f1tenth import cautions, files
 from greybox_id.models.registry import build
 from greybox_id.models.tyres import TYRES
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
 
 G = 9.81
 SMALL = Vehicle("small car", {name: Stated(value) for name, value in {

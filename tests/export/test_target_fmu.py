@@ -12,14 +12,14 @@ import pytest
 from compiled import needed, run
 from lxml import etree
 
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.fmu.steps import steps_of
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_fmu import VERSIONS, files
-from greybox_id.fit import Fit
+from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install fmpy")
 from fmpy.validation import validate_fmu  # noqa: E402

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from exported import EFFECTS, MEMORY, MOTION, memory, motion, points, subject, values, write
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.memory_equations import equations_of
 from greybox_id.export.target_onnx import files
 

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_opendbc import cautions, files, origins
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
 
 
 def made(effects, source="a test"):

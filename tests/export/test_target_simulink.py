@@ -10,13 +10,13 @@ import pytest
 from compiled import STRICT, needed, run
 from scipy.io import loadmat
 
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_simulink import cautions, files, origins
-from greybox_id.fit import Fit
+from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
 
 MEX = """
 #include <stdlib.h>

@@ -9,7 +9,7 @@ from linear_bicycle import SIMROD, VEHICLE
 from linear_bicycle import recorded as bicycle
 from scipy.linalg import expm
 
-from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine import compiler
 from greybox_id.engine.compiler import CannotCompile
 from greybox_id.filters import SigmaPoints
@@ -18,10 +18,10 @@ from greybox_id.filters.plain import PlainFilter
 from greybox_id.filters.state_space import StateSpace, Tracked
 from greybox_id.filters.walking import walking
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.motion_model import MotionModel, State
+from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
-from greybox_id.motion_model import MotionModel, State
-from greybox_id.parameter import Parameter
-from greybox_id.recording import Recording
+from greybox_id.models.vehicle_file import vehicle
 
 NEVER = np.inf
 """No gate."""

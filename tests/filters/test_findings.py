@@ -5,8 +5,8 @@ import pytest
 from driven import driven
 from filter_cases import LinearCase, filtered, needs_compiler
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.runs import MotionRun
-from greybox_id.errors import BadInput
 from greybox_id.filters.findings import (
     bounds,
     consistency,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from greybox_id.datasets.recording import Recording, join
 from greybox_id.filters.laid import guarded
-from greybox_id.recording import Recording, join
 
 DT = 0.01
 

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swerving
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
-from greybox_id.errors import BadInput
+from greybox_id.datasets.recording import Recording
 from greybox_id.filters import How, track
 from greybox_id.filters.live import follow
 from greybox_id.models.effects import EFFECTS
-from greybox_id.recording import Recording
 
 pytestmark = needs_compiler
 

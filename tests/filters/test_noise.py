@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from filter_cases import driven_space
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording
 from greybox_id.filters.noise import origins, resolution_of, scatter_of, start_levels, units
-from greybox_id.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from filter_cases import needs_compiler
 
-from greybox_id.choices.parameters import wanted_vehicle
-from greybox_id.choices.wanted import Wanted
 from greybox_id.datasets.read import read
 from greybox_id.filters import How, track
+from greybox_id.fitting.choices.parameters import wanted_vehicle
+from greybox_id.fitting.choices.wanted import Wanted
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = [needs_compiler, pytest.mark.slow]

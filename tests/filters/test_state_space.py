@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from filter_cases import LinearCase, car, driven_space, driving
 
-from greybox_id.errors import BadModel
+from greybox_id.base.errors import BadModel
 from greybox_id.filters.state_space import StateSpace, Tracked
 from greybox_id.filters.walking import walking
 from greybox_id.models.effects import EFFECTS

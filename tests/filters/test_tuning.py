@@ -7,7 +7,7 @@ import pytest
 from filter_cases import C_R, NOISES, WALKS, changed, needs_compiler, shaken, true_simrod
 from linear_bicycle import SIMROD
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.filters import SigmaPoints, track
 from greybox_id.filters.filtering import filtering
 from greybox_id.filters.laid import laid

@@ -21,13 +21,13 @@ from filter_cases import (
 from motion import commands
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording, join
 from greybox_id.filters import How, track
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.parameter import Prior
-from greybox_id.recording import Recording, join
+from greybox_id.models.vehicle_file import vehicle
 
 pytestmark = needs_compiler
 

@@ -12,8 +12,8 @@ from greybox_id.fitting import attempt
 from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
 from greybox_id.fitting.how import How
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.parameter import Prior
 
 
 def test_what_is_believed_near_its_bound_begins_inside():

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toys import DT, drive, joined, linear_toy, obeying_toy
 
+from greybox_id.base.errors import GreyboxError
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
-from greybox_id.errors import GreyboxError
 from greybox_id.fitting import How, fit
 from greybox_id.fitting.crossvalidation import blocks, choose_strengths, choose_structure
-from greybox_id.parameter import Prior
+from greybox_id.models.parameter import Prior
 
 many = given(
     st.lists(st.integers(12, 150), min_size=1, max_size=4), st.integers(2, 8), st.integers(1, 6), st.booleans()

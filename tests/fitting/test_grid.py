@@ -9,13 +9,13 @@ import pytest
 from calling import greybox, refused
 from toys import drive
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.shooting import Problem
+from greybox_id.engine.solvers.gauss_newton import gauss_newton
 from greybox_id.engine.trace import Trace
-from greybox_id.errors import BadInput
 from greybox_id.fitting.crossvalidation import FOLDS, WORST, blocks
 from greybox_id.fitting.grid import cells, cross_validated, fit_grid, least_aic, one_standard_error, values_of
 from greybox_id.models.registry import prepared
-from greybox_id.solvers.gauss_newton import gauss_newton
 
 
 def test_values_are_lists_and_ranges():

@@ -8,16 +8,16 @@ import pytest
 from calling import greybox, refused
 from driven import driven, written
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell
-from greybox_id.errors import BadInput
-from greybox_id.fit import load
+from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import How, quiet
 from greybox_id.fitting.networks import fit_network
 from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
+from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.fitting.training import window_error
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
-from greybox_id.scores.prediction import simulate
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 QUICK = ("--set", "hidden=[6]", "--set", "window=11", "--set", "integrator=euler")
@@ -31,7 +31,7 @@ def laps():
 @pytest.fixture(scope="module")
 def vehicle():
     """The vehicle that drove, and others near it."""
-    from greybox_id.datasets.vehicle_file import vehicle
+    from greybox_id.models.vehicle_file import vehicle
 
     model = build("lateral", None, {}, vehicle("full_size_car"))
     rng = np.random.default_rng(0)

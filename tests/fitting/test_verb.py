@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from toys import DT, drive, joined, linear_toy, looping, obeying_toy, speed_toy, tiny, without
 
-from greybox_id.errors import BadInput
-from greybox_id.fit import load
+from greybox_id.base.errors import BadInput
+from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.fit import load
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
+from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.models.registry import build
-from greybox_id.parameter import Parameter, Prior
-from greybox_id.solvers.gauss_newton import Status
 
 QUICK = How(1.0, "gauss-newton")
 

@@ -10,10 +10,10 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import simulate
 
 from greybox_id.api.closed_vehicle import closed_vehicle
-from greybox_id.estimation.axes import ActingRows
+from greybox_id.datasets.recording import Recording
 from greybox_id.gap.diagnosis import diagnose
+from greybox_id.gap.estimation.axes import ActingRows
 from greybox_id.models.effects import EFFECTS
-from greybox_id.recording import Recording
 from greybox_id.reports.gap.plain_data import as_plain_data, from_plain_data
 from greybox_id.reports.gap.words import carried_over, magnitude_words, verdict
 

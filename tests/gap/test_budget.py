@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.estimation.free_runs import Misfit
 from greybox_id.gap.budget import budget, subsets
+from greybox_id.gap.estimation.free_runs import Misfit
 
 ROWS, SD = 2000, np.array([1.0, 2.0])
 BENCH = SimpleNamespace(rows=[slice(0, ROWS)], sample_time=0.02)

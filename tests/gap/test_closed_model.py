@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from gap_cases import NOISE, NUMBERS, lap, nominal
 
-from greybox_id.estimation.axes import ActingRows
+from greybox_id.datasets.recording import Recording
+from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_id.gap import closed_model as closing
 from greybox_id.gap.closed_model import _fitted, closed_model, place_of, with_effects
 from greybox_id.gap.diagnosis import diagnose
+from greybox_id.gap.estimation.axes import ActingRows
 from greybox_id.gap.examining import examine
 from greybox_id.models.effects import EFFECTS
-from greybox_id.recording import Recording
-from greybox_id.solvers.gauss_newton import Status
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
 
 LOOSE = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 80.0), "c_0": Stated(208.0, 20.0)}, {}, NOISE)
 TRUTH = {"I_z": 2500.0}

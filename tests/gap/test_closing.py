@@ -5,13 +5,13 @@ import pytest
 from driven import driven
 from gap_cases import CAR, GivenBench
 
-from greybox_id.errors import BadInput
-from greybox_id.estimation.bench import Bench
-from greybox_id.estimation.free_runs import Misfit
+from greybox_id.base.errors import BadInput
 from greybox_id.gap.closing import closed_by, closure, left_open
+from greybox_id.gap.estimation.bench import Bench
+from greybox_id.gap.estimation.free_runs import Misfit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
 
 NOISE = {"v_y": 0.02, "yaw_rate": 0.005, "a_y": 0.1}
 EXACT = Vehicle("car", CAR.values, noise=NOISE)
@@ -88,7 +88,7 @@ def test_a_model_that_leaves_the_range_of_numbers_is_refused(laps, monkeypatch):
 
 def test_what_cannot_be_refitted_counts_as_it_stands(laps, monkeypatch):
     known = closed(laps, {"steering_lag": 0.08})
-    monkeypatch.setattr("greybox_id.estimation.free_runs.refit", lambda *_: [])
+    monkeypatch.setattr("greybox_id.gap.estimation.free_runs.refit", lambda *_: [])
     assert closed(laps, {"steering_lag": 0.08}).before == pytest.approx(known.before, rel=0.05)
 
 

@@ -11,17 +11,17 @@ from calling import greybox
 from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
-from greybox_id.errors import BadInput
-from greybox_id.estimation.calibration import CAL
-from greybox_id.estimation.constancy import Spread
-from greybox_id.estimation.model_error import believed
+from greybox_id.base.errors import BadInput
 from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
+from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.constancy import Spread
+from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import Unnamed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
 from greybox_id.reports.gap.words import whether
-from greybox_id.vehicle import Stated, StatedModelError, Vehicle
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),
                            "c_0": Stated(208.0, 20.0)}, {"steering_ratio": Stated(sd=0.01)}, NOISE)  # fmt: skip

@@ -9,10 +9,10 @@ from gap_cases import axis
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.estimation.axes import Candidate
-from greybox_id.estimation.calibration import CAL
-from greybox_id.estimation.hypothesis import Hypothesis
-from greybox_id.estimation.noise import Colour
+from greybox_id.gap.estimation.axes import Candidate
+from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.hypothesis import Hypothesis
+from greybox_id.gap.estimation.noise import Colour
 from greybox_id.gap.evidence import (
     by_chance,
     costs,

@@ -5,7 +5,7 @@ import pytest
 from memory_cases import CARRIED, FITTED, NOISE, made
 from toys import drive, tiny, without
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
 

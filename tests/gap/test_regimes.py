@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, candidate
 
-from greybox_id.estimation.shortlist import Promise
-from greybox_id.estimation.strip import running
+from greybox_id.gap.estimation.shortlist import Promise
+from greybox_id.gap.estimation.strip import running
 from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where
 from greybox_id.models.effects import EFFECTS

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
-from greybox_id.estimation.calibration import CAL
-from greybox_id.estimation.hypothesis import Start
-from greybox_id.estimation.noise import colour, white_noise
-from greybox_id.estimation.refit import refit
+from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.hypothesis import Start
+from greybox_id.gap.estimation.noise import colour, white_noise
+from greybox_id.gap.estimation.refit import refit
 from greybox_id.gap.selection import _in_each_place, _let_go, _polished, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, search_on
 
-from greybox_id.estimation.calibration import CAL
+from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.unknown import (
     Signs,
     beyond_what_may_be,

@@ -5,9 +5,9 @@ import pytest
 from independent import predict_rows, psi, weights_of
 from toys import drive, scattered, without
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.registry import build, prepared
-from greybox_id.scores.memory import predictions
 
 ABLATION_1 = {"transient_over_a_x": False}
 ABLATION_2 = {"transient_over_a_x": False, "steady_over_a_x": False}

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from linearised import rates, segment, vector
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.errors import BadInput
 from greybox_id.models.form import CURVE_SD, KNOTS
 from greybox_id.models.registry import build
 from greybox_id.models.roughness import with_roughness
 from greybox_id.models.tyres import TYRES, axle
-from greybox_id.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Stated, Vehicle
 
 TURNING = (12.0, -0.3, 0.5)
 """v_x, v_y and yaw rate of a turn to the left."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from linear_bicycle import SIMROD, VEHICLE, recorded, sine, steps
 
+from greybox_id.base.errors import BadInput, BadModel
 from greybox_id.engine.hybrid.cell import free_run
 from greybox_id.engine.hybrid.problem import drawn
-from greybox_id.errors import BadInput, BadModel
 from greybox_id.models.hybrid import SLOPE, HybridSettings, hybrid_force, hybrid_stiffness
 from greybox_id.models.registry import build, prepared
 from greybox_id.models.single_track import G

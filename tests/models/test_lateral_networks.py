@@ -8,12 +8,12 @@ import pytest
 from driven import driven
 
 from greybox_id.api.linear import linearised
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell, free_run, said
 from greybox_id.engine.hybrid.motion import as_motion
 from greybox_id.engine.hybrid.problem import drawn
-from greybox_id.errors import BadInput
+from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.models.registry import build, prepared
-from greybox_id.scores.prediction import simulate
 
 
 @pytest.fixture(scope="module")

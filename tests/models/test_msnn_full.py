@@ -5,7 +5,8 @@ import pytest
 from independent import free_run_of_full, lateral, longitudinal, weights_of
 from toys import drive, scattered, tiny
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.msnn_full import (
     FullSettings,
     PlusSettings,
@@ -16,7 +17,6 @@ from greybox_id.models.msnn_full import (
 )
 from greybox_id.models.msnn_lat import LateralSettings
 from greybox_id.models.msnn_long import LongitudinalSettings
-from greybox_id.scores.memory import predictions
 
 
 def test_the_authors_hyperparameters_give_544_parameters():

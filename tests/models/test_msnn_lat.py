@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from independent import lateral, predict_rows, weights_of
 from toys import drive, scattered
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
+from greybox_id.fitting.scores.memory import predictions
+from greybox_id.fitting.scores.metrics import score
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
-from greybox_id.scores.memory import predictions
-from greybox_id.scores.metrics import score
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from independent import longitudinal, predict_rows, weights_of
 from toys import drive, scattered
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.msnn_long import LongitudinalSettings, covering_long, msnn_long
-from greybox_id.scores.memory import predictions
 
 
 def sloped(rows, seed):

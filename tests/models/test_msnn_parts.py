@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from greybox_id.base.errors import BadInput
 from greybox_id.engine.least_squares import prior_rows
-from greybox_id.errors import BadInput
 from greybox_id.models.msnn_parts import centres, evenly, fading, fading_prior, memberships, over
-from greybox_id.parameter import Parameter
+from greybox_id.models.parameter import Parameter
 
 rising = st.lists(st.floats(-50, 50), min_size=1, max_size=6, unique=True).map(sorted).filter(
     lambda c: all(b - a > 1e-3 for a, b in pairwise(c))

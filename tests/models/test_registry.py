@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from toys import TINY, drive, tiny
 
-from greybox_id.errors import BadInput, GreyboxError
+from greybox_id.base.errors import BadInput, GreyboxError
+from greybox_id.fitting.scores.memory import predictions
+from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import MODELS, build, candidates, prepared, vehicle_parameters
 from greybox_id.models.tyres import TYRES
-from greybox_id.parameter import Prior
-from greybox_id.scores.memory import predictions
-from greybox_id.vehicle import Stated
+from greybox_id.models.vehicle import Stated
 
 MOTION = ["single_track", "lateral", "longitudinal", "kinematic"]
 NETWORKS = ["mlp_lateral", "bicycle_mlp"]

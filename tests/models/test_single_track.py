@@ -14,7 +14,7 @@ from driving import read
 from linearised import outputs, rates, run, vector
 from scipy.integrate import solve_ivp
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.single_track import single_track

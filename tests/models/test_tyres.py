@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import reference_vehicle
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.models.tyres import TYRES, TyreSettings, axle
 
 CAR, RACER = 3600.0, 17.0  # axle loads, N

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from linearised import matrices
 
-from greybox_id.choices.parameters import Choices
-from greybox_id.choices.wanted import Wanted
-from greybox_id.datasets.vehicle_file import shipped_vehicles, vehicle
-from greybox_id.errors import BadInput, BadModel
+from greybox_id.base.errors import BadInput, BadModel
+from greybox_id.fitting.choices.parameters import Choices
+from greybox_id.fitting.choices.wanted import Wanted
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.models.tyres import TYRES
+from greybox_id.models.vehicle import ChosenModel, Stated, Vehicle
+from greybox_id.models.vehicle_file import shipped_vehicles, vehicle
 from greybox_id.models.vehicles import derived, stated_effect, with_tolerances, with_vehicle
-from greybox_id.vehicle import ChosenModel, Stated, Vehicle
 
 GEOMETRY = {"m": Stated(1500.0), "l_f": Stated(1.2), "l_r": Stated(1.5)}
 PACEJKA = {"B_f": Stated(10.0, 1.0), "C_f": Stated(1.4), "D_f": Stated(0.9, 0.18)}

@@ -7,12 +7,12 @@ import pytest
 from driven import driven, without
 
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.datasets.vehicle_file import vehicle
 from greybox_id.fitting import How, fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
-from greybox_id.recording import Recording
+from greybox_id.models.vehicle_file import vehicle
 from greybox_id.reports.driven import driven as seen_driven
 from greybox_id.reports.report import prepared
 from greybox_id.reports.sections import seen

@@ -10,16 +10,16 @@ from click.testing import CliRunner
 from driven import written
 from made_gaps import clear
 
+from greybox_id.base.errors import BadInput
 from greybox_id.cli.report import recordings_of, report
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
-from greybox_id.errors import BadInput
-from greybox_id.fit import load
 from greybox_id.fitting import How, fit
+from greybox_id.fitting.fit import load
+from greybox_id.fitting.posterior.verb import SampleOptions, sample
+from greybox_id.fitting.provenance import data_record
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
-from greybox_id.posterior.verb import SampleOptions, sample
-from greybox_id.provenance import data_record
 from greybox_id.reports.gap.saved import Made, as_text
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from report_parts import below
 
-from greybox_id.numbers import (
+from greybox_id.base.numbers import (
     alike,
     exact,
     interval,
@@ -18,8 +18,8 @@ from greybox_id.numbers import (
     with_interval,
     with_sd,
 )  # fmt: skip
-from greybox_id.parameter import Parameter, Prior
-from greybox_id.provenance import Certificate
+from greybox_id.fitting.provenance import Certificate
+from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.reports.content import scalars
 from greybox_id.reports.memory import verdict, yardsticks
 from greybox_id.reports.report import prepared

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from letters_of import troubles
 
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
-from greybox_id.memory_model import MemoryModel
+from greybox_id.models.memory_model import MemoryModel
 from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import msnn_lat
 from greybox_id.models.msnn_long import msnn_long
-from greybox_id.recording import Recording
 from greybox_id.reports.document import write_drawings
 from greybox_id.reports.figures.characteristics import has_steering, responses, steady_yaw_rate
 from greybox_id.reports.figures.predictions import psd

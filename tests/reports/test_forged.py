@@ -8,10 +8,10 @@ import pytest
 from calling import greybox
 from driven import driven, written
 
+from greybox_id.base.errors import GreyboxError
+from greybox_id.base.json_data import checksum, read_json
 from greybox_id.cli.report import _document
-from greybox_id.errors import GreyboxError
-from greybox_id.fit import load
-from greybox_id.json_data import checksum, read_json
+from greybox_id.fitting.fit import load
 from greybox_id.models.registry import build
 from greybox_id.reports.html import page
 from greybox_id.reports.text.fit import as_dict, parts

@@ -10,10 +10,10 @@ from made_gaps import CASES, DELAY, LAG, clear, none, strip, without_v_y
 from pypdf import PdfReader
 from report_parts import below
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
-from greybox_id.provenance import DataRecord
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
 from greybox_id.reports.figures.sheet import Sheet

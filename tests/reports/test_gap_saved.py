@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_gaps import CASES, LAG, clear
 
-from greybox_id.errors import BadInput
-from greybox_id.estimation.wandering import Wander
-from greybox_id.provenance import DataRecord
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting.provenance import DataRecord
+from greybox_id.gap.estimation.wandering import Wander
 from greybox_id.reports.gap.report import gap_report
 from greybox_id.reports.gap.saved import Made, as_text, load_gap
 from greybox_id.reports.pdf import rendered
@@ -73,7 +73,7 @@ def test_what_is_no_diagnosis_is_a_sentence(tmp_path):
 )
 @pytest.mark.parametrize("value", [None, 7, "x", [1], {"a": 1}])
 def test_hostile_content_with_a_right_checksum_is_a_sentence_or_read(name, value, tmp_path):
-    from greybox_id.json_data import checksum
+    from greybox_id.base.json_data import checksum
 
     file = saved(clear(), tmp_path)
     body = json.loads(file.read_text("utf-8"))

@@ -118,7 +118,7 @@ def test_words_from_files_are_no_markup():
 
 
 def test_the_file_s_name_says_what_it_is(small_fit, both, tmp_path):
-    from greybox_id.errors import BadInput
+    from greybox_id.base.errors import BadInput
 
     written = report(small_fit, both, tmp_path / "new" / "report.html")
     assert written.read_text("utf-8").startswith("<!DOCTYPE html>")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from report_parts import below, flat
 
-from greybox_id.numbers import interval
+from greybox_id.base.numbers import interval
+from greybox_id.fitting.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
 from greybox_id.reports.document import Table, Text
 from greybox_id.reports.driven import held_errors
 from greybox_id.reports.report import prepared
-from greybox_id.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
 
 
 def rows(document, title):

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from greybox_id.combined import reach
-from greybox_id.datasets.vehicle_file import vehicle
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.combined import reach
+from greybox_id.fitting.provenance import Stage
+from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.models.registry import build
-from greybox_id.provenance import Stage
-from greybox_id.recording import Recording
+from greybox_id.models.vehicle_file import vehicle
 from greybox_id.reports.figures.characteristics import handling, share_with_band, tyres
 from greybox_id.reports.figures.estimates import convergence, correlation, correlations
 from greybox_id.reports.report import prepared
 from greybox_id.reports.settled import OverSlip, steady_turns
-from greybox_id.scores.prediction import simulate
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 

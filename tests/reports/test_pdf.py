@@ -8,7 +8,7 @@ import pytest
 from pypdf import PdfReader
 from report_parts import tables
 
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
 from greybox_id.reports.pdf import rendered
 from greybox_id.reports.report import prepared, report
 

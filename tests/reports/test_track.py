@@ -10,13 +10,13 @@ from driven import without
 from letters_of import troubles
 from linear_bicycle import VEHICLE, recorded
 
-from greybox_id.datasets.vehicle_file import vehicle
-from greybox_id.errors import BadInput
+from greybox_id.base.errors import BadInput
+from greybox_id.base.json_data import checksum
+from greybox_id.datasets.recording import join
 from greybox_id.filters import track
-from greybox_id.json_data import checksum
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.recording import join
+from greybox_id.models.vehicle_file import vehicle
 from greybox_id.reports.document import write_drawings
 from greybox_id.reports.figures.characteristics import forces_over_slip
 from greybox_id.reports.html import page

@@ -10,11 +10,11 @@ import hashlib
 from importlib import import_module
 from pathlib import Path
 
-from ...errors import BadInput
-from ...files import near_file, replacing
-from ...guard import protect
-from ...recording import Recording
+from ...base.errors import BadInput
+from ...base.files import near_file, replacing
+from ...base.guard import protect
 from ..column_map import ColumnMap
+from ..recording import Recording
 from .contents import Contents, Group, columns_of, few_enough
 
 __all__ = ["SUFFIXES", "WRITTEN", "Contents", "Group", "bare_name", "contents", "hash_of", "write"]

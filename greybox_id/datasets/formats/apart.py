@@ -1,7 +1,7 @@
 """A file read in a process of its own: what ends that process, or takes too long or too much, becomes a sentence.
 
 The libraries that read HDF5 and MDF are written for files that are sound; some damage makes them crash, and with them
-whatever process they are in. What comes back is JSON and plain arrays (`contained/wire.py`): nothing of it is executed.
+whatever process they are in. What comes back is JSON and plain arrays (`base/contained/wire.py`): nothing of it is executed.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...contained.process import TIME, Broken, Contained, Failed, Lost
-from ...errors import BadInput
+from ...base.contained.process import TIME, Broken, Contained, Failed, Lost
+from ...base.errors import BadInput
 from .contents import missing, unsound
 
 SECONDS, SECONDS_PER_BYTE = 4.0, 1e-6

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...errors import BadInput, GreyboxError
-from ...recording import Recording
-from ...shorthands import Array
+from ...base.errors import BadInput, GreyboxError
+from ...base.shorthands import Array
+from ..recording import Recording
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 

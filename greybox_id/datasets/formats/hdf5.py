@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...errors import BadInput
+from ...base.errors import BadInput
 from ..column_map import ColumnMap
 from .apart import Apart
 from .contents import Columns, Contents, Group, RawTable, needed, sound

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from ...errors import BadInput
+from ...base.errors import BadInput
 from ..column_map import ColumnMap
 from .apart import Apart
 from .contents import Columns, Contents, sound

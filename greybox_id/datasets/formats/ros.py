@@ -19,9 +19,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ...errors import BadInput
-from ...scratch import scratch_folder
-from ...shorthands import Array
+from ...base.errors import BadInput
+from ...base.scratch import scratch_folder
+from ...base.shorthands import Array
 from ..column_map import ColumnMap
 from .contents import TIME, Columns, Contents, Group, RawTable, needed, sound
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ...errors import BadInput
+from ...base.errors import BadInput
 from ..column_map import ColumnMap
 from .contents import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, unique_names, whole
 

@@ -26,10 +26,10 @@ from types import SimpleNamespace
 import casadi as cs
 import numpy as np
 
-from ...hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
-from ...model import Symbol
-from ...recording import Recording
-from ...shorthands import Array
+from ...base.shorthands import Array
+from ...datasets.recording import Recording
+from ...models.hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
+from ...models.model import Symbol
 from .stretches import stretches
 
 Network = Callable[[Symbol, Symbol], tuple[Symbol, Symbol]]

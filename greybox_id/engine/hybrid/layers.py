@@ -10,8 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...hybrid_model import FeedForwardNetwork, RecurrentNetwork
-from ...shorthands import Array
+from ...base.shorthands import Array
+from ...models.hybrid_model import FeedForwardNetwork, RecurrentNetwork
 
 Weights = Mapping[str, Array]
 """By the names of a network's `shapes`."""

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import casadi as cs
 
-from ...errors import BadInput
-from ...hybrid_model import FeedForwardNetwork, HybridModel
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel, Quantities, State
+from ...base.errors import BadInput
+from ...models.hybrid_model import FeedForwardNetwork, HybridModel
+from ...models.model import Namespace, Symbol
+from ...models.motion_model import MotionModel, Quantities, State
 from ..of_motion import equations_of_motion
 from .cell import said
 

@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from ...hybrid_model import HybridModel
-from ...model import Symbol
-from ...shorthands import Array
+from ...base.shorthands import Array
+from ...models.hybrid_model import HybridModel
+from ...models.model import Symbol
 from .cell import Cell, Network
 from .stretches import Stretch, windows
 from .sweep import Sweep, Traced

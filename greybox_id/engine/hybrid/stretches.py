@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import BadInput
-from ...hybrid_model import HybridModel
-from ...recording import Recording
-from ...shorthands import Array
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...datasets.recording import Recording
+from ...models.hybrid_model import HybridModel
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """A recording may differ from the model's sample time by this share."""

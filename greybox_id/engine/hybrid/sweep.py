@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
-from ...hybrid_model import HybridModel
-from ...model import Symbol
-from ...shorthands import Array
+from ...base.shorthands import Array
+from ...models.hybrid_model import HybridModel
+from ...models.model import Symbol
 from .cell import Network, parameters
 from .layers import NetworkLayers
 

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ...shorthands import Array, Index
+from ...base.shorthands import Array, Index
 from .schedule import Schedule
 
 

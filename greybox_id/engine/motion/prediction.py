@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...recording import Recording
-from ...shorthands import Array, Index
+from ...base.shorthands import Array, Index
+from ...datasets.recording import Recording
 from ..simulation import Prediction
 from .lanes import Interval, lay
 from .runs import MotionRun, motion_runs

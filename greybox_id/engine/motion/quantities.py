@@ -9,9 +9,9 @@ from typing import Any
 
 import casadi as cs
 
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel
-from ...transient import SERIES, mean_and_slope
+from ...models.model import Namespace, Symbol
+from ...models.motion_model import MotionModel
+from ...models.transient import SERIES, mean_and_slope
 
 Relax = Callable[[str, Symbol, "NamedQuantities"], Symbol]
 """(quantity, its instantaneous value, q) -> what follows it with a lag."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import BadInput
-from ...motion_model import MotionModel
-from ...recording import Recording
-from ...shorthands import Array, Index, Mask
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Index, Mask
+from ...datasets.recording import Recording
+from ...models.motion_model import MotionModel
 
 FEWEST_ROWS = 3
 """Shorter runs say nothing about motion."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from ...shorthands import Array, Index
+from ...base.shorthands import Array, Index
 from .runs import MotionRun
 from .trace import MotionTrace
 

@@ -19,9 +19,9 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from ...errors import BadInput
-from ...recording import Recording
-from ...shorthands import Array, Index, Mask
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Index, Mask
+from ...datasets.recording import Recording
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import MotionRun, motion_runs

@@ -7,8 +7,8 @@ from copy import copy
 import casadi as cs
 import numpy as np
 
-from ...motion_model import MotionModel
-from ...shorthands import Array, Index
+from ...base.shorthands import Array, Index
+from ...models.motion_model import MotionModel
 from ..kernel import Kernel
 from ..sampled import SampledFunction
 from .runs import MotionRun

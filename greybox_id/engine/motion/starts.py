@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...shorthands import Array, Index, Mask
+from ...base.shorthands import Array, Index, Mask
 from .lanes import Interval, lay
 from .runs import MotionRun
 from .schedule import Schedule

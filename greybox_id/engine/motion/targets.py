@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...motion_model import MotionModel
-from ...shorthands import Array, Mask
+from ...base.shorthands import Array, Mask
+from ...models.motion_model import MotionModel
 from .lanes import Interval
 from .runs import MotionRun
 

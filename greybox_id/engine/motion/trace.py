@@ -17,9 +17,9 @@ from typing import Any
 
 import casadi as cs
 
-from ...errors import BadModel, near_or_all
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel
+from ...base.errors import BadModel, near_or_all
+from ...models.model import Namespace, Symbol
+from ...models.motion_model import MotionModel
 from ..equations import called, must_be_numbers, tracing
 from ..sampled import SampledFunction
 from .quantities import (

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ...shorthands import Array
+from ...base.shorthands import Array
 
 PER_UNIT = 32
 """Entries of the tables per unit of the argument; a power of two."""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import casadi as cs
 
-from ...model import Symbol
+from ...models.model import Symbol
 from ..equations import Named
 from ..memory_equations import MemoryEquations
 from .functions import Argument, CFunction, mathematics_of

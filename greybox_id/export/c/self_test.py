@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
-from ...shorthands import Array
+from ...base.shorthands import Array
 from ..memory_equations import MemoryEquations
 from ..points import points
 from .functions import CFunction

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 
+from ...base.errors import BadInput
 from ...engine.compiler import CannotCompile, compiler_command
-from ...errors import BadInput
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-fvisibility=hidden", "-ffp-contract=off", "-w")
 SUFFIX = {"linux": ".so", "darwin": ".dylib", "win32": ".dll"}

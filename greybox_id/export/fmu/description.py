@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from ...units import si_exponents
-from ...version import __version__
+from ...base.units import si_exponents
+from ...base.version import __version__
 from ..equations import Equations
 from ..quoting import xml_attribute as quoted
 from ..subject import Subject

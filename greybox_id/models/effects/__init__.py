@@ -13,7 +13,7 @@ accelerations of the time before.
 Some effects bring a second parameter, held at a usual value (an energy, a direction, a natural frequency).
 """
 
-from ...effect import Effect
+from ..effect import Effect
 from . import body, drive, road, sensors, steering, timing, tyres
 from .steering import steering_rate_limit
 from .timing import sensor_latency_imu

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import pi
 
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel, Quantities, State
-from ...parameter import Parameter
+from ..model import Namespace, Symbol
+from ..motion_model import MotionModel, Quantities, State
+from ..parameter import Parameter
 from ..single_track import G
 from ..smooth import remaining
 from .stating import alteration, effect, speed

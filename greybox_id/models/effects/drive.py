@@ -9,9 +9,9 @@ from math import inf
 
 import casadi as cs
 
-from ...model import Symbol
-from ...motion_model import MotionModel, Quantities
-from ...parameter import Parameter
+from ..model import Symbol
+from ..motion_model import MotionModel, Quantities
+from ..parameter import Parameter
 from ..smooth import within_limit
 from .elements import lag
 from .memory import scale_motor

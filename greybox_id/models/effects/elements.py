@@ -11,10 +11,10 @@ from math import pi
 
 import casadi as cs
 
-from ...model import Namespace, Symbol
-from ...motion_model import Actuator
-from ...transient import mean_and_slope
+from ..model import Namespace, Symbol
+from ..motion_model import Actuator
 from ..smooth import within_limit
+from ..transient import mean_and_slope
 
 Line = tuple[Symbol, Symbol]
 """Value at the beginning and at the end of a segment."""

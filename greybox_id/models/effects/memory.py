@@ -7,9 +7,9 @@ from math import ceil
 
 import casadi as cs
 
-from ...memory_model import MemoryModel, SampledActuator, SampledSensor
-from ...model import Namespace, Symbol
-from ...parameter import Parameter, Prior
+from ..memory_model import MemoryModel, SampledActuator, SampledSensor
+from ..model import Namespace, Symbol
+from ..parameter import Parameter, Prior
 
 LATENCY_PER_RUN = Parameter(
     "sensor_latency_imu", "s", 0.0, (0.0, 0.2), Prior(0.03, mean=0.04), scope="run",

@@ -6,9 +6,9 @@ from math import pi
 
 import casadi as cs
 
-from ...model import Symbol
-from ...motion_model import MotionModel, Quantities, State
-from ...parameter import Parameter
+from ..model import Symbol
+from ..motion_model import MotionModel, Quantities, State
+from ..parameter import Parameter
 from ..single_track import G
 from .stating import alteration, effect
 

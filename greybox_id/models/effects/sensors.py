@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import casadi as cs
 
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel, Quantities
+from ..model import Namespace, Symbol
+from ..motion_model import MotionModel, Quantities
 from ..single_track import G
 from .stating import effect, reading
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...effect import Effect
-from ...memory_model import MemoryModel
-from ...model import Namespace, Symbol
-from ...motion_model import MotionModel, Quantities
-from ...parameter import Parameter
+from ..effect import Effect
+from ..memory_model import MemoryModel
+from ..model import Namespace, Symbol
+from ..motion_model import MotionModel, Quantities
+from ..parameter import Parameter
 
 
 def speed(q: Quantities) -> Symbol:

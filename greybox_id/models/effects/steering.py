@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from math import inf
 
-from ...motion_model import MotionModel
-from ...parameter import Parameter
+from ..motion_model import MotionModel
+from ..parameter import Parameter
 from .elements import lag, play, rate_limit, servo
 from .memory import limit_steering_rate, scale_steering, shift_steering
 from .stating import alteration, effect

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...motion_model import MotionModel
+from ..motion_model import MotionModel
 from .memory import LATENCY_PER_RUN, delay_imu
 from .stating import effect
 

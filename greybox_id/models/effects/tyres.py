@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import casadi as cs
 
-from ...model import Symbol
-from ...motion_model import MotionModel, Quantities, State
-from ...parameter import Parameter
+from ..model import Symbol
+from ..motion_model import MotionModel, Quantities, State
+from ..parameter import Parameter
 from ..single_track import G
 from ..smooth import forward_speed, remaining
 from .stating import alteration, effect, speed

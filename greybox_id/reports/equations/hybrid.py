@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from ...hybrid_model import FeedForwardNetwork, HybridModel
+from ...models.hybrid_model import FeedForwardNetwork, HybridModel
 from .expression import Equation, Symbol
 from .tracing import Reader, traced
 

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import casadi as cs
 import numpy as np
 
-from ...memory_model import MemoryModel
-from ...model import Symbol as Casadi
+from ...models.memory_model import MemoryModel
+from ...models.model import Symbol as Casadi
 from .expression import Equation, Expression, Symbol, Window
 from .tracing import Reader, traced
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from ...engine.motion.quantities import NamedQuantities
-from ...model import Namespace
-from ...model import Symbol as Casadi
-from ...motion_model import MotionModel
+from ...models.model import Namespace
+from ...models.model import Symbol as Casadi
+from ...models.motion_model import MotionModel
 from .expression import SHIFTED, Call, Constant, Equation, Symbol, added, divided, symbols
 from .tracing import Reader, is_plain, traced
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 
 import casadi as cs
 
-from ...kinds import by_kind
-from ...model import Model
-from ...model import Symbol as Casadi
+from ...models.kinds import by_kind
+from ...models.model import Model
+from ...models.model import Symbol as Casadi
 from .expression import (
     Call,
     Cases,

@@ -9,17 +9,17 @@ from itertools import product
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...combined import combined
+from ...base.numbers import number, quantity
+from ...base.shorthands import Array
+from ...base.signals import SIGNALS
+from ...datasets.recording import Recording
 from ...engine.trace import Trace
-from ...fit import Fit
-from ...memory_model import MemoryModel
-from ...model import Combination, Model, Namespace
-from ...motion_model import MotionModel
-from ...numbers import number, quantity
-from ...parameter import Parameter
-from ...recording import Recording
-from ...shorthands import Array
-from ...signals import SIGNALS
+from ...fitting.combined import combined
+from ...fitting.fit import Fit
+from ...models.memory_model import MemoryModel
+from ...models.model import Combination, Model, Namespace
+from ...models.motion_model import MotionModel
+from ...models.parameter import Parameter
 from ..driven import MOVING, Driven, typical_speed
 from ..recordings import Seen, of_role
 from ..settled import OverSlip, steady_turns

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...fit import Fit
-from ...numbers import pretty_unit
-from ...provenance import Stage
-from ...shorthands import Array
+from ...base.numbers import pretty_unit
+from ...base.shorthands import Array
+from ...fitting.fit import Fit
+from ...fitting.provenance import Stage
 from .sheet import WIDE, Sheet, cells, shades
 from .style import BLUE, INK, ORANGE, SMALL, look, symbol
 

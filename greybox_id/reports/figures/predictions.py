@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from ...base.numbers import pretty_unit
+from ...base.shorthands import Array, Index
+from ...base.signals import unit_of
+from ...base.statistics import correlation, welch
 from ...engine.simulation import Prediction
-from ...fit import Fit
-from ...numbers import pretty_unit
-from ...scores.metrics import FREE_RUN
-from ...shorthands import Array, Index
-from ...signals import unit_of
-from ...statistics import correlation, welch
+from ...fitting.fit import Fit
+from ...fitting.scores.metrics import FREE_RUN
 from ..noise import Noise
 from ..recordings import Seen, run_rows, typical_stretch
 from .sheet import Sheet, band, sheet_of

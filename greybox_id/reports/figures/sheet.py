@@ -26,9 +26,9 @@ from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import Bbox, BboxTransformTo, ScaledTranslation, blended_transform_factory
 
-from ...guard import MARK
-from ...numbers import number, raised
-from ...shorthands import Array
+from ...base.guard import MARK
+from ...base.numbers import number, raised
+from ...base.shorthands import Array
 from ..words import is_symbol_index, named
 from .style import BLUE, FAINT, INK, LIGHT, PALE, SIZE, SMALL
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...numbers import pretty_unit
-from ...recording import Recording
-from ...scores.metrics import FREE_RUN, ahead
-from ...signals import SIGNALS
+from ...base.numbers import pretty_unit
+from ...base.signals import SIGNALS
+from ...datasets.recording import Recording
+from ...fitting.scores.metrics import FREE_RUN, ahead
 from ..words import spans
 
 INK = "#1a1a1a"
@@ -62,7 +62,7 @@ PROTOCOL_LINES = {
     ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
     FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
 }
-"""By protocol of `greybox_id.scores.metrics`."""
+"""By protocol of `greybox_id.fitting.scores.metrics`."""
 
 LEVELS = (look(SKY), look(BLUE, dashes=DASHED), look(NIGHT, dashes=CHAIN))
 """An ordered quantity, low to high."""

@@ -13,12 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba_array
 
-from ...estimation.strip import running
+from ...base.numbers import listed, number
+from ...base.shorthands import Array
+from ...base.version import __version__
 from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
+from ...gap.estimation.strip import running
 from ...models.effects import EFFECTS
-from ...numbers import listed, number
-from ...shorthands import Array
-from ...version import __version__
 from ..document import Document, Drawing, VerdictBox
 from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
 from ..figures.style import BLUE, DASHED, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SMALL, ZERO, Look, label, look, symbol

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...estimation.wandering import Wander
+from ...base.json_data import plain
 from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
-from ...json_data import plain
+from ...gap.estimation.wandering import Wander
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:

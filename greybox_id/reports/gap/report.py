@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
 from ...gap import Closure, Errors, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
+from ...models.motion_model import MotionModel
 from ...models.registry import build
-from ...motion_model import MotionModel
-from ...numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
-from ...reports.equations.tracing import traced
 from ..content import recorded_in, written_down
 from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
 from ..equations.expression import readable
 from ..equations.motion import motion_equations
+from ..equations.tracing import traced
 from ..report import write
 from .page import after_words, drawings
 from .saved import Made

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...base.saved import Kind
+from ...fitting.provenance import DataRecord
 from ...gap import Gap
-from ...model import Model
 from ...models.effects import EFFECTS
-from ...provenance import DataRecord
-from ...saved import Kind
-from ...vehicle import Vehicle
+from ...models.model import Model
+from ...models.vehicle import Vehicle
 from .plain_data import as_plain_data, from_plain_data
 
 KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")

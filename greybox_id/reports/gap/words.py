@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import fsum, inf, isfinite, sqrt
 
-from ...estimation.calibration import CAL
+from ...base.numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
+from ...base.statistics import NORMAL
 from ...gap import Closure, Gap, Ranked
+from ...gap.estimation.calibration import CAL
 from ...models.effects import EFFECTS
-from ...numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
-from ...statistics import NORMAL
 
 LOPSIDED = 1.3
 """An interval whose arms differ by more than this factor is printed, not its standard deviation."""

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from rich.console import RenderableType
 
-from ...adaptation.outcome import Adaptation
-from ...motion_model import MotionModel
-from ...numbers import number, pretty_unit, with_sd
-from ...signals import unit_of
+from ...base.numbers import number, pretty_unit, with_sd
+from ...base.signals import unit_of
+from ...fitting.adaptation.outcome import Adaptation
+from ...models.motion_model import MotionModel
 from .screen import led, plain_table
 
 MOST_MOVED = 8

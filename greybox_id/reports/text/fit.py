@@ -10,15 +10,15 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from ...fit import Fit
-from ...kinds import by_kind
-from ...model import Model
-from ...numbers import counted, interval, number, percent, pretty_unit, with_sd
-from ...parameter import Parameter, Prior
-from ...provenance import DataRecord, Stage
-from ...signals import unit_of
-from ...uncertainty.identifiability import absent, told_together
-from ...verdict import Verdict
+from ...base.numbers import counted, interval, number, percent, pretty_unit, with_sd
+from ...base.signals import unit_of
+from ...fitting.fit import Fit
+from ...fitting.provenance import DataRecord, Stage
+from ...fitting.uncertainty.identifiability import absent, told_together
+from ...fitting.verdict import Verdict
+from ...models.kinds import by_kind
+from ...models.model import Model
+from ...models.parameter import Parameter, Prior
 from .screen import plain, plain_table
 
 NEGLIGIBLE = 1e-6

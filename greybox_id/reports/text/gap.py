@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from ...base.numbers import listed, number, pretty_unit, rmse
 from ...gap import Budget, Closure, Errors, Gap
-from ...numbers import listed, number, pretty_unit, rmse
 from ..gap.words import (
     as_it_stands,
     carried_over,

@@ -7,8 +7,8 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from ...fit import Fit
-from ...memory_model import MemoryModel
+from ...fitting.fit import Fit
+from ...models.memory_model import MemoryModel
 from .fit import chosen_lines, error_parts, errors_table
 from .screen import led
 
@@ -20,7 +20,7 @@ def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
 
     Parameters
     ----------
-    timing : what `greybox_id.scores.timing.Timing.as_dict` gives.
+    timing : what `greybox_id.fitting.scores.timing.Timing.as_dict` gives.
     """
     seconds = timing["seconds"]
     told = "" if seconds is None else f", told by its first {seconds:g} s of motion"

@@ -10,13 +10,13 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from ...fit import Fit
-from ...motion_model import MotionModel
-from ...numbers import counted, number, pretty_unit, with_sd
-from ...provenance import DataRecord, Stage
-from ...scores.metrics import FREE_RUN
-from ...signals import unit_of
-from ...uncertainty.identifiability import told_together
+from ...base.numbers import counted, number, pretty_unit, with_sd
+from ...base.signals import unit_of
+from ...fitting.fit import Fit
+from ...fitting.provenance import DataRecord, Stage
+from ...fitting.scores.metrics import FREE_RUN
+from ...fitting.uncertainty.identifiability import told_together
+from ...models.motion_model import MotionModel
 from .fit import error_parts, more_data, solver_lines, stage_lines
 from .screen import plain_table
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
+from ...base.numbers import alike, counted, pretty_unit
+from ...base.numbers import number as decimal
+from ...base.signals import unit_of
 from ...filters import Track
-from ...numbers import alike, counted, pretty_unit
-from ...numbers import number as decimal
-from ...signals import unit_of
 from ..track.digest import Digest
 from .screen import plain_table
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ...base.saved import Kind
+from ...base.shorthands import Array
+from ...base.statistics import correlation
+from ...datasets.recording import Recording
 from ...filters import Track
 from ...filters.findings import WINDOW, Consistency, bounds, windowed
-from ...provenance import DataRecord, data_record
-from ...recording import Recording
-from ...saved import Kind
-from ...shorthands import Array
-from ...statistics import correlation
+from ...fitting.provenance import DataRecord, data_record
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from math import isfinite
 import numpy as np
 from matplotlib.axes import Axes
 
+from ...base.numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
+from ...base.signals import unit_of
 from ...filters.findings import WINDOW
 from ...filters.walking import walking
-from ...kinds import must_be
 from ...models.effects import EFFECTS
+from ...models.kinds import must_be
+from ...models.motion_model import MotionModel
 from ...models.registry import build
-from ...motion_model import MotionModel
-from ...numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
-from ...signals import unit_of
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
 from ..equations.motion import motion_equations

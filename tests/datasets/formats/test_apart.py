@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.formats.apart import Apart, Limits
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and limits are those of POSIX")
 DAMAGED = Path(__file__).parent / "damaged"
@@ -123,8 +123,8 @@ def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
     assert not loaded & {"casadi", "matplotlib", "pandas", "scipy", "pint"}
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
     assert own <= {
-        "greybox_id", "greybox_id.registration", "greybox_id.contained", "greybox_id.contained.inside",
-        "greybox_id.contained.wire", "greybox_id.version",
+        "greybox_id", "greybox_lab.driving.registration", "greybox_id.base.contained", "greybox_id.base.contained.inside",
+        "greybox_id.base.contained.wire", "greybox_id.base.version",
     }  # fmt: skip
 
 

@@ -4,9 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 T = np.arange(100) * 0.02
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 N = 200
 T = np.arange(N) * 0.01

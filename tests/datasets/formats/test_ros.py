@@ -5,10 +5,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
 from greybox_id.datasets.formats.ros import shipped_types
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 START = 1_731_000_000 * 10**9
 ODOM, DRIVE, CORE = np.arange(400) * 0.02, 0.5 + np.arange(60) * 0.1, 0.003 + np.arange(800) * 0.01

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from greybox_id.base.errors import BadInput
+from greybox_id.base.signals import SIGNALS
 from greybox_id.datasets.column_map import Column, ColumnMap
 from greybox_id.datasets.formats import WRITTEN, write
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
-from greybox_id.recording import Recording
-from greybox_id.signals import SIGNALS
+from greybox_id.datasets.recording import Recording
 
 ONE_MICROSECOND = 1e-6
 NAMES = st.sampled_from(["lap", "Länge 7", "周回", "a.b", "lap[1]"])

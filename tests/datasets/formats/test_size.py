@@ -11,9 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.formats.contents import LARGEST, MOST_COLUMNS
 from greybox_id.datasets.read import read
-from greybox_id.errors import BadInput
 
 BOMB = """
 import resource, sys

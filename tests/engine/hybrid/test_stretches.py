@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from linear_bicycle import manoeuvres, recorded, sine
 
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import join
 from greybox_id.engine.hybrid.stretches import noise, stretches, windows
-from greybox_id.errors import BadInput
 from greybox_id.models.registry import build
-from greybox_id.recording import join
 
 MODEL = build("hybrid_force", {"window": 60})
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.motion_model import MotionModel, State
-from greybox_id.parameter import Parameter
+from greybox_id.models.motion_model import MotionModel, State
+from greybox_id.models.parameter import Parameter
 
 
 def softening():

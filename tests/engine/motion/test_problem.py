@@ -5,14 +5,14 @@ import pytest
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
+from greybox_id.engine.solvers.ipopt import ipopt
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.recording import Recording
-from greybox_id.solvers.gauss_newton import Status, gauss_newton
-from greybox_id.solvers.ipopt import ipopt
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}
 CHANNELS = tuple(NOISE)

@@ -9,8 +9,8 @@ from scipy.linalg import expm
 
 from greybox_id.engine.motion.quantities import JUST_AFTER, NamedQuantities
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.motion_model import MotionModel, Relaxation, State
-from greybox_id.parameter import Parameter
+from greybox_id.models.motion_model import MotionModel, Relaxation, State
+from greybox_id.models.parameter import Parameter
 
 MODEL = MotionModel(
     name="toy", about="", inputs=("steer",), outputs=("speed",), parameters=(Parameter("m", "kg", 2.0),),

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.models.lateral import lateral
-from greybox_id.recording import Recording
 
 NOISE = np.array([0.1, 0.01, 0.2])
 

@@ -6,8 +6,8 @@ import casadi as cs
 import numpy as np
 import pytest
 
+from greybox_id.base.errors import BadModel
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.errors import BadModel
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.kinematic import kinematic
 from greybox_id.models.lateral import lateral

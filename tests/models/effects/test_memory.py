@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from toys import TINY, drive, linear_toy, scattered, tiny
 
-from greybox_id.errors import BadModel
-from greybox_id.memory_model import MemoryModel
+from greybox_id.base.errors import BadModel
+from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.effects import EFFECTS, sensor_latency_imu, steering_rate_limit
+from greybox_id.models.memory_model import MemoryModel
 from greybox_id.models.registry import MODELS, build
 from greybox_id.models.single_track import single_track
-from greybox_id.scores.memory import predictions
 
 IN_MEMORY = [name for name, effect in EFFECTS.items() if effect.apply_to_memory]
 PAIRS = [

@@ -1,0 +1,58 @@
+"""Are the data to be trusted? Findings about clock, values, agreement between channels, offsets at rest and delays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import ref
+
+from ...base.signals import SD
+from ..recording import Recording
+from .consistency import check_consistency
+from .delays import check_delays
+from .duplicates import check_duplicates
+from .finding import Finding, FoundAt, Severity, distrusted
+from .mapping_faults import check_mapping
+from .pairs import pairs
+from .reading import check_reading
+from .rest import check_rest
+from .time import check_time, sample_time_believable
+from .values import check_values
+
+__all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
+
+_last: tuple[ref[Recording], float | None, tuple[Finding, ...]] | None = None
+"""What was checked last, which a fit of it asks for again; recordings do not change."""
+
+
+def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]:
+    """All that is noteworthy or wrong in a recording, gravest first.
+
+    Parameters
+    ----------
+    recording : signals in SI units, ISO 8855 signs.
+    wheelbase : in m, if known: the steering's unit can then be checked more sharply.
+
+    Returns
+    -------
+    list of Finding
+        Empty if nothing is noteworthy. `distrusted(findings)` tells whether the recording can be used as it is.
+    """
+    global _last
+    if _last is not None and _last[0]() is recording and _last[1] == wheelbase:
+        return list(_last[2])
+    found = _checked(recording, wheelbase)
+    _last = ref(recording), wheelbase, tuple(found)
+    return found
+
+
+def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
+    measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
+    recording = replace(recording, signals=measured)
+    findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
+    if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
+        findings += check_mapping(recording)
+        found = pairs(recording)
+        findings += [*check_duplicates(recording), *check_rest(recording)]
+        findings += [*check_consistency(recording, found, wheelbase), *check_delays(recording, found)]
+    gravest = list(Severity)[::-1]
+    return sorted(findings, key=lambda finding: gravest.index(finding.severity))

@@ -1,0 +1,424 @@
+"""What was done wrong in mapping columns to signals: signs, axes, units and the clock, one fault at a time.
+
+A recording in which relations do not hold is asked again with a fault undone: a sign turned, two columns exchanged, an
+IMU turned back, a unit replaced. A fault is named where undoing it makes a relation hold that did not, and none fail
+that did. Where nothing in the recording moves, nothing holds either way, and nothing is accused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ...base.numbers import exact, number, percent, quantity, raised, signed
+from ...base.signals import ANGLES_AROUND
+from ..recording import Recording
+from .agreement import CERTAIN, ENOUGH
+from .finding import Finding, FoundAt, Severity, listed
+from .relations import DRIVES, WHEELS, Relation, relations, thinned
+
+HOLDS = 0.65
+"""Agreement from which a relation counts as holding."""
+BETTER = 0.4
+"""By how much a relation must agree better with the fault undone."""
+REVERSED = 0.5
+"""A relation that agrees so well, and as badly before, has its sign from the fault."""
+WORSE, HELD = 0.2, 0.5
+"""A relation that agreed by more than HELD and loses more than WORSE speaks against a fault."""
+MOST = 50.0
+"""Independent samples that one relation counts for at most: what limits it then is the relation itself."""
+NEAR = 0.9
+"""Faults with so much of the best one's evidence are as likely; of those that mend most relations, the one with the
+fewest columns is named."""
+EQUAL = 0.97
+"""Faults with so much of it and as few columns are named beside it."""
+STRANGE, WITNESS = 0.25, 0.85
+"""A channel that agrees with nothing, though others that should agree with it do so with each other."""
+SEEN, PUSHED = 20.0, 0.5
+"""Independent samples, and lateral acceleration in m/s^2, without which nothing is called strange."""
+GRAVITY, ABOUT, STEADILY = 9.81, 1.3, 2.5
+"""m/s^2: what an accelerometer reads that points up, to within so much on average and about it."""
+SIDEWAYS = 1.0
+"""|v_y| over |v_x|, of the median row in motion, beyond which a vehicle moves sideways."""
+RPM = 30 / np.pi
+SMALLEST_WHEEL = 0.025
+"""Wheel radius over wheelbase; it is 0.09 to 0.18, and understeer makes the wheelbase look up to three times longer."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that may be wrong with a map.
+
+    Attributes
+    ----------
+    what : in words, as the beginning of a sentence.
+    remedy : what to write in the column map.
+    channels : signals whose columns it concerns.
+    undo : the recording as it is without the fault.
+    scales : whether it changes sizes alone: series have the same shape with it, so that a relation that it mends was
+        of the right shape before.
+    """
+
+    what: str
+    remedy: str
+    channels: tuple[str, ...]
+    undo: Callable[[Recording], Recording]
+    scales: bool = False
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A fault and how much it explains."""
+
+    fault: Fault
+    evidence: float
+    before: Relation
+    after: Relation
+    more: int
+
+
+def check_mapping(recording: Recording) -> list[Finding]:
+    """Findings about columns that are not what the map says, likeliest fault first; then what could not be checked."""
+    short = thinned(recording)
+    if len(short) < 10 or not short.sample_time > 0:
+        return []
+    found = relations(short)
+    named = _explained(short, found)
+    findings = [_as_finding(named)] if named else []
+    plain = [*_upright(short), *_sideways(short), *_wheels(found), *_commanded(found), *_strange(found)]
+    told = {name for own in named for name in own.fault.channels}
+    findings += [finding for finding in plain if finding.where.channel not in told]
+    return findings + _unchecked(short, found, findings)
+
+
+def _explained(short: Recording, found: Sequence[Relation]) -> list[Explained]:
+    """Faults that explain what does not hold, likeliest first; as likely ones follow it."""
+    doubtful = {name for own in found if own.agreement < HOLDS for name in own.channels}
+    explained = []
+    for fault in _faults(short):
+        if not fault.channels or doubtful & set(fault.channels):
+            one = _judged(fault, found, relations(fault.undo(short), fault.channels))
+            explained += [one] if one else []
+    if not explained:
+        return []
+    top = max(own.evidence for own in explained)
+    close = [own for own in explained if own.evidence >= NEAR * top]
+    most = max(own.more for own in close)
+    close = [own for own in close if own.more == most]
+    fewest = min(len(own.fault.channels) for own in close)
+    close = sorted((own for own in close if len(own.fault.channels) == fewest), key=lambda own: -own.evidence)
+    return [own for own in close if own.evidence >= EQUAL * close[0].evidence]
+
+
+def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation]) -> Explained | None:
+    changed = {(own.left, own.right): own for own in after}
+    mended: list[tuple[float, Relation, Relation]] = []
+    evidence = 0.0
+    for old in before:
+        new = changed.get((old.left, old.right))
+        if new is None:
+            continue
+        better, weight = new.agreement - old.agreement, min(old.independent, new.independent, MOST)
+        if better < -WORSE and old.agreement > HELD and _certain(old):
+            return None
+        turned = min(-old.agreement, new.agreement) > REVERSED
+        if better > BETTER and (new.agreement > HOLDS or turned) and _certain(new):
+            mended.append((better * weight, old, new))
+        evidence += better * weight
+    shaped = any(old.correlation > HOLDS for _, old, _ in mended)
+    if not mended or evidence <= 0 or (fault.scales and not shaped):
+        return None
+    _, old, new = max(mended, key=lambda own: own[0])
+    return Explained(fault, evidence, old, new, len(mended) - 1)
+
+
+def _certain(relation: Relation) -> bool:
+    """Whether chance does not agree so well."""
+    n, c = relation.independent, min(abs(relation.correlation), 1 - 1e-12)
+    return n >= ENOUGH and bool(np.arctanh(c) * np.sqrt(n - 3) > CERTAIN)
+
+
+def _as_finding(named: Sequence[Explained]) -> Finding:
+    first = named[0]
+    old, new = first.before, first.after
+    more = f"; {first.more} more relation{'s' if first.more > 1 else ''} then hold{'' if first.more > 1 else 's'}"
+    sentence = (
+        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; put right, {_numbers(new)}"
+        f"{more if first.more else ''}. {first.fault.remedy}"
+    )
+    others = [own.fault.what for own in named[1:]]
+    if others:
+        sentence += f" As likely: {listed(others, 3)}."
+    error = 1 / np.sqrt(max(old.independent - 3, 1.0))
+    channel = first.fault.channels[0] if first.fault.channels else "time"
+    return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error)
+
+
+def _numbers(relation: Relation) -> str:
+    gain = f" and gain {number(relation.gain)}" if relation.known else ""
+    return f"correlation {relation.correlation:.2f}{gain}"
+
+
+# ---- faults that are undone
+
+
+def _faults(r: Recording) -> Iterator[Fault]:
+    """Every fault that the channels of a recording allow."""
+    yield from _imu(r)
+    yield from _velocities(r)
+    for names in (("steer",), ("yaw",), ("sideslip",), ("yaw_rate", "steer"), *((name,) for name in DRIVES)):
+        if r.has(*names):
+            yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
+    if r.has("x", "y"):
+        yield Fault(
+            "the positions are mirrored", "Turn the sign of y (or of x) in the column map.", ("y",), _scaled(-1.0, "y")
+        )
+    yield from _units(r)
+    for factor in (2.0, 0.5, 10.0, 0.1, 60.0, 1 / 60, 1000.0, 0.001):
+        yield Fault(
+            f"time is {exact(factor)} times as long as it should be",
+            f"Check the unit of time in the column map, or divide time by {factor:g}.",
+            (), _slowed(1 / factor),
+        )  # fmt: skip
+
+
+def _imu(r: Recording) -> Iterator[Fault]:
+    """The four turns and four mirrorings of a pair of accelerometers, with the gyro's sign or without."""
+    if r.has("a_x", "a_y"):
+        for exchanged, along, across, turn in product((False, True), (1, -1), (1, -1), (1, -1)):
+            if (exchanged, along, across, turn) != (False, 1, 1, 1) and (turn == 1 or r.has("yaw_rate")):
+                yield _mounted(exchanged, along, across, turn)
+        return
+    for name in ("a_x", "a_y", "yaw_rate"):
+        if r.has(name):
+            yield Fault(f"{name} has the wrong sign", _turn((name,)), (name,), _scaled(-1.0, name))
+    if r.has("a_y", "yaw_rate"):
+        both = ("a_y", "yaw_rate")
+        yield Fault("the IMU is upside down (turned about x)", _turn(both), both, _scaled(-1.0, *both))
+
+
+def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
+    """The true a_x is `along` times the column of a_x (exchanged: of a_y), the true a_y `across` times the other."""
+    first, second = ("a_y", "a_x") if exchanged else ("a_x", "a_y")
+
+    def undo(r: Recording) -> Recording:
+        made = {"a_x": along * r[first], "a_y": across * r[second]}
+        return r.with_signals(**made, **({"yaw_rate": -r["yaw_rate"]} if turn < 0 else {}))
+
+    wrong = [name for name, sign in (("a_x", along), ("a_y", across), ("yaw_rate", turn)) if sign < 0]
+    if not exchanged:
+        kinds: dict[tuple[str, ...], str] = {
+            ("a_x", "a_y"): "the IMU is turned by 180° about z",
+            ("a_y", "yaw_rate"): "the IMU is upside down (turned about x)",
+            ("a_x", "yaw_rate"): "the IMU is upside down (turned about y)",
+        }
+        names = tuple(wrong)
+        what = kinds.get(names, f"{listed(names)} {_have(names)} the wrong sign")
+        return Fault(what, _turn(names), names, undo)
+    if turn * along * across < 0:  # det of the exchange is -1: a turn in space keeps the hand
+        sense = "to the left" if along < 0 else "to the right"
+        what = f"the IMU is turned by 90° {sense}" if turn > 0 else "the IMU is upside down with x and y exchanged"
+    else:
+        what = "the columns of a_x and a_y are exchanged"
+    remedy = "Map each to the other's column"
+    remedy += f", and then turn the sign of {listed(wrong)}." if wrong else "."
+    return Fault(what, remedy, ("a_x", "a_y") if turn > 0 else ("a_x", "a_y", "yaw_rate"), undo)
+
+
+def _velocities(r: Recording) -> Iterator[Fault]:
+    if r.has("v_x"):
+        yield Fault("v_x has the wrong sign", _turn(("v_x",)), ("v_x",), _scaled(-1.0, "v_x"))
+    if not r.has("v_x", "v_y"):
+        return
+    yield Fault("v_y has the wrong sign", _turn(("v_y",)), ("v_y",), _scaled(-1.0, "v_y"))
+    both = ("v_x", "v_y")
+    yield Fault("v_x and v_y have the wrong sign", _turn(both), both, _scaled(-1.0, *both))
+    for along, across in product((1, -1), (1, -1)):
+        wrong = [name for name, sign in (("v_x", along), ("v_y", across)) if sign < 0]
+        remedy = f"Map each to the other's column{f', and then turn the sign of {listed(wrong)}' if wrong else ''}."
+        yield Fault("the columns of v_x and v_y are exchanged", remedy, both, _exchanged(along, across))
+
+
+def _exchanged(along: int, across: int) -> Callable[[Recording], Recording]:
+    return lambda r: r.with_signals(v_x=along * r["v_y"], v_y=across * r["v_x"])
+
+
+def _units(r: Recording) -> Iterator[Fault]:
+    """Units that are mistaken for each other."""
+    degrees, g, kmh = 180 / np.pi, 9.80665, 3.6
+    kinds: tuple[tuple[tuple[str, ...], float, str, str], ...] = (
+        (("v_x",), kmh, "km/h", "m/s"),
+        (("v_y",), kmh, "km/h", "m/s"),
+        (("v_x", "v_y"), kmh, "km/h", "m/s"),
+        (("yaw_rate",), degrees, "deg/s", "rad/s"),
+        (("yaw",), degrees, "deg", "rad"),
+        (("steer",), degrees, "deg", "rad"),
+        (("sideslip",), degrees, "deg", "rad"),
+        (("a_x",), g, "m/s^2", "g"),
+        (("a_y",), g, "m/s^2", "g"),
+        (("a_x", "a_y"), g, "m/s^2", "g"),
+        (("x", "y"), 1000.0, "mm", "m"),
+        *(((name,), RPM, "rpm", "rad/s") for name in WHEELS),
+    )
+    for names, factor, small, large in kinds:
+        if r.has(*names):
+            for by, is_in, called in ((factor, small, large), (1 / factor, large, small)):
+                verb = "are" if len(names) > 1 else "is"
+                what = f"{listed(names)} {verb} in {raised(is_in)} and called {raised(called)}"
+                remedy = f'Set unit = "{is_in}" in the column map (a factor of {exact(factor)}).'
+                around = any(name in ANGLES_AROUND for name in names)
+                yield Fault(what, remedy, names, _scaled(1 / by, *names), scales=not around)
+
+
+def _scaled(factor: float, *names: str) -> Callable[[Recording], Recording]:
+    return lambda r: r.with_signals(**{name: factor * r[name] for name in names})
+
+
+def _slowed(factor: float) -> Callable[[Recording], Recording]:
+    return lambda r: replace(r, time=factor * r.time)
+
+
+def _turn(names: Sequence[str]) -> str:
+    return f"Turn the sign of {listed(names)} in the column map (sign = -1, or take sign = -1 away)."
+
+
+def _have(names: Sequence[str]) -> str:
+    return "have" if len(names) > 1 else "has"
+
+
+# ---- faults that show by themselves
+
+
+def _upright(r: Recording) -> list[Finding]:
+    """Accelerometers that read gravity."""
+    findings = []
+    expected = {"a_x": np.zeros(len(r)), "a_y": r["v_x"] * r["yaw_rate"] if r.has("v_x", "yaw_rate") else None}
+    for name, due in expected.items():
+        if due is None or not r.has(name):
+            continue
+        reads = r[name][np.isfinite(r[name])]
+        left = (r[name] - due)[np.isfinite(r[name] - due)]
+        usual = float(np.median(reads))
+        low, high = np.quantile(left, [0.1, 0.9]) if left.size else (0.0, np.inf)
+        away = abs(float(np.median(left)) - np.sign(usual) * GRAVITY) if left.size else np.inf
+        if abs(abs(usual) - GRAVITY) < ABOUT and away < ABOUT and high - low < STEADILY:
+            sentence = (
+                f"{name} reads {signed(usual)} m/s² all the time, which is gravity: this axis of the IMU points "
+                f"{'up' if usual > 0 else 'down'}, and its gyro about z is no yaw rate either. Map {name} to the "
+                f"column of the axis that points {'forward' if name == 'a_x' else 'to the left'}."
+            )
+            findings.append(Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, usual, None, "m/s^2"))
+    return findings
+
+
+def _sideways(r: Recording) -> list[Finding]:
+    """Vehicles that move sideways more than ahead."""
+    if not r.has("v_x", "v_y"):
+        return []
+    ahead, aside = np.abs(r["v_x"]), np.abs(r["v_y"])
+    pace = np.hypot(ahead, aside)
+    moving = pace > 0.3 * float(np.nanquantile(pace, 0.95))
+    if np.count_nonzero(moving) < 20 or not np.nanquantile(pace, 0.95) > 0.5:
+        return []
+    share = float(np.median(aside[moving])) / max(float(np.median(ahead[moving])), 1e-9)
+    if share < SIDEWAYS:
+        return []
+    sentence = (
+        f"|v_y| is usually {number(share)} times |v_x|: no vehicle moves sideways for most of the time. The columns of "
+        "v_x and v_y are exchanged, or v_x is no speed. Map each to the other's column."
+    )
+    return [Finding("mapping", Severity.DISTRUST, FoundAt("v_x"), sentence, share)]
+
+
+def _wheels(found: Sequence[Relation]) -> list[Finding]:
+    """Wheels that would be too small for the vehicle, or turn too fast."""
+    rolling = next((own for own in found if own.right == "the wheel speeds"), None)
+    turning = next((own for own in found if own.right == "v_x · steer" and _certain(own)), None)
+    if rolling is None or not rolling.agreement > HOLDS or turning is None or not turning.agreement > HOLDS:
+        return []
+    share = rolling.gain * turning.gain  # radius over v_x · steer / yaw_rate
+    if share > SMALLEST_WHEEL:
+        return []
+    sentence = (
+        f"v_x against the wheel speeds says a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of "
+        f"the wheelbase that yaw_rate against v_x · steer says; 9 to 18 % are usual. The wheel speeds are in rpm and "
+        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm", or v_x is in another unit.'
+    )
+    return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]
+
+
+def _commanded(found: Sequence[Relation]) -> list[Finding]:
+    """Accelerations that follow their command in shape, but not in size."""
+    own = next((own for own in found if own.right == "ax_cmd"), None)
+    if own is None or own.correlation < WITNESS or not _certain(own) or own.agreement > 1 - WITNESS:
+        return []
+    sentence = (
+        f"dv_x/dt is {number(own.gain, 2)} times ax_cmd, where about 1 is due (correlation {own.correlation:.2f}): "
+        "check unit and scale of ax_cmd in the column map."
+    )
+    return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, own.gain)]
+
+
+def _strange(found: Sequence[Relation]) -> list[Finding]:
+    """Channels that agree with nothing, though what they should agree with agrees with each other."""
+    findings = []
+    for name, others in (("yaw_rate", {"a_y", "steer", "v_x"}), ("a_y", {"yaw_rate", "steer", "v_x"})):
+        own = [r for r in found if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
+        sides = [r for r in found if name not in r.channels and r.agreement > WITNESS and r.independent > ENOUGH]
+        sides = [r for r in sides if len(others & set(r.channels)) >= 2 and "steer" in r.channels]
+        low = [r for r in own if abs(r.correlation) < STRANGE and (name != "a_y" or r.right_size > PUSHED)]
+        if len(own) >= 2 and len(low) == len(own) and sides:
+            sentence = (
+                f"{name} follows neither {listed((r.right for r in low), 3).replace(' and ', ' nor ')} (correlation "
+                f"{low[0].correlation:.2f}), though {sides[0].left} follows {sides[0].right} "
+                f"({sides[0].correlation:.2f}): its column holds something else, such as another axis. "
+                f"Map {name} to the right column."
+            )
+            findings.append(Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, low[0].correlation))
+    return findings
+
+
+# ---- what could not be checked
+
+CLOCKED = ("a_x", "yaw_rate", "|v_x|")
+"""What may be held against a time derivative whose gain is known."""
+CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
+    ("steer", "the sign of steer", lambda own: "steer" in own.channels, "v_x and yaw_rate, a_y or positions"),
+    ("yaw_rate", "the sign of yaw_rate", lambda own: "yaw_rate" in own.channels and own.left != "v_y",
+     "v_x with steer or a_y, yaw, or positions"),
+    ("a_x", "axis and sign of a_x", lambda own: own.left == "a_x", "v_x"),
+    ("a_y", "axis and sign of a_y", lambda own: own.left == "a_y", "v_x with yaw_rate or steer"),
+    ("v_x", "the scale of v_x", lambda own: "v_x" in own.channels and own.known and own.left in ("a_x", "a_y", "|v_x|"),
+     "positions, or a_y with yaw_rate, or a_x"),
+    ("v_y", "the sign of v_y", lambda own: own.left in ("v_y", "sideslip"),
+     "x, y and yaw, or yaw_rate at several speeds"),
+    ("yaw", "the sign of yaw", lambda own: "yaw" in own.channels, "yaw_rate, or x and y"),
+    ("time", "the scale of time", lambda own: own.left in CLOCKED and ("/dt" in own.right or "ground" in own.right),
+     "a_x and v_x, yaw_rate and yaw, or positions"),
+    *((name, f"the sign of {name}", lambda own, name=name: own.right == name, "v_x") for name in DRIVES),
+)  # fmt: skip
+"""Channel, what of it is checked, the relations that do it, what they need."""
+
+
+def _unchecked(r: Recording, found: Sequence[Relation], findings: Sequence[Finding]) -> list[Finding]:
+    """Checks that need channels which are not there, or a motion that did not happen."""
+    if findings:
+        return []  # one fault is told; what else holds is told once it is mended
+    lacking, still = [], []
+    for name, what, does, needs in CHECKS:
+        if name != "time" and not r.has(name):
+            continue
+        own = [relation for relation in found if does(relation)]
+        if not own:
+            lacking.append(f"{what} (that needs {needs})")
+        elif not any(relation.agreement > HOLDS and _certain(relation) for relation in own):
+            still.append(what)
+    sentences = []
+    if lacking:
+        sentences.append(f"could not be checked, as channels are missing: {'; '.join(lacking)}.")
+    if still:
+        sentences.append(f"could not be checked, as nothing in this recording shows it clearly: {'; '.join(still)}.")
+    return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

@@ -1,0 +1,224 @@
+"""Channels that must tell the same story: each pair is one quantity got in two ways.
+
+What the left side reads, the right side says as well, up to a gain: yaw_rate and d(yaw)/dt, a_x and dv_x/dt, ...
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from ...base.shorthands import Array
+from ..recording import Recording
+
+EARTH = 6.371e6
+"""Mean radius of the earth, m."""
+
+SHARPEST = 1.0
+"""Angle in rad turned within one chord, up to which the course over ground follows."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One quantity, got in two ways.
+
+    Attributes
+    ----------
+    left, right : what the two sides are called in sentences.
+    nodes : the two channels whose signs are compared.
+    channels : every channel that takes part.
+    left_values, right_values : (n,) in the same unit up to a gain; NaN where a side cannot be formed.
+    kinematic : both sides are the same quantity (gain 1, no delay); otherwise the vehicle's response lies between.
+    smoothing : width of the moving average for comparing gains, s.
+    lag_smoothing : standard deviation of the smoothing for comparing delays, s; None where a pair is too
+        coarse to tell a delay.
+    """
+
+    left: str
+    right: str
+    nodes: tuple[str, str]
+    channels: tuple[str, ...]
+    left_values: Array
+    right_values: Array
+    kinematic: bool = True
+    smoothing: float = 0.5
+    lag_smoothing: float | None = 0.06
+
+
+def pairs(recording: Recording) -> list[Pair]:
+    """All pairs that the recording's channels allow."""
+    r = recording
+    found: list[Pair] = []
+
+    if r.has("yaw_rate", "v_x", "steer"):
+        found.append(
+            Pair("yaw_rate", "v_x · steer", ("yaw_rate", "steer"), ("yaw_rate", "v_x", "steer"),
+                 r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
+        )  # fmt: skip
+    if r.has("yaw_rate", "yaw"):
+        both = ("yaw_rate", "yaw")
+        found.append(Pair("yaw_rate", "d(yaw)/dt", both, both, r["yaw_rate"], rate(r, r["yaw"], True)))
+    if r.has("a_x", "v_x"):
+        right, values = acceleration_ahead(r)
+        found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], values))
+    if r.has("a_y", "v_x", "yaw_rate"):
+        right, values = acceleration_aside(r)
+        found.append(
+            Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"), r["a_y"], values,
+                 lag_smoothing=0.06 if r.has("v_y") else None)
+        )  # fmt: skip
+    if r.has("sideslip", "v_x", "v_y"):
+        slow = np.abs(r["v_x"]) < 1.0
+        angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
+        found.append(
+            Pair("sideslip", "atan2(v_y, v_x)", ("sideslip", "v_y"), ("sideslip", "v_y"), r["sideslip"], angle)
+        )
+    return found + _over_ground(r)
+
+
+def acceleration_ahead(r: Recording) -> tuple[str, Array]:
+    """What a_x is by the motion, in words and values."""
+    if r.has("yaw_rate", "v_y"):
+        return "dv_x/dt - yaw_rate · v_y", rate(r, r["v_x"]) - r["yaw_rate"] * r["v_y"]
+    return "dv_x/dt", rate(r, r["v_x"])
+
+
+def acceleration_aside(r: Recording) -> tuple[str, Array]:
+    """What a_y is by the motion, in words and values."""
+    if r.has("v_y"):
+        return "v_x · yaw_rate + dv_y/dt", r["v_x"] * r["yaw_rate"] + rate(r, r["v_y"])
+    return "v_x · yaw_rate", r["v_x"] * r["yaw_rate"]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Positions that a course and a speed over ground are had from.
+
+    Attributes
+    ----------
+    words : the channels, for people.
+    channels : their names.
+    east, north : (n,) m, or x and y of a map.
+    seconds : duration of the chords, s.
+    shortest : length of a chord, m, below which it has no direction.
+    """
+
+    words: str
+    channels: tuple[str, str]
+    east: Array
+    north: Array
+    seconds: float
+    shortest: float
+
+    def twice_smoothed(self, r: Recording, values: Array) -> Array:
+        """A series smoothed as the difference of two chords is."""
+        return smooth(r, smooth(r, values, self.seconds), self.seconds)
+
+    def turning(self, r: Recording) -> Array:
+        """The yaw rate as the course follows it: past half a turn within a chord that comes round the other way."""
+        gentle = self.twice_smoothed(r, np.abs(r["yaw_rate"])) * self.seconds < SHARPEST
+        return np.where(gentle, self.twice_smoothed(r, r["yaw_rate"]), np.nan)
+
+    def steered(self, r: Recording) -> Array:
+        """v_x · steer, smoothed alike."""
+        return self.twice_smoothed(r, r["v_x"] * r["steer"])
+
+
+def grounds(r: Recording) -> list[Ground]:
+    """All positions of a recording."""
+    found = []
+    if r.has("latitude", "longitude"):
+        north = np.radians(r["latitude"]) * EARTH
+        east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
+        # Receivers know their place to about a metre: the course needs a chord of several metres.
+        found.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
+    if r.has("x", "y"):
+        found.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
+    return found
+
+
+def _over_ground(r: Recording) -> list[Pair]:
+    """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
+    found = []
+    for place in grounds(r):
+        turn, speed = course_and_speed(r, place)
+        words, channels = place.words, place.channels
+        node, along = f"course over ground ({words})", f"the course over ground ({words})"
+        if "yaw_rate" in r:
+            sides = place.turning(r), turn
+            found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), *sides))
+        elif "steer" in r and "v_x" in r:
+            sides = place.steered(r), turn
+            coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
+            found.append(replace(coarse, kinematic=False))
+        if "v_x" in r:
+            pace, ground = smooth(r, np.abs(r["v_x"]), place.seconds), f"the speed over ground ({words})"
+            found.append(
+                _coarse("|v_x|", ground, ("v_x", f"speed over ground ({words})"), ("v_x", *channels), pace, speed)
+            )
+    return found
+
+
+def _coarse(
+    left: str, right: str, nodes: tuple[str, str], channels: tuple[str, ...], left_values: Array, right_values: Array
+) -> Pair:
+    """A pair with chords of seconds behind it: smooth already, and too coarse to tell a delay."""
+    return Pair(left, right, nodes, channels, left_values, right_values, smoothing=0.0, lag_smoothing=None)
+
+
+def course_and_speed(r: Recording, place: Ground) -> tuple[Array, Array]:
+    """Turn rate of the course, rad/s, and speed, m/s, from chords."""
+    east, north = place.east, place.north
+    half = max(1, int(round(place.seconds / 2 / r.sample_time)))
+    course, chord = np.full(len(r), np.nan), np.full(len(r), np.nan)
+    turn = np.full(len(r), np.nan)
+    spans = []
+    for start, stop in r.runs:
+        if stop - start > 4 * half + 1:
+            dx = east[start + 2 * half : stop] - east[start : stop - 2 * half]
+            dy = north[start + 2 * half : stop] - north[start : stop - 2 * half]
+            course[start + half : stop - half] = np.arctan2(dy, dx)
+            chord[start + half : stop - half] = np.hypot(dx, dy)
+            spans.append((start, stop))
+    if not spans or not np.isfinite(chord).any():
+        return turn, chord
+    usual = float(np.nanquantile(chord, 0.95))
+    sound = chord > max(place.shortest, 0.2 * usual)
+    course = np.where(sound, course, np.nan)
+    duration = 2 * half * r.sample_time
+    for start, stop in spans:
+        change = course[start + 2 * half : stop] - course[start : stop - 2 * half]
+        turn[start + half : stop - half] = (np.mod(change + np.pi, 2 * np.pi) - np.pi) / duration
+    return turn, np.where(sound, chord / duration, np.nan)
+
+
+def rate(recording: Recording, values: Array, angle: bool = False) -> Array:
+    """Time derivative within runs, (n,) for (n,); NaN in runs of fewer than 3 rows."""
+    out = np.full(len(values), np.nan)
+    for start, stop in recording.runs:
+        if stop - start >= 3:
+            run = values[start:stop]
+            if angle and np.isfinite(run).all():
+                run = np.unwrap(run)
+            out[start:stop] = np.gradient(run, recording.time[start:stop])
+    return out
+
+
+def smooth(recording: Recording, values: Array, seconds: float) -> Array:
+    """Centred moving average within runs, (n,) for (n,); NaN where the window would leave the run or meets a NaN."""
+    half = int(round(seconds / 2 / recording.sample_time))
+    if half < 1:
+        return values
+    out = np.full(len(values), np.nan)
+    width = 2 * half + 1
+    for start, stop in recording.runs:
+        if stop - start >= width:
+            run = values[start:stop]
+            holes = ~np.isfinite(run)
+            mean = uniform_filter1d(np.where(holes, 0.0, run), width)
+            if holes.any():
+                mean[uniform_filter1d(holes.astype(float), width) > 0.5 / width] = np.nan
+            out[start + half : stop - half] = mean[half : len(run) - half]
+    return out

@@ -1,0 +1,333 @@
+"""How well channels keep to what holds between them on any vehicle: kinematics of a rigid body, and a little more.
+
+Where `pairs` hold two ways to one quantity against each other to tell gains and delays, relations say whether a
+recording hangs together as a whole, so that it can be asked again with one of its channels turned, exchanged or scaled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...base.signals import ANGLES_AROUND
+from ..recording import Recording
+from .agreement import TINY, independent_samples
+from .pairs import acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth
+
+RATE, MOST_ROWS, SLOWEST = 20.0, 30_000, 5.0
+"""Rows a second to which a recording is thinned: what a vehicle does as a whole is slower than 10 Hz. Recordings with
+more rows than that are thinned further, though not below 5 Hz."""
+SMOOTHING = 0.5
+"""s, of the moving average under which series are compared."""
+TURNS, PUSHES, STEERS = 0.05, 0.6, 0.02
+"""Largest constant of a yaw rate in rad/s, of an acceleration in m/s^2 (offset and slope) and of a steering angle in
+rad (offset) that has nothing to say; what is constant beyond it does, so that a steady circle tells as well."""
+SAME, TIGHT, PLACES = (0.6, 1.6), (0.75, 1.33), (0.7, 1.4)
+"""Gains between accelerations (slope, roll and pitch add to one side), between speeds, and between yaw rates."""
+LENGTHS = (0.06, 15.0)
+"""Of v_x · steer / yaw_rate in m, as in `consistency`."""
+RADII = (0.012, 1.0)
+"""Of wheels, m."""
+MASSES = (0.3, 6e4)
+"""Of vehicles, kg."""
+COMMANDS = (0.2, 4.0)
+"""Acceleration over the one commanded: an uncalibrated drive, and losses."""
+SLACK = 0.1
+"""In the logarithm of a gain: what it may lie outside its range before agreement counts little."""
+SPEEDS = 0.1
+"""Share of v_x² · yaw_rate that yaw_rate alone must leave unexplained: speeds that differ by some 10 %."""
+MOVING = 0.2
+"""Share of the usual speed below which ratios of speeds tell nothing."""
+DRIVES = ("drive_force", "ax_cmd", "motor_current")
+WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
+
+
+@dataclass(frozen=True)
+class Relation:
+    """What holds between channels, and how well it does.
+
+    Attributes
+    ----------
+    left, right : the two sides in words.
+    channels : every channel that takes part.
+    correlation : of the two sides, from -1 to 1; constants beyond an offset's size count.
+    gain : left over right, ratio of their sizes.
+    gains : between which gains the relation holds.
+    independent : samples that tell something new.
+    known : whether the gain is known, up to tolerances.
+    right_size : root mean square of the right side.
+    """
+
+    left: str
+    right: str
+    channels: tuple[str, ...]
+    correlation: float
+    gain: float
+    gains: tuple[float, float]
+    independent: float
+    known: bool = True
+    right_size: float = 0.0
+
+    @property
+    def agreement(self) -> float:
+        """1 where the relation holds, 0 where the sides have nothing to do with each other or the gain is far off.
+
+        Noise on either side makes the ratio of sizes wrong by up to the correlation: so far a gain is believed.
+        """
+        if abs(self.correlation) < 0.05 or not 0 < self.gain < np.inf:
+            return 0.0
+        least, most = self.gain * abs(self.correlation), self.gain / abs(self.correlation)
+        low, high = max(self.gains[0], TINY), self.gains[1]
+        outside = max(np.log(low) - np.log(most), np.log(least) - np.log(high), 0.0)
+        return float(self.correlation * np.exp(-((outside / SLACK) ** 2)))
+
+
+def thinned(recording: Recording) -> Recording:
+    """Means over blocks of rows, so that about `RATE` rows a second are left; blocks do not cross joins."""
+    dt = recording.sample_time
+    wanted = max(min(RATE, MOST_ROWS / max(recording.duration, dt)), SLOWEST)
+    by = max(1, int(round(1 / (wanted * dt))))
+    if by == 1:
+        return recording
+    spans = [(start, (stop - start) // by) for start, stop in recording.runs if stop - start >= 2 * by]
+
+    def means(values: Array) -> Array:
+        parts = [values[a : a + n * by].reshape(n, by).mean(axis=1) for a, n in spans]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def middles(values: Array) -> Array:
+        parts = [values[a + by // 2 : a + n * by : by] for a, n in spans]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    edges = np.concatenate(([0], np.cumsum([n for _, n in spans])))
+    return Recording(
+        recording.name,
+        means(recording.time),
+        {name: middles(v) if name in ANGLES_AROUND else means(v) for name, v in recording.signals.items()},
+        tuple((int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)),
+        extra_units=recording.extra_units,
+    )
+
+
+def relations(r: Recording, touching: Collection[str] = ()) -> list[Relation]:
+    """All relations that the channels allow.
+
+    Parameters
+    ----------
+    r : a recording that runs on, as `thinned` leaves it.
+    touching : only those in which one of these channels takes part; all of them if empty.
+    """
+    asked = _Asked(r, frozenset(touching))
+    found = (*_turning(asked), *_pushing(asked), *_over_ground(asked), *_rolling(asked), *_driven(asked))
+    return [own for own in found if own is not None]
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A recording and the channels that relations are wanted of."""
+
+    recording: Recording
+    touching: frozenset[str]
+
+    def wants(self, *channels: str) -> bool:
+        """Whether a relation between these channels can be formed, and is wanted."""
+        return self.recording.has(*channels) and (not self.touching or not self.touching.isdisjoint(channels))
+
+
+def _turning(asked: _Asked) -> list[Relation | None]:
+    r, found = asked.recording, list[Relation | None]()
+    if asked.wants("yaw_rate", "v_x", "steer"):
+        found.append(_relation(r, ("yaw_rate", "v_x · steer"), ("yaw_rate", "v_x", "steer"), r["yaw_rate"],
+                               r["v_x"] * r["steer"], (TURNS, STEERS * _usual(r["v_x"])),
+                               (1 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
+    if asked.wants("yaw_rate", "yaw"):
+        found.append(_relation(r, ("yaw_rate", "d(yaw)/dt"), ("yaw_rate", "yaw"), r["yaw_rate"],
+                               rate(r, r["yaw"], True), (TURNS, 0.0), PLACES))  # fmt: skip
+    if asked.wants("a_y", "v_x", "steer"):
+        found.append(_relation(r, ("a_y", "v_x² · steer"), ("a_y", "v_x", "steer"), r["a_y"],
+                               r["v_x"] * np.abs(r["v_x"]) * r["steer"], (PUSHES, STEERS * _usual(r["v_x"]) ** 2),
+                               (0.2 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
+    if asked.wants("v_y", "v_x", "yaw_rate"):
+        found.append(_rear_axle(r))
+    return found
+
+
+def _rear_axle(r: Recording) -> Relation | None:
+    """Its rear axle slips outwards: v_y = b · yaw_rate - k · v_x² · yaw_rate with k > 0, wherever (b) the sensor sits.
+
+    Both sides are what yaw_rate does not explain: only recordings at several speeds tell the two terms apart.
+    """
+    v_y, rolls, slips = (
+        smooth(r, own, SMOOTHING) for own in (r["v_y"], r["yaw_rate"], -r["v_x"] * np.abs(r["v_x"]) * r["yaw_rate"])
+    )
+    rows = np.isfinite(v_y) & np.isfinite(rolls) & np.isfinite(slips)
+    power = float(np.sum(rolls[rows] ** 2))
+    if not TINY < power < 1 / TINY:
+        return None
+    left, right = (own - rolls * float(np.sum(own[rows] * rolls[rows]) / power) for own in (v_y, slips))
+    told = float(np.sum(right[rows] ** 2)) > SPEEDS**2 * float(np.sum(slips[rows] ** 2))
+    if not told:
+        return None
+    words = ("v_y", "v_x² · yaw_rate, less what yaw_rate explains")
+    offsets, any_gain = (np.inf, np.inf), (0.0, np.inf)
+    return _relation(r, words, ("v_y", "v_x", "yaw_rate"), left, right, offsets, any_gain, False, 0.0)
+
+
+def _pushing(asked: _Asked) -> list[Relation | None]:
+    r, found = asked.recording, list[Relation | None]()
+    involved = ("a_x", "v_x", *(("yaw_rate", "v_y") if r.has("yaw_rate", "v_y") else ()))
+    if asked.wants(*involved):
+        words, right = acceleration_ahead(r)
+        found.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
+    involved = ("a_y", "v_x", "yaw_rate", *(("v_y",) if r.has("v_y") else ()))
+    if asked.wants(*involved):
+        words, right = acceleration_aside(r)
+        offsets = (PUSHES, TURNS * _usual(r["v_x"]))
+        found.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
+    if asked.wants("sideslip", "v_x", "v_y"):
+        slow = np.abs(r["v_x"]) < MOVING * _usual(r["v_x"])
+        angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
+        found.append(_relation(r, ("sideslip", "atan2(v_y, v_x)"), ("sideslip", "v_y", "v_x"), r["sideslip"], angle,
+                               (STEERS, STEERS), PLACES))  # fmt: skip
+    return found
+
+
+def _over_ground(asked: _Asked) -> list[Relation | None]:
+    r, found = asked.recording, list[Relation | None]()
+    for place in grounds(r):
+        beside = [name for name in ("yaw_rate", "v_x", "steer", "yaw") if r.has(name)]
+        if not asked.wants(*place.channels, *beside):
+            continue
+        turn, speed = course_and_speed(r, place)
+        if not np.isfinite(speed).any():
+            continue
+        words = f"the course over ground ({place.words})"
+        if asked.wants("yaw_rate", *place.channels):
+            found.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
+                                   (TURNS, 0.0), PLACES, smoothing=0.0))  # fmt: skip
+        if asked.wants("v_x", "steer", *place.channels):
+            offsets = (STEERS * _usual(r["v_x"]), 0.0)
+            found.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
+                                   offsets, LENGTHS, False, 0.0))  # fmt: skip
+        if asked.wants("v_x", *place.channels):
+            sides = ("|v_x|", f"the speed over ground ({place.words})")
+            pace = smooth(r, np.abs(r["v_x"]), place.seconds)
+            found.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
+        aside = ("v_y",) if r.has("v_y") else ()
+        if place.words == "x, y" and asked.wants("x", "y", "yaw", "v_x", *aside):
+            found += _heading(r)
+    return found
+
+
+def _heading(r: Recording) -> list[Relation | None]:
+    """Velocity over ground, turned back by yaw, is v_x ahead and v_y to the left; yaw may count from any direction."""
+    ground = rate(r, r["x"]) + 1j * rate(r, r["y"])
+    ahead = np.exp(-1j * r["yaw"]) * ground
+    body = r["v_x"] + 1j * (r["v_y"] if r.has("v_y") else 0.0)
+    both = np.isfinite(ahead) & np.isfinite(body)
+    if not both.any():
+        return []
+    origin = np.angle(np.sum(ahead[both] * np.conj(body[both])))
+    seen = ahead * np.exp(-1j * origin)
+    found = [_ratio(r, ("v_x", "the velocity over ground (x, y) along yaw"), ("v_x", "x", "y", "yaw"),
+                    smooth(r, r["v_x"], SMOOTHING), smooth(r, seen.real, SMOOTHING), TIGHT, True)]  # fmt: skip
+    if r.has("v_y"):
+        found.append(_relation(r, ("v_y", "the velocity over ground (x, y) across yaw"), ("v_y", "x", "y", "yaw"),
+                               r["v_y"], seen.imag, (0.02 * _usual(r["v_x"]),) * 2, SAME))  # fmt: skip
+    return found
+
+
+def _rolling(asked: _Asked) -> list[Relation | None]:
+    r, found = asked.recording, list[Relation | None]()
+    wheels = [name for name in WHEELS if r.has(name)]
+    if not (asked.wants(*wheels) or asked.wants("v_x", *wheels)):
+        return found
+    speeds = {name: smooth(r, np.abs(r[name]), SMOOTHING) for name in wheels}
+    for name in wheels if len(wheels) > 1 and asked.wants(*wheels) else []:
+        others = np.median([own for other, own in speeds.items() if other != name], axis=0)
+        found.append(_ratio(r, (name, "the other wheel speeds"), tuple(wheels), speeds[name], others, TIGHT, True))
+    if wheels and asked.wants("v_x", *wheels):
+        usual = np.median(list(speeds.values()), axis=0)
+        pace = smooth(r, np.abs(r["v_x"]), SMOOTHING)
+        found.append(_ratio(r, ("|v_x|", "the wheel speeds"), ("v_x", *wheels), pace, usual, RADII, False))
+    return found
+
+
+def _driven(asked: _Asked) -> list[Relation | None]:
+    r, found = asked.recording, list[Relation | None]()
+    for name in DRIVES:
+        if asked.wants(name, "v_x") and np.ptp(r[name][np.isfinite(r[name])]) > 0:
+            gains = {"ax_cmd": COMMANDS, "drive_force": (1 / MASSES[1], 1 / MASSES[0])}.get(name, (0.0, np.inf))
+            found.append(_relation(r, ("dv_x/dt", name), (name, "v_x"), rate(r, r["v_x"]), r[name], (np.inf, np.inf),
+                                   gains, known=name == "ax_cmd"))  # fmt: skip
+    return found
+
+
+def _relation(
+    r: Recording, words: tuple[str, str], channels: tuple[str, ...], left: Array, right: Array,
+    offsets: tuple[float, float], gains: tuple[float, float], known: bool = True, smoothing: float = SMOOTHING,
+) -> Relation | None:  # fmt: skip
+    """A relation between two series, each of which may have a constant up to its offset that says nothing."""
+    stride = max(1, int(round(0.25 / r.sample_time)))
+    sides, centred = [], []
+    smoothed = [smooth(r, own, smoothing) for own in (left, right)]
+    for start, stop in r.runs:
+        u, v = (own[start:stop:stride] for own in smoothed)
+        both = np.isfinite(u) & np.isfinite(v)
+        sides.append((u[both], v[both]))
+        centred += [(u[both] - u[both].mean(), v[both] - v[both].mean())] if both.any() else []
+    (x, constant_x), (y, constant_y) = (
+        _about_zero(np.concatenate([own[k] for own in sides]), offsets[k]) for k in (0, 1)
+    )
+    size_x, size_y = (float(np.sqrt(np.mean(own**2))) if own.size else 0.0 for own in (x, y))
+    if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
+        return None
+    correlation = float(np.mean((x / size_x) * (y / size_y)))
+    moves = [np.concatenate([own[k] for own in centred]) for k in (0, 1)]  # runs driven to one side differ in mean
+    moves = [own / max(float(np.std(own)), TINY) for own in moves]
+    count = independent_samples(moves[0], moves[1], np.cumsum([len(own) for own, _ in centred]))
+    if constant_x and constant_y:
+        count += STEADY
+    return Relation(*words, channels, correlation, size_x / size_y, gains, count, known, size_y)
+
+
+STEADY = 12.0
+"""Independent samples that a constant beyond twice an offset's size on both sides is worth."""
+
+
+def _about_zero(values: Array, offset: float) -> tuple[Array, bool]:
+    """A series less its mean, of which no more than `offset` is taken away; whether it is more than twice that."""
+    if not values.size:
+        return values, False
+    low, high = np.quantile(values, [0.005, 0.995])
+    tame = np.clip(values, low, high)
+    mean = float(tame.mean())
+    return tame - np.clip(mean, -offset, offset), abs(mean) > 2 * offset
+
+
+def _ratio(
+    r: Recording, words: tuple[str, str], channels: tuple[str, ...], left: Array, right: Array,
+    gains: tuple[float, float], known: bool,
+) -> Relation | None:  # fmt: skip
+    """A relation between two speeds, which have no offset: constant speed tells as well."""
+    pace = np.maximum(np.abs(left), np.abs(right))
+    rows = np.isfinite(left) & np.isfinite(right)
+    if not rows.any():
+        return None
+    rows &= pace > MOVING * _usual(pace)
+    x, y = left[rows], right[rows]
+    size_x, size_y = (float(np.sqrt(np.mean(own**2))) if own.size else 0.0 for own in (x, y))
+    if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
+        return None
+    correlation = float(np.mean((x / size_x) * (y / size_y)))
+    seconds = np.count_nonzero(rows) * r.sample_time
+    return Relation(*words, channels, correlation, size_x / size_y, gains, 2 * seconds, known, size_y)
+
+
+def _usual(values: Array) -> float:
+    """The size that a series has for most of the time in which it is not at rest."""
+    good = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(good, 0.9)) if good.size else 0.0

@@ -1,0 +1,330 @@
+"""What the data say of units and signs: channels that must tell the same story do so in one set of units only."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.numbers import number
+from ...base.signals import SIGNALS
+from ...base.units import to_si
+from ..checks.agreement import Agreement, agreement
+from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
+from ..checks.pairs import Pair, pairs
+from ..column_map import Column
+from ..recording import Recording
+
+
+@dataclass(frozen=True)
+class MapEntry:
+    """What a column is proposed to be.
+
+    Attributes
+    ----------
+    signal : the signal it may hold.
+    column : its full name in the file.
+    unit : the file's unit; empty where nothing tells it.
+    sign : -1 where it counts the other way round.
+    divide_by : file units in one `unit`, for counts.
+    decided : whether it may stand in the map as it is; otherwise the user is asked.
+    reasons : what speaks for it, or why it is left open.
+    units : what the unit may be, where that is open.
+    """
+
+    signal: str
+    column: str
+    unit: str
+    sign: int = 1
+    divide_by: float = 1.0
+    decided: bool = True
+    reasons: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def as_column(self) -> Column:
+        """The entry as a column map holds it; an unknown unit is taken as SI."""
+        target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
+        return Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
+
+    @property
+    def factor(self) -> float:
+        """SI value of one of the file's units, without the sign."""
+        column = self.as_column()
+        return to_si(column.unit, column.si_unit).factor * column.scale
+
+
+USUAL = {"m/s": ("m/s", "km/h"), "rad/s": ("rad/s", "deg/s"), "rad": ("rad", "deg"), "m/s^2": ("m/s^2", "g")}
+"""Units in which files hold a signal of this SI unit; any other has only its own."""
+MARGIN = 0.7
+"""How much better, in the logarithm of a factor, a unit must explain the data than the next (a factor of two)."""
+TOO_FAR = 4.0
+LOST = 1.0
+"""What a pair costs that agrees in other units only: an angle in wrong units jumps where it begins anew."""
+RARE = {
+    "a_x": 25.0,
+    "a_y": 25.0,
+    "yaw_rate": 6.0,
+    "steer": 0.9,
+    "roll": 1.0,
+    "pitch": 1.0,
+    "sideslip": 1.6,
+    "yaw": 30.0,
+}
+"""Sizes (99th percentile, SI) beyond which a unit is improbable, though not impossible."""
+MOST_ROWS = 20_000
+WHEELBASES = {False: (0.12, 12.0), True: (1.0, 12.0)}
+"""Lengths that v_x · steer / yaw_rate may have, in m: of any vehicle, and of one that is fast."""
+FAST = 20.0
+"""Speed in m/s that no small model drives."""
+AXES = {"v_x": "x", "v_y": "y", "a_x": "x", "a_y": "y", "roll": "roll", "pitch": "pitch", "yaw": "yaw"}
+"""What tells a signal's name from its siblings'."""
+
+
+@dataclass(frozen=True)
+class Met:
+    """A pair of channels and how far they agree."""
+
+    pair: Pair
+    agreed: Agreement
+
+    @property
+    def words(self) -> str:
+        """For a person."""
+        if self.pair.kinematic:
+            return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
+        return f"{self.pair.left} against {self.pair.right} says a length of {number(1 / abs(self.agreed.gain), 2)} m"
+
+
+def pairs_of(recording: Recording) -> list[Pair]:
+    """All pairs of a recording that runs on at all."""
+    return pairs(recording) if recording.sample_time > 0 else []
+
+
+def met(recording: Recording) -> list[Met]:
+    """All pairs that agree, or contradict each other, beyond chance."""
+    found = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs_of(recording)]
+    return [own for own in found if own.agreed.beyond_chance]
+
+
+def sizes_of(recording: Recording) -> dict[str, float]:
+    """99th percentile of every signal's size; 0 where nothing is finite."""
+    finite = {name: values[np.isfinite(values)] for name, values in recording.signals.items()}
+    return {name: float(np.quantile(np.abs(v), 0.99)) if v.size else 0.0 for name, v in finite.items()}
+
+
+def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | None) -> list[MapEntry]:
+    """The entries with their units decided or left open.
+
+    Parameters
+    ----------
+    entries : one for each signal; a unit that is stated is only checked.
+    raw : the signals as the file holds them, with factor 1.
+    wheelbase : in m, if known.
+    """
+    short = raw.rows(0, MOST_ROWS)
+    sizes = sizes_of(short)
+    options = [_options(entry, short, sizes) for entry in entries]
+    paired = {name for own in pairs_of(short) for name in own.channels}
+    open_ones = [k for k, own in enumerate(options) if len(own) > 1 and entries[k].signal in paired]
+    costs = _costs(options, open_ones, short, sizes, wheelbase)
+    best = min(costs, key=lambda choice: costs[choice])
+    picked = [own[0] for own in options]
+    for k, n in zip(open_ones, best, strict=True):
+        picked[k] = options[k][n]
+    agreed = met(_scaled(short, picked))
+    decided = []
+    for k, entry in enumerate(picked):
+        if entry.divide_by != 1.0:
+            decided.append(replace(entry, decided=False))
+        elif len(options[k]) == 1:
+            decided.append(_stated(entries[k], entry, agreed, wheelbase))
+        elif k in open_ones:
+            place = open_ones.index(k)
+            margin = min(costs[c] for c in costs if c[place] != best[place]) - costs[best]
+            decided.append(_by_margin(entry, margin, agreed, options[k], sizes))
+        else:
+            odds = [_improbable(own, sizes) for own in options[k]]
+            margin = max(odds) - min(odds)
+            decided.append(_by_margin(options[k][int(np.argmin(odds))], margin, agreed, options[k], sizes))
+    return like_siblings(decided)
+
+
+def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
+    """Open units of columns whose names differ by the axis alone (vx and vy) become those of the decided one."""
+    families = {_family(e): e for e in entries if e.decided and e.unit and _family(e)}
+    found = []
+    for entry in entries:
+        known = families.get(_family(entry))
+        if entry.units and known:
+            why = f"unit: as that of {known.column}, whose name differs by the axis alone"
+            entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
+        found.append(entry)
+    return found
+
+
+def _family(entry: MapEntry) -> tuple[str, str] | None:
+    axis = AXES.get(entry.signal)
+    before, found, after = entry.column.lower().rpartition(axis or " ")
+    return (SIGNALS[entry.signal].unit, f"{before}*{after}") if axis and found else None
+
+
+def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
+    """An entry in every unit that it may have."""
+    counted = _counted(entry, raw, sizes)
+    if counted:
+        return counted
+    if entry.unit:
+        return [entry]
+    unit = SIGNALS[entry.signal].unit
+    return [replace(entry, unit=own) for own in USUAL.get(unit, (unit,))]
+
+
+def _by_margin(
+    entry: MapEntry, margin: float, agreed: Sequence[Met], options: Sequence[MapEntry], sizes: Mapping[str, float]
+) -> MapEntry:
+    alike = [own.words for own in agreed if entry.signal in own.pair.channels]
+    if margin >= MARGIN:
+        size = sizes[entry.signal]
+        why = "; ".join(alike[:2]) or f"values up to {number(size)} are too large for the other units"
+        return replace(entry, reasons=(*entry.reasons, f"unit: {why}"))
+    names = tuple(own.unit for own in options)
+    below = number(sizes[entry.signal])
+    why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
+    return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
+
+
+def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
+    """A unit that is stated, or the only one there is, beside what the data say."""
+    off = [own.words for own in agreed if entry.signal == own.pair.nodes[0] and misfit(own, wheelbase) > MARGIN]
+    how = "unit: as the file states it" if before.unit else "unit: the usual one"
+    return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
+
+
+def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
+    """A speed that is none in any usual unit: counts, whose number in 1 m/s the other channels tell; else nothing."""
+    if entry.signal != "v_x" or sizes["v_x"] <= 3.6 * LIMITS["v_x"][0]:
+        return []
+    why = f"values up to {number(sizes['v_x'])} are no speed in m/s or km/h: counts, such as a motor's rpm"
+    counts = []
+    for own in met(raw):
+        if own.pair.nodes[0] == "v_x":
+            counts.append(abs(own.agreed.gain))
+        elif own.pair.nodes == ("a_x", "v_x"):
+            counts += [1 / abs(own.agreed.gain) / to_si(unit, "m/s^2").factor for unit in USUAL["m/s^2"]]
+    told = f"{why}; the other channels say about {{:g}} in 1 m/s, to some 20 %: write the true number"
+    rounded = [float(f"{count:.3g}") for count in counts]
+    return [replace(entry, unit="m/s", divide_by=n, reasons=(*entry.reasons, told.format(n))) for n in rounded] or [
+        replace(
+            entry, unit="m/s", divide_by=sizes["v_x"] / 10, reasons=(*entry.reasons, f"{why}; say how many make 1 m/s")
+        )
+    ]
+
+
+def _costs(
+    options: Sequence[Sequence[MapEntry]],
+    open_ones: Sequence[int],
+    raw: Recording,
+    sizes: Mapping[str, float],
+    wheelbase: float | None,
+) -> dict[tuple[int, ...], float]:
+    """How badly each choice of units explains the data; a pair that agrees in other units only counts too."""
+    known: dict[tuple[object, ...], Met] = {}
+    misfits: dict[tuple[int, ...], dict[str, float]] = {}
+    costs: dict[tuple[int, ...], float] = {}
+    for choice in itertools.product(*(range(len(options[k])) for k in open_ones)):
+        chosen = [own[0] for own in options]
+        for k, n in zip(open_ones, choice, strict=True):
+            chosen[k] = options[k][n]
+        factors = {entry.signal: entry.factor for entry in chosen}
+        misfits[choice] = {}
+        for pair in pairs_of(_scaled(raw, chosen)):
+            key = (pair.left, pair.right, *(factors.get(name) for name in pair.channels))
+            if key not in known:
+                known[key] = Met(pair, agreement(raw, pair.left_values, pair.right_values, pair.smoothing))
+            if known[key].agreed.beyond_chance:
+                speed = sizes.get("v_x", 0.0) * factors.get("v_x", 1.0)
+                misfits[choice][pair.left + pair.right] = misfit(known[key], wheelbase, speed)
+        costs[choice] = sum(_improbable(entry, sizes) for entry in chosen)
+    agreeing = {name for own in misfits.values() for name in own}
+    return {choice: costs[choice] + sum(own.get(name, LOST) for name in agreeing) for choice, own in misfits.items()}
+
+
+def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
+    return raw.with_signals(**{entry.signal: raw[entry.signal] * entry.factor for entry in entries})
+
+
+def misfit(own: Met, wheelbase: float | None = None, speed: float = 0.0) -> float:
+    """How far a pair is from what is due, as the logarithm of a factor."""
+    if own.pair.kinematic:
+        return float(min(abs(np.log(abs(own.agreed.gain))), TOO_FAR))
+    length = 1 / abs(own.agreed.gain)
+    low, high = WHEELBASES[speed > FAST]
+    if wheelbase is not None:
+        low, high = (share * wheelbase for share in GIVEN_WHEELBASE)
+    return float(min(max(np.log(low / length), np.log(length / high), 0.0), TOO_FAR))
+
+
+def _improbable(entry: MapEntry, sizes: Mapping[str, float]) -> float:
+    size = sizes[entry.signal] * entry.factor
+    impossible = size > LIMITS.get(entry.signal, (np.inf,))[0]
+    return TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))
+
+
+ANCHORS = ("course over ground (latitude, longitude)", "v_x")
+"""What has its sign from elsewhere: a course from north and east, and a vehicle that drives forward."""
+CLEAR = 3
+"""So many channels on one side against a single one settle which is wrong."""
+
+
+def with_signs(entries: Sequence[MapEntry], agreed: Sequence[Met]) -> list[MapEntry]:
+    """The entries with signs that agree with each other, or left open where two sides are as likely."""
+    found = {entry.signal: entry for entry in entries}
+    for sides in _components(agreed):
+        words = [own.pair.left + (" agrees with " if own.agreed.correlation > 0 else " contradicts ") + own.pair.right
+                 for own in agreed if own.pair.nodes[0] in sides]  # fmt: skip
+        right, wrong, sure = _judged(sides)
+        for name in wrong:
+            if name not in found:  # the course of x and y: one of them is mirrored, or all the rest is
+                name = "y"
+            if name in found:
+                why = "; ".join(word for word in words if name in word) or "; ".join(words)
+                asked = "" if sure else "; either this column counts the other way round or " + " and ".join(right)
+                found[name] = replace(
+                    found[name], sign=-found[name].sign, decided=found[name].decided and sure,
+                    reasons=(*found[name].reasons, f"sign: {why}{asked}"),
+                )  # fmt: skip
+    return list(found.values())
+
+
+def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
+    """Channels that are tied to each other, each with its side, 1 or -1; the strongest ties decide."""
+    groups: list[dict[str, int]] = []
+    for own in sorted(agreed, key=lambda m: -abs(m.agreed.correlation)):
+        a, b = own.pair.nodes
+        same = 1 if own.agreed.correlation > 0 else -1
+        left = next((g for g in groups if a in g), None)
+        right = next((g for g in groups if b in g), None)
+        if left is None:
+            left = {a: 1}
+            groups.append(left)
+        if right is None:
+            left[b] = left[a] * same
+        elif right is not left:
+            turn = left[a] * same * right[b]
+            left.update({name: side * turn for name, side in right.items()})
+            groups.remove(right)
+    return groups
+
+
+def _judged(sides: dict[str, int]) -> tuple[list[str], list[str], bool]:
+    """The channels that are right, those that are wrong, and whether that is certain."""
+    anchor = next((name for name in ANCHORS if name in sides), None)
+    if anchor:
+        right = [name for name, side in sides.items() if side == sides[anchor]]
+        return right, [name for name in sides if name not in right], True
+    first = [name for name, side in sides.items() if side == 1]
+    second = [name for name, side in sides.items() if side == -1]
+    right, wrong = sorted((first, second), key=lambda own: (-len(own), "yaw_rate" not in own))
+    return right, wrong, len(wrong) == 0 or (len(wrong) == 1 and len(right) >= CLEAR)

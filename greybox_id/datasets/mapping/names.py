@@ -1,0 +1,220 @@
+"""What a column's name says: which signal it may hold, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.numbers import exact, number
+from ...base.shorthands import Array
+from ...base.signals import SIGNALS
+from ...base.units import to_si
+from ..formats import Group
+from .evidence import MapEntry
+
+TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
+"""What a name may mean beside the signals; a hand wheel's angle is the steering times a ratio that the file keeps."""
+
+CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
+           "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
+_X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
+_ACC, _SPEED = r"(a|acc|accel|acceleration|beschl|beschleunigung)", r"(v|vel|velocity|speed|geschwindigkeit)"
+RULES: dict[str, tuple[str, ...]] = {
+    TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit", r"stamp|sec|seconds|secs|ts|datetime|date time"),
+    RUN: (r"run|trajectory|segment|episode|run id|trajectory id|segment id|run number",),
+    "v_x": (r"vx|v x|v|speed|u|v long|vlong|vlon|velocity|veh speed|vspeed|linear x|ground speed",
+            rf"{_SPEED} {_X}|{_X} {_SPEED}|geschwindigkeit|spd|veh spd|v veh|v fzg|v car|v ego|longitudinalvelocity"
+            "|tacho"),
+    "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
+    "yaw_rate": (r"yaw rate|yawrate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro z|gyr z|omega z|wz|w z|angular z",
+                 r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gier rate|gierrate|giergeschwindigkeit|gz|gyroz"
+                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z", r"omega|w|angular (velocity|rate)"),
+    "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
+    "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
+            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"),
+    "a_y": (r"ay|a y|accy|acc y|accel y|lat acc|latacc|acceleration y|linear acceleration y",
+            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|querbeschleunigung|accely"),
+    "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
+    "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
+              r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"),
+    HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
+                 r"|steeringwheelangle|stwhl( ang| angle)?|steering wheel position|lrw|lenkrad",),
+    "motor_current": (r"motor current|current motor|i motor|current|imot|i mot|i q|iq",),
+    "drive_force": (r"drive force|traction force|driving force|force x|fx",),
+    "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
+    "road_slope": (r"road slope|slope|grade|road grade|incline|gradient",),
+    "roll": (r"roll|roll angle|phi|wankwinkel",),
+    "pitch": (r"pitch|pitch angle|theta|nickwinkel",),
+    "yaw": (r"yaw|psi|heading|yaw angle|orientation yaw|gierwinkel", r"course|course angle|bearing"),
+    "x": (r"x|pos x|pose x|position x|x pos|x position|px", r"east|easting|local x|map x|pos east"),
+    "y": (r"y|pos y|pose y|position y|y pos|y position|py", r"north|northing|local y|map y|pos north"),
+    "latitude": (r"latitude|lat|lat deg",),
+    "longitude": (r"longitude|lon|lng|long",),
+    **{f"wheel_speed_{c}": (rf"(wheel speed|wheelspeed|ws|whl spd|omega|wheel|wspd|n|drehzahl) {w}|{w} wheel speed",)
+       for c, w in CORNERS.items()},
+}  # fmt: skip
+"""Signal -> patterns of names in plain words, most telling first."""
+AMBIGUOUS = {
+    "omega": "the angular velocity of a wheel or a motor",
+    "w": "the angular velocity of a wheel or a motor",
+    "angular velocity": "the angular velocity of a wheel or a motor",
+    "angular rate": "the angular velocity of a wheel or a motor",
+    "phi": "the heading",
+    "theta": "the heading",
+}
+"""Names that people use for something else as well: such a column is never mapped without a question, unless its
+sibling has the other meaning by name."""
+
+WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
+"""Words of what is asked for: such a column holds no measured speed or acceleration."""
+NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
+                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording)\b")  # fmt: skip
+WORDS_OF_UNITS = {
+    "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
+    "knots": "knot",
+    "mps2": "m/s^2", "ms2": "m/s^2", "m s2": "m/s^2", "m s 2": "m/s^2", "mss": "m/s^2", "g": "g", "gs": "g",
+    "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "mrad": "mrad",
+    "rads": "rad/s", "radps": "rad/s", "rad s": "rad/s", "rad sec": "rad/s",
+    "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg s": "deg/s", "deg sec": "deg/s", "grad s": "deg/s",
+    "rpm": "rpm", "m": "m", "mm": "mm", "a": "A", "amp": "A", "amps": "A", "ma": "mA", "n": "N", "kn": "kN",
+    "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
+    "nanoseconds": "ns", "percent": "%",
+}  # fmt: skip
+"""Units as names end in them."""
+_BRACKETS = re.compile(r"\s*[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a name may mean.
+
+    Attributes
+    ----------
+    signal : a signal, or TIME, RUN or HAND_WHEEL.
+    unit : that the name states; empty if none.
+    rank : how far the name is from a telling one; 0 is what everybody would take it for.
+    wish : whether it is asked for rather than measured.
+    else_ : what else columns of this name hold; empty if nothing.
+    """
+
+    signal: str
+    unit: str
+    rank: int
+    wish: bool = False
+    else_: str = ""
+
+
+def guess(column: str) -> Guess | None:
+    """The most telling reading of a column's name; None where it says nothing."""
+    bare, stated = _bracketed(column)
+    words = plain_words(bare)
+    attempts = [(words, stated)]
+    parts = words.split()
+    attempts += [(" ".join(parts[:-n]), WORDS_OF_UNITS.get(" ".join(parts[-n:]), "")) for n in (1, 2, 3)]
+    found = [own for text, unit in attempts if text and (unit or text == words) for own in _read(text, unit)]
+    return min(found, key=lambda own: (own.rank, own.signal)) if found else None
+
+
+def fits(unit: str, signal: str) -> bool:
+    """Whether values in this unit can be the signal."""
+    target = {TIME: "s", RUN: "1", HAND_WHEEL: "rad"}.get(signal) or SIGNALS[signal].unit
+    try:
+        to_si(unit, target)
+    except BadInput:
+        return False
+    return True
+
+
+def plain_words(name: str) -> str:
+    """A name in lower case, its words apart."""
+    return " ".join(re.split(r"[\s_\-./:|\\]+", _CAMEL.sub(" ", name))).lower().strip()
+
+
+def _bracketed(column: str) -> tuple[str, str]:
+    match = _BRACKETS.search(column)
+    if not match or match.start() == 0:
+        return column, ""
+    return column[: match.start()], match.group(1).strip()
+
+
+def _read(words: str, unit: str) -> list[Guess]:
+    """All rules that the words, or their last ones, obey."""
+    found = []
+    quiet = " ".join(NOISE.sub(" ", words).split())
+    parts = quiet.split()
+    tails = [(words, 0), (quiet, 1), *((" ".join(parts[n:]), 1 + 2 * n) for n in range(1, len(parts)))]
+    for text, cost in tails:
+        if cost > 1 and len(text) < 4:  # a last letter alone says nothing
+            continue
+        for signal, patterns in RULES.items():
+            for order, pattern in enumerate(patterns):
+                if re.fullmatch(pattern, text):
+                    stated = "ms" if signal == TIME and unit == "m/s" else unit
+                    if not stated or signal == "v_x" or fits(stated, signal):  # a motor's speed is a speed in rpm
+                        wish = bool(WISHES.search(words))
+                        found.append(Guess(signal, stated, cost + order, wish, AMBIGUOUS.get(text, "")))
+    return found
+
+
+EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
+"""Counts since 1970, by unit: today's are larger than this."""
+SLOWEST, FASTEST = 1.0, 2e4
+"""Sample rates of vehicle recordings in Hz lie between these."""
+
+
+def time_of(group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]) -> MapEntry | None:
+    """The time of a table, from its name or as the only column that runs on in even steps; None if there is none."""
+    named = sorted((g.rank, name) for name, g in guesses.items() if g.signal == TIME and name in numbers)
+    if group.clock and group.clock_unit:
+        return MapEntry(TIME, group.clock, group.clock_unit, reasons=("the file's own clock",))
+    if named:
+        name = named[0][1]
+        return _in_unit(name, guesses[name].unit or group.units.get(name, ""), numbers[name], "its name")
+    even = [name for name, values in numbers.items() if _runs_on(values)]
+    return (
+        _in_unit(even[0], "", numbers[even[0]], "the only column that runs on in even steps")
+        if len(even) == 1
+        else None
+    )
+
+
+def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
+    if stated:
+        return MapEntry(TIME, name, stated, reasons=(why, "unit: as the file states it"))
+    steps = np.diff(values[np.isfinite(values)])
+    step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else float("nan")
+    first = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
+    for unit, size in EPOCHS:
+        if first > size:
+            return MapEntry(TIME, name, unit, reasons=(why, f"unit: {number(first)} counts {unit} since 1970"))
+    units = [
+        u for u, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if SLOWEST <= second / step <= FASTEST
+    ]
+    whole = bool(np.all(values[np.isfinite(values)] % 1 == 0))
+    if not whole and "s" in units:
+        units = ["s"]  # fractions of a millisecond are rarely written down
+    if step == 1 and whole:
+        reason = "counts rows; write the unit of one step, and divide_by if it is not one of its own"
+        return MapEntry(TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, reason))
+    if units:
+        likely = units[0] if len(units) == 1 or not whole else units[-1] if step >= 1e4 else units[0]
+        return MapEntry(
+            TIME, name, likely, reasons=(why, f"unit: its usual step of {exact(step)} is a sample time in {likely}")
+        )
+    return MapEntry(
+        TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, f"a step of {exact(step)} is no sample time")
+    )
+
+
+def _runs_on(values: Array) -> bool:
+    """Whether a column goes up in nearly even steps, but for a few joins."""
+    if len(values) < 10 or not np.isfinite(values).all():
+        return False
+    steps = np.diff(values)
+    usual = float(np.median(steps))
+    return usual > 0 and float(np.mean(np.abs(steps - usual) < 0.2 * usual)) > 0.95

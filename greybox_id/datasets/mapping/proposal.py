@@ -1,0 +1,285 @@
+"""The verb: what a file's columns may be, and what speaks for it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...base.signals import SIGNALS, unit_of
+from ..checks import Finding, Severity, check
+from ..column_map import SEPARATORS, Column, ColumnMap
+from ..formats import Contents, contents
+from ..read import read
+from ..recording import Recording
+from .evidence import MapEntry, met, with_signs, with_units
+from .names import HAND_WHEEL, RUN, TIME, Guess, guess, time_of
+from .unknown_columns import SOUGHT, ambiguous, headings, strangers
+
+SNIFFED = 65536
+"""Bytes of a text file in which separators are looked for."""
+SIGNALS_OF = {HAND_WHEEL: "steer"}
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A column map to be edited, and what is not sure about it.
+
+    Attributes
+    ----------
+    file : what it is for.
+    time : the clock; None where no column looks like one.
+    entries : decided and open ones.
+    others : further columns with numbers that were taken for nothing.
+    run : the column whose change begins a new run; empty if there is none.
+    separator, decimal : of a text file.
+    findings : warnings and worse about the recording, read through what is decided.
+    """
+
+    file: str
+    time: MapEntry | None
+    entries: tuple[MapEntry, ...]
+    others: tuple[str, ...]
+    run: str = ""
+    separator: str = ","
+    decimal: str = "."
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def open(self) -> tuple[MapEntry, ...]:
+        """Entries that the user is asked about."""
+        return tuple(entry for entry in self.entries if not entry.decided)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Signals that most models read or predict, and that no column looks like."""
+        return tuple(name for name in SOUGHT if name not in {entry.signal for entry in self.entries})
+
+    def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
+        """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""
+        assert self.time is not None
+        chosen: dict[str, Column] = {}
+        for entry in sorted(self.entries, key=lambda e: not e.decided):
+            if entry.decided or everything:
+                chosen.setdefault(entry.signal, entry.as_column())
+        return ColumnMap(
+            name, self.time.as_column(), chosen, run_column=self.run, separator=self.separator, decimal=self.decimal
+        )
+
+
+def propose(path: str | Path, wheelbase: float | None = None) -> Proposal:
+    """Propose a column map for a file.
+
+    Parameters
+    ----------
+    path : any file that `read` reads.
+    wheelbase : in m, if known: steering in degrees or at the hand wheel then tells itself better.
+
+    Raises
+    ------
+    BadInput
+        The file cannot be read.
+    """
+    file = Path(path)
+    separator, decimal = _sniffed(file)
+    plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {}, separator=separator, decimal=decimal)
+    found = contents(file, plain)
+    guesses = {name: own for name in found.names if (own := guess(name))}
+    numbers, labels = _numbers(found, guesses)
+    time = next((t for g in found.groups if (t := time_of(g, guesses, numbers))), None)
+    run = next((n for n, own in guesses.items() if own.signal == RUN and (n in numbers or n in labels)), "")
+    taken = {run, time.column if time else ""}
+    chosen, rivals = _candidates(found, guesses, numbers, taken)
+    others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
+    draft = Proposal(str(path), time, (*chosen, *rivals), others, run, separator, decimal)
+    if time is None or not chosen:
+        open_ones = tuple(replace(e, decided=False, reasons=(*e.reasons, "nothing to check it with")) for e in chosen)
+        return replace(draft, entries=(*open_ones, *rivals))
+    raw = _raw(path, draft, chosen)
+    chosen, raw = headings(chosen, guesses, raw)
+    present = [entry for entry in chosen if entry.signal in raw and np.isfinite(raw[entry.signal]).any()]
+    decided = with_units(present, raw, wheelbase)
+    decided = with_signs(decided, met(_in_si(raw, decided)))
+    decided = [_asked(entry, guesses[entry.column], raw, wheelbase) for entry in decided]
+    decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
+    if len(found.groups) == 1:
+        unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
+        rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
+        others = tuple(name for name in others if name not in {entry.column for entry in rivals})
+    final = replace(draft, entries=(*decided, *rivals), others=others)
+    return replace(final, findings=_findings(path, final, wheelbase))
+
+
+def _candidates(
+    found: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], taken: set[str]
+) -> tuple[list[MapEntry], list[MapEntry]]:
+    """The most telling column for each signal, and the others that a name speaks for."""
+    units = {name: unit for group in found.groups for name, unit in group.units.items()}
+    by_signal: dict[str, list[str]] = {}
+    for name, own in guesses.items():
+        if own.signal not in (TIME, RUN) and name in numbers and name not in taken:
+            by_signal.setdefault(SIGNALS_OF.get(own.signal, own.signal), []).append(name)
+    chosen, rivals = [], []
+    for signal, names in by_signal.items():
+        ordered = sorted(names, key=lambda n: (guesses[n].wish, guesses[n].signal == HAND_WHEEL, guesses[n].rank))
+        for place, name in enumerate(ordered):
+            stated = guesses[name].unit or units.get(name, "")
+            unit = stated if stated and _fits(stated, signal) else ""
+            reasons = [f'"{name}" is what {signal} is often called']
+            if stated and not unit:
+                reasons.append(f"the file says {stated}, which {signal} cannot be")
+            entry = MapEntry(signal, name, unit, reasons=tuple(reasons))
+            if place:
+                other = f"{ordered[0]} is nearer by its name"
+                rivals.append(replace(entry, decided=False, reasons=(*reasons, other)))
+            else:
+                chosen.append(entry)
+    return chosen, rivals
+
+
+def _fits(unit: str, signal: str) -> bool:
+    try:
+        MapEntry(signal, "", unit).as_column().convert(np.ones(1))
+    except BadInput:
+        return False
+    return True
+
+
+def _raw(path: str | Path, draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
+    """The signals as the file holds them: factor 1, sign 1."""
+    plain = {e.signal: replace(e.as_column(), unit=e.as_column().si_unit, scale=1.0, optional=True) for e in chosen}
+    return read(path, replace(draft.mapping(), signals=plain))
+
+
+def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
+    return raw.with_signals(**{e.signal: raw[e.signal] * e.factor * e.sign for e in entries})
+
+
+def _asked(entry: MapEntry, own: Guess, raw: Recording, wheelbase: float | None) -> MapEntry:
+    """What a name alone makes doubtful: wishes instead of measurements, and hand wheels without their ratio."""
+    if own.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
+        why = "its name says it is asked for, not measured"
+        return replace(entry, decided=False, reasons=(*entry.reasons, why))
+    if own.signal != HAND_WHEEL:
+        return entry
+    turned = _in_si(raw, [entry])
+    lengths = [1 / abs(m.agreed.gain) for m in met(turned) if m.pair.nodes == ("yaw_rate", "steer")]
+    why = "the hand wheel's angle: divide_by is the steering ratio"
+    if lengths and wheelbase:
+        ratio = float(f"{lengths[0] / wheelbase:.3g}")
+        why += f", about {ratio:g} if understeer is small; write the true one"
+        return replace(entry, divide_by=ratio, decided=False, reasons=(*entry.reasons, why))
+    told = f"; yaw rate and speed say ratio times wheelbase is about {lengths[0]:.3g} m" if lengths else ""
+    return replace(entry, decided=False, reasons=(*entry.reasons, why + told))
+
+
+def _findings(path: str | Path, proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...]:
+    if not any(entry.decided for entry in proposal.entries) or not (proposal.time and proposal.time.decided):
+        return ()
+    found = check(read(path, proposal.mapping()), wheelbase)
+    return tuple(own for own in found if own.severity is not Severity.NOTE)
+
+
+def _numbers(found: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str]]:
+    """Columns that hold numbers, and those that hold something else; of files with many groups the named ones only."""
+    numbers: dict[str, Array] = {}
+    labels: set[str] = set()
+    for group in found.groups:
+        wanted = [name for name in group.names if len(found.groups) == 1 or name in guesses]
+        table = group.load(wanted) if wanted else None
+        for name in table.names if table else ():
+            try:
+                assert table is not None
+                numbers[name] = table.numbers(name)
+            except (BadInput, TypeError, ValueError):
+                labels.add(name)
+    return numbers, labels
+
+
+def _sniffed(file: Path) -> tuple[str, str]:
+    """How a text file separates columns and writes decimals."""
+    if not file.name.lower().endswith(".csv") or file.is_dir():
+        return ",", "."
+    try:
+        with file.open("rb") as opened:
+            head = opened.read(SNIFFED).decode("utf-8", "replace").splitlines()
+    except OSError:
+        return ",", "."  # reading says what is wrong
+    if len(head) < 2:
+        return ",", "."
+    cells = {own: len(next(csv.reader(head[:1], delimiter=own), [])) for own in SEPARATORS}
+    separator = max(SEPARATORS, key=lambda own: cells[own])
+    comma = separator != "," and any(re.fullmatch(r"\s*[+-]?\d+,\d+\s*", c) for c in head[1].split(separator))
+    return separator, "," if comma else "."
+
+
+WIDTH = 110
+
+
+def as_toml(proposal: Proposal, name: str) -> str:
+    """TOML text: what is decided stands as it is, what is open is commented out."""
+    lines = [
+        *_comment(f"A column map for {proposal.file}, proposed from names, units and cross-checks."),
+        "# Lines that begin with #? are questions: remove the #? from the right one and complete it.",
+        "# Signs: x forward, y left, z up; yaw rate and steering are positive to the left. Channels can tell that they",
+        "# agree with each other, not which way is left: look at one turn you know.",
+        "",
+        f"name = {quoted(name)}",
+        'hold = "zero"  # what commands do between rows: "zero" holds them, "linear" if they were measured',
+    ]
+    if proposal.separator != ",":
+        lines.append(f"separator = {quoted(proposal.separator)}")
+    if proposal.decimal != ".":
+        lines.append(f"decimal = {quoted(proposal.decimal)}")
+    lines += ["", "[time]", *_time(proposal.time)]
+    if proposal.run:
+        lines += ["", f"[runs]  # a change begins a new run\ncolumn = {quoted(proposal.run)}"]
+    lines += ["", "[signals]"]
+    for entry in sorted(proposal.entries, key=lambda own: (list(SIGNALS).index(own.signal), not own.decided)):
+        lines += ["", *_signal(entry)]
+    if proposal.others:
+        listed, lacking = ", ".join(proposal.others), proposal.lacking
+        which = "If one of them is a signal below, name it there. " if lacking else ""
+        lines += ["", *_comment(f"Unused columns: {listed}. {which}What else you want to keep goes under [extra].")]
+        lines += [f'#? {signal} = {{ column = "...", unit = {quoted(unit_of(signal))} }}' for signal in lacking]
+    return "\n".join(lines) + "\n"
+
+
+def _time(time: MapEntry | None) -> list[str]:
+    if time is None:
+        return ['#? column = "..."  # no column looks like a time', '#? unit = "s"']
+    unit = f"unit = {quoted(time.unit)}" if time.decided else f'#? unit = "{time.units[0]}"'
+    return [*_comment("; ".join(time.reasons)), f"column = {quoted(time.column)}", unit]
+
+
+def _signal(entry: MapEntry) -> list[str]:
+    mark = "" if entry.decided else "#? "
+    units = (entry.unit,) if entry.unit and not entry.units else entry.units or (unit_of(entry.signal),)
+    return [*_comment("; ".join(entry.reasons)), *(f"{mark}{entry.signal} = {_table(entry, unit)}" for unit in units)]
+
+
+def _table(entry: MapEntry, unit: str) -> str:
+    parts = [f"column = {quoted(entry.column)}", f"unit = {quoted(unit)}"]
+    if entry.sign != 1:
+        parts.append(f"sign = {entry.sign}")
+    if entry.divide_by != 1.0:
+        parts.append(f"divide_by = {entry.divide_by:g}")
+    return f"{{ {', '.join(parts)} }}"
+
+
+def _comment(text: str) -> Sequence[str]:
+    printable = "".join(c if c.isprintable() else " " for c in text)
+    return textwrap.wrap(printable, WIDTH, initial_indent="# ", subsequent_indent="#   ")
+
+
+def quoted(text: str) -> str:
+    """Text as TOML writes it; JSON's escapes are TOML's, but for what lies beyond 16 bits, which stays as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

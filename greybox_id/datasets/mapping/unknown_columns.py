@@ -1,0 +1,135 @@
+"""Columns whose names do not tell, or tell of several: what their values are compatible with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...base.signals import SIGNALS
+from ...base.units import to_si
+from ..recording import Recording
+from .evidence import MARGIN, USUAL, MapEntry, Met, met, misfit, sizes_of
+from .names import Guess
+
+LEANS = ("roll", "pitch")
+FARTHEST = 1.0
+"""rad: a vehicle that rolls or pitches so far has turned over."""
+AGREES = 0.7
+"""Correlation of its rate with the yaw rate from which an angle is the heading."""
+UNITS = {"rad": 1.0, "deg": float(np.pi / 180)}
+
+
+def headings(
+    chosen: Sequence[MapEntry], guesses: Mapping[str, Guess], raw: Recording
+) -> tuple[list[MapEntry], Recording]:
+    """The entries with ambiguous angles taken as yaw where their rate agrees with the yaw rate, and the raw signals.
+
+    Parameters
+    ----------
+    chosen : one entry for each signal.
+    guesses : by column.
+    raw : signals as the file holds them.
+    """
+    taken = {entry.signal for entry in chosen}
+    found = []
+    for entry in chosen:
+        if entry.signal in LEANS and guesses[entry.column].else_ and "yaw" not in taken and entry.signal in raw:
+            told = _as_yaw(raw, entry)
+            if told:
+                taken.add("yaw")
+                raw = raw.with_signals(yaw=raw[entry.signal])
+                entry = replace(entry, signal="yaw", unit=told[0], reasons=(told[1],))
+        found.append(entry)
+    return found, raw
+
+
+def ambiguous(entry: MapEntry, own: Guess, raw: Recording) -> MapEntry:
+    """An entry whose name means two things, as a question that says what else it may be."""
+    if not own.else_:
+        return entry
+    if entry.signal == "yaw":
+        return replace(entry, decided=False)  # by its rate, and against what its name is often used for
+    if entry.signal in LEANS:
+        size = sizes_of(raw)[entry.signal] * (entry.factor if entry.units == () else 1.0)
+        if "yaw" in raw and size < FARTHEST:
+            return entry
+        why = f'"{entry.column}" is also what {own.else_} is called'
+        return replace(
+            entry, decided=False, reasons=(*entry.reasons, f"{why}: then write yaw instead of {entry.signal}")
+        )
+    why = f'"{entry.column}" is also what {own.else_} is called'
+    return replace(entry, decided=False, reasons=(*entry.reasons, why))
+
+
+def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
+    """The unit in which an angle's rate agrees with the yaw rate or the course, and how well."""
+    best: tuple[float, str, str] | None = None
+    for unit, factor in UNITS.items() if not entry.unit else ((entry.unit, entry.factor),):
+        for own in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
+            if "yaw" in own.pair.nodes and abs(own.agreed.correlation) > AGREES:
+                words = f'"{entry.column}" may be roll or heading; {own.pair.left} follows its rate (correlation '
+                told = (abs(own.agreed.correlation), unit, f"{words}{own.agreed.correlation:.2f})")
+                best = max(best, told) if best else told
+    return (entry.unit, best[2]) if best else None
+
+
+SOUGHT = ("v_x", "yaw_rate", "steer", "a_x", "a_y")
+"""Signals that other signals tell, and that most models read or predict."""
+ALIKE = 0.85
+"""Correlation from which a column may be what it is compared with."""
+
+
+def strangers(
+    known: Recording, unknown: Sequence[MapEntry], numbers: Mapping[str, Array], settled: set[str]
+) -> list[MapEntry]:
+    """The unknown columns, each as the signal that it agrees best with; those that agree with nothing only if named.
+
+    Parameters
+    ----------
+    known : the signals that are known, in SI units.
+    unknown : columns with a doubtful name, or (signal "") without a telling one.
+    numbers : (n,) values of each.
+    settled : signals that are decided: no column without a telling name is compared with them.
+    """
+    speed = sizes_of(known).get("v_x", 0.0)
+    found = []
+    for entry in unknown:
+        sought = (entry.signal,) if entry.signal else tuple(s for s in SOUGHT if s not in settled)
+        values = numbers[entry.column]
+        matches = [(s, m) for s in sought if len(values) == len(known) for m in _matches(known, s, values)]
+        if matches:
+            signal, best = max(matches, key=lambda own: abs(own[1].agreed.correlation))
+            found.append(_described(entry, signal, best, speed))
+        elif entry.signal:
+            found.append(entry)
+    return found
+
+
+def _matches(known: Recording, signal: str, values: Array) -> list[Met]:
+    if signal not in SOUGHT or not np.isfinite(values).any():
+        return []
+    agreed = met(known.with_signals(**{signal: values}))
+    return [m for m in agreed if signal in m.pair.nodes and abs(m.agreed.correlation) >= ALIKE]
+
+
+def _described(entry: MapEntry, signal: str, best: Met, speed: float) -> MapEntry:
+    left = best.pair.nodes[0] == signal
+    why = f"agrees with {best.pair.right if left else best.pair.left} (correlation {best.agreed.correlation:.2f})"
+    units = tuple(
+        unit
+        for unit in USUAL.get(SIGNALS[signal].unit, ())
+        if misfit(_in_unit(best, signal, unit), speed=speed) < MARGIN
+    ) or (SIGNALS[signal].unit,)
+    sign = 1 if best.agreed.correlation > 0 else -1
+    name = () if entry.reasons else ("its name says nothing",)
+    return replace(entry, signal=signal, sign=sign, units=entry.units or units, reasons=(*name, *entry.reasons, why))
+
+
+def _in_unit(best: Met, signal: str, unit: str) -> Met:
+    """The agreement as it would be with the column in a unit."""
+    factor = to_si(unit, SIGNALS[signal].unit).factor
+    gain = best.agreed.gain * (factor if best.pair.nodes[0] == signal else 1 / factor)
+    return replace(best, agreed=replace(best.agreed, gain=gain))

@@ -1,0 +1,395 @@
+"""A recording: time and named signals in SI units, split into unbroken runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from html import escape
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.condition import holds
+from ..base.declared import understood
+from ..base.errors import BadInput, near_or_all
+from ..base.numbers import pretty_unit
+from ..base.shorthands import Array
+from ..base.signals import SIGNALS, unit_of
+from ..base.units import to_si
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+JITTER_TOLERANCE = 0.5
+"""A step in time counts as a join when it differs from the usual step by more than this share of it."""
+MOST_SHOWN = 12
+"""Signals that a recording's `repr` names."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a recording came from.
+
+    Attributes
+    ----------
+    path : the file as the user named it; empty for a recording made in memory.
+    sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
+    columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
+    between, where : which part of the file it is, as `Recording.between` and `Recording.where` were asked.
+    """
+
+    path: str = ""
+    sha256: str = ""
+    columns: str = ""
+    between: str = ""
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """How a signal came onto a clock that is not its own.
+
+    Attributes
+    ----------
+    method : "linear" between readings, or "held" from one reading to the next, as commands are.
+    clock : whose clock the signal had: a topic, a channel group.
+    rate : its own readings a second, Hz.
+    error : root mean square of what resampling is estimated to add, in the signal's SI unit.
+    largest : the largest such estimate, in the signal's SI unit.
+    """
+
+    method: Literal["linear", "held"]
+    clock: str
+    rate: float
+    error: float
+    largest: float
+
+
+@dataclass(frozen=True, repr=False)
+class Recording:
+    """Time and named signals in SI units, split into unbroken runs.
+
+    Attributes
+    ----------
+    name : short name for tables and figures.
+    time : (n,) s, increasing within each run; it may restart at a join.
+    signals : name -> (n,) values in the SI unit of `greybox_id.base.signals.SIGNALS`; NaN where missing.
+    runs : row ranges [start, stop) without a join inside; they cover all rows, in order.
+    source : provenance.
+    extra_units : units of signals that are not in `SIGNALS` (a file's own further channels).
+    hold : what commands do between rows: "zero", they keep their value until the next row; "linear", they run
+        straight to the next one.
+    resampled : signals that had a clock of their own and were brought onto `time`, and what that costs.
+    notes : what else reading did to the file that a person should know, as sentences.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> lap = gb.Recording("lap", time=[0.0, 0.1, 0.2], signals={"v_x": [3.0, 3.1, 3.2], "steer": [0.0, 0.1, 0.1]})
+    >>> lap
+    Recording lap: 3 rows in 1 run, 0.2 s at 10 Hz
+      v_x [m/s], steer [rad]
+    >>> float(lap["v_x"].mean().round(2))
+    3.1
+    """
+
+    name: str
+    time: Array
+    signals: Mapping[str, Array]
+    runs: tuple[tuple[int, int], ...] = ()
+    source: Source = Source()
+    extra_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    hold: Literal["zero", "linear"] = "zero"
+    resampled: Mapping[str, Resampled] = field(default_factory=lambda: MappingProxyType({}))
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        time = _frozen(self.time, f"{self.name}: time")
+        if time.ndim != 1:
+            raise BadInput(f"{self.name}: time must be one column, it has shape {time.shape}.")
+        signals = {name: _frozen(values, f"{self.name}: signal {name}") for name, values in self.signals.items()}
+        for name, values in signals.items():
+            if values.shape != time.shape:
+                raise BadInput(f"{self.name}: signal {name} has shape {values.shape}, but time has {time.shape}.")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "signals", MappingProxyType(signals))
+        object.__setattr__(self, "extra_units", MappingProxyType(dict(self.extra_units)))
+        object.__setattr__(self, "resampled", MappingProxyType(dict(self.resampled)))
+        object.__setattr__(self, "runs", tuple(self.runs) or split_runs(time))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        shown = [f"{name} [{pretty_unit(self.unit(name))}]" for name in list(self.signals)[:MOST_SHOWN]]
+        more = len(self.signals) - len(shown)
+        rate = f" at {1 / self.sample_time:.4g} Hz" if self.sample_time > 0 else ""
+        runs = "1 run" if len(self.runs) == 1 else f"{len(self.runs)} runs"
+        return (
+            f"Recording {self.name}: {len(self)} rows in {runs}, {self.duration:.4g} s{rate}\n"
+            f"  {', '.join(shown)}{f' and {more} more' if more > 0 else ''}"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.signals
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self.signals:
+            raise BadInput(
+                f"{self.name} has no signal {name!r}; it has {', '.join(self.signals) or 'none'}. "
+                f"Map a column of the file to {name} in the column map."
+            )
+        return self.signals[name]
+
+    @classmethod
+    @understood
+    def from_pandas(
+        cls,
+        table: pd.DataFrame,
+        units: Mapping[str, str] | None = None,
+        *,
+        time: str = "time",
+        name: str = "table",
+        hold: Literal["zero", "linear"] = "zero",
+    ) -> Recording:
+        """A recording from a table in memory.
+
+        Parameters
+        ----------
+        table : (n, columns) a row per sample; columns are called as the signals they are (`v_x`, `yaw_rate`, `steer`
+            ...). Columns that hold no numbers are left out, unless `units` names them.
+        units : column -> unit of its values, such as "deg/s" or "km/h"; SI where nothing is said. For a column that is
+            no signal, its unit.
+        time : column that holds the time; "s" unless `units` says otherwise. Where there is none, the table's index.
+        name : short name for tables and figures.
+        hold : what commands do between rows: "zero" or "linear".
+
+        Returns
+        -------
+        Recording
+            Signals (n,) in SI units. Runs end where time stops running on in its usual step.
+
+        Raises
+        ------
+        BadInput
+            A unit does not measure what its column is, `units` names a column that there is not, or there is no time.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> import greybox_id as gb
+        >>> table = pd.DataFrame({"time": [0.0, 0.1, 0.2], "yaw_rate": [0.0, 90.0, 180.0]})
+        >>> gb.Recording.from_pandas(table, units={"yaw_rate": "deg/s"})["yaw_rate"].round(3)
+        array([0.   , 1.571, 3.142])
+        """
+        if not hasattr(table, "columns") or not hasattr(table, "index"):
+            raise BadInput(f"table: a pandas DataFrame is needed, not {type(table).__name__}.")
+        said = dict(units or {})
+        columns = {str(own): table[own] for own in table.columns}
+        for own in said:
+            if own not in columns and own != time:
+                raise BadInput(f"units: {name} has no column {own!r}.{near_or_all(own, columns)}")
+        clock = columns.pop(time, None)
+        if clock is None and time != "time":
+            raise BadInput(f"time: {name} has no column {time!r}.{near_or_all(time, columns)}")
+        instants = _numbers(table.index if clock is None else clock, f"{name}: column {time!r}")
+        factor = to_si(said.get(time, "s"), "s").factor
+        signals, extra = {}, {}
+        for own, values in columns.items():
+            if own not in said and getattr(values.dtype, "kind", "O") not in "iufb":
+                continue
+            target = SIGNALS[own].unit if own in SIGNALS else None
+            try:
+                found = to_si(said.get(own, target or "1"), target)
+            except BadInput as error:
+                raise BadInput(f"units[{own!r}]: {error}.") from error
+            signals[own] = found.factor * _numbers(values, f"{name}: column {own!r}") + found.offset
+            if own not in SIGNALS:
+                extra[own] = found.unit
+        return cls(name=name, time=factor * instants, signals=signals, extra_units=extra, hold=hold)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per sample: time, run (from 1), and every signal in its SI unit.
+
+        Returns
+        -------
+        pandas.DataFrame
+            (n, 2 + signals); units are in its `attrs["units"]`, by column.
+
+        Examples
+        --------
+        >>> import greybox_id as gb
+        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+        >>> lap.to_pandas()[["time", "run", "v_x"]].shape == (len(lap), 3)
+        True
+        """
+        import pandas as pd
+
+        run = np.zeros(len(self), dtype=int)
+        for number, (start, stop) in enumerate(self.runs, 1):
+            run[start:stop] = number
+        table = pd.DataFrame({"time": self.time, "run": run, **self.signals})
+        table.attrs["units"] = {"time": "s", **{own: self.unit(own) for own in self.signals}}
+        return table
+
+    def unit(self, name: str) -> str:
+        """SI unit of a signal of this recording."""
+        return unit_of(name, self.extra_units.get(name, "1"))
+
+    @cached_property
+    def sample_time(self) -> float:
+        """Usual time step within runs, s (median over all steps that do not cross a join)."""
+        steps = [np.diff(self.time[start:stop]) for start, stop in self.runs]
+        joined = np.concatenate(steps) if steps else np.empty(0)
+        return float(np.median(joined)) if joined.size else float("nan")
+
+    @property
+    def duration(self) -> float:
+        """Recorded time, s: the sum over runs, gaps at joins not counted."""
+        return float(sum(self.time[stop - 1] - self.time[start] for start, stop in self.runs))
+
+    def has(self, *names: str) -> bool:
+        """Whether all of these signals are there, and not missing throughout."""
+        return all(name in self and bool(np.isfinite(self[name]).any()) for name in names)
+
+    def require(self, names: Iterable[str], purpose: str) -> None:
+        """Raise `BadInput` naming every signal of `names` that this recording lacks."""
+        lacking = [name for name in names if name not in self.signals]
+        if lacking:
+            raise BadInput(
+                f"{self.name} lacks {', '.join(lacking)}, which {purpose} needs; it has {', '.join(self.signals)}. "
+                "Map the columns that hold them in the column map (‹columns›)."
+            )
+
+    def must_run(self) -> None:
+        """Raise `BadInput` where no two rows follow each other in time: nothing moves in such a recording."""
+        if not self.sample_time > 0:
+            rows = "a single row" if len(self) == 1 else f"{len(self)} rows of which none follows another in time"
+            raise BadInput(
+                f"{self.name} has {rows}: is its time reversed, or the same throughout? Check it with greybox data "
+                "check, and name the column of its clock in the column map (‹columns›)."
+            )
+
+    def each_run(self) -> Iterator[Recording]:
+        """Each unbroken run as a recording of its own."""
+        for number, (start, stop) in enumerate(self.runs, 1):
+            yield replace(self.rows(start, stop), name=f"{self.name}, run {number}")
+
+    @understood
+    def rows(self, start: int, stop: int) -> Recording:
+        """The rows [start, stop), joins kept."""
+        inside = [(max(a, start) - start, min(b, stop) - start) for a, b in self.runs]
+        return replace(
+            self,
+            time=self.time[start:stop],
+            signals={name: values[start:stop] for name, values in self.signals.items()},
+            runs=tuple((a, b) for a, b in inside if b > a),
+        )
+
+    @understood
+    def between(self, start: float | None = None, stop: float | None = None) -> Recording:
+        """The rows from one time to another, s, both included; None for an open end.
+
+        Raises
+        ------
+        BadInput
+            No row lies there.
+        """
+        low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
+        asked = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
+        kept = self._kept((self.time >= low) & (self.time <= high), f"between {asked} s")
+        return replace(kept, source=replace(kept.source, between=asked))
+
+    @understood
+    def where(self, condition: str) -> Recording:
+        """The rows at which a condition on signals and `time` holds, as `condition.holds` understands it.
+
+        Rows at which a signal that it names is missing are left out. A run ends where rows are left out.
+
+        Raises
+        ------
+        BadInput
+            The condition cannot be understood, or holds nowhere.
+        """
+        kept = self._kept(holds(condition, {**self.signals, "time": self.time}), f"where {condition}")
+        return replace(kept, source=replace(kept.source, where=condition))
+
+    def _kept(self, rows: NDArray[np.bool_], words: str) -> Recording:
+        if not np.any(rows):
+            span = f"; time runs from {np.nanmin(self.time):g} to {np.nanmax(self.time):g} s" if len(self) else ""
+            raise BadInput(f"{self.name} has no row {words}{span}. Ask for another part.")
+        runs, count = [], np.concatenate(([0], np.cumsum(rows)))
+        for start, stop in self.runs:
+            edges = np.flatnonzero(np.diff(np.concatenate(([False], rows[start:stop], [False])).astype(int))) + start
+            runs += [(int(count[a]), int(count[b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        return replace(
+            self,
+            time=self.time[rows],
+            signals={name: values[rows] for name, values in self.signals.items()},
+            runs=tuple(runs),
+            notes=(*self.notes, f"{np.count_nonzero(rows)} of {len(self)} rows are those {words}."),
+        )
+
+    def with_signals(self, **signals: Array) -> Recording:
+        """The same recording with signals added or replaced (SI units)."""
+        return replace(self, signals={**self.signals, **signals})
+
+    def mirrored(self) -> Recording:
+        """The same drive with left and right swapped."""
+        flipped = {n: -v if n in SIGNALS and SIGNALS[n].mirrors else v for n, v in self.signals.items()}
+        return replace(self, name=f"{self.name}, mirrored", signals=flipped)
+
+
+def join(recordings: Iterable[Recording], name: str) -> Recording:
+    """Several recordings one after the other, with a join between each; only common signals are kept."""
+    parts = list(recordings)
+    if not parts:
+        raise BadInput("There is no recording to work on; name at least one file.")
+    common = [n for n in parts[0].signals if all(n in part for part in parts)]
+    offsets = np.concatenate(([0], np.cumsum([len(part) for part in parts])))
+    return Recording(
+        name=name,
+        time=np.concatenate([part.time for part in parts]),
+        signals={n: np.concatenate([part[n] for part in parts]) for n in common},
+        runs=tuple((a + int(o), b + int(o)) for part, o in zip(parts, offsets, strict=False) for a, b in part.runs),
+        source=parts[0].source if len(parts) == 1 else Source(),
+        extra_units={n: u for part in parts for n, u in part.extra_units.items() if n in common},
+        hold=parts[0].hold,
+    )
+
+
+def split_runs(time: Array) -> tuple[tuple[int, int], ...]:
+    """Row ranges [start, stop) in which time runs on in its usual step.
+
+    Time that stands still, steps back or jumps by more than `JITTER_TOLERANCE` of the usual step begins a new run.
+    """
+    if len(time) == 0:
+        return ()
+    steps = np.diff(time)
+    forward = steps[steps > 0]
+    if forward.size == 0:
+        return tuple((k, k + 1) for k in range(len(time)))
+    usual = float(np.median(forward))
+    joins = np.flatnonzero(~(np.abs(steps - usual) <= JITTER_TOLERANCE * usual)) + 1
+    edges = [0, *joins.tolist(), len(time)]
+    return tuple((a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+
+
+def _frozen(values: object, where: str) -> Array:
+    array = np.array(_numbers(values, where))
+    array.setflags(write=False)
+    return array
+
+
+def _numbers(values: object, where: str) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where} holds something that is no number ({error}).") from error

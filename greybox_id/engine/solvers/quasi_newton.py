@@ -1,0 +1,266 @@
+"""Minimising a smooth loss of many unknowns by its gradient, stopped where something held out is fitted best.
+
+First some steps of Adam (Kingma & Ba 2015): from random weights a line search runs off into vehicles that spin. Then
+L-BFGS (scipy's, with bounds), which converges from there ten times as fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+from scipy.optimize import Bounds, minimize, nnls
+
+from ...base.shorthands import Array
+from ..least_squares import LeastSquares
+
+Loss = Callable[[Array], tuple[float, Array]]
+"""Unknowns -> loss and its gradient."""
+_MEAN, _SQUARE, _RATE = 0.9, 0.99, 5e-3
+_MEMORY = 30
+_RIDGE, _ARMIJO = 1e-12, 1e-4
+"""Share of its own curvature added to an unknown, for numbers' sake; share of the promised decrease that a step has to
+bring (Nocedal & Wright, Sec. 3.1)."""
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where it ended.
+
+    Attributes
+    ----------
+    x : the unknowns at which what is held out was fitted best.
+    loss, held_out : history, step by step, from the start on.
+    best : step of x.
+    status : how it ended, in words.
+    converged : whether the held-out error stopped falling, or the loss could not be lowered.
+    """
+
+    x: Array
+    loss: tuple[float, ...]
+    held_out: tuple[float, ...]
+    best: int
+    status: str
+    converged: bool
+
+
+class _Stop(Exception):
+    """Patience has run out."""
+
+
+def descend(
+    loss: Loss,
+    held_out: Callable[[Array], float],
+    start: Array,
+    bounds: Array,
+    *,
+    warm_up: int,
+    steps: int,
+    patience: int,
+    say: Callable[[int, float, float], None],
+) -> Descent:
+    """Minimise a loss.
+
+    Parameters
+    ----------
+    loss : unknowns -> value and gradient.
+    held_out : unknowns -> error on what is not trained on.
+    start : (n,) unknowns.
+    bounds : (n, 2).
+    warm_up : steps of Adam.
+    steps : at most so many of L-BFGS after them.
+    patience : steps without a better held-out error after which it stops.
+    say : told (step, loss, held-out error).
+
+    Returns
+    -------
+    The best point. Ctrl-C keeps the best so far.
+    """
+    losses, outside = [], [held_out(start)]
+    best, place = start.copy(), 0
+    losses.append(loss(start)[0])
+
+    def seen(x: Array, value: float) -> None:
+        nonlocal best, place
+        losses.append(value)
+        outside.append(held_out(x))
+        if outside[-1] < outside[place]:
+            best, place = x.copy(), len(outside) - 1
+        say(len(outside) - 1, value, outside[-1])
+        if len(outside) - 1 - max(place, warm_up) >= patience:
+            raise _Stop
+
+    last: tuple[float, Array] = (losses[0], start)
+
+    def watched(x: Array) -> tuple[float, Array]:
+        nonlocal last
+        value, slope = loss(x)
+        last = (value, x.copy())
+        return value, slope
+
+    try:
+        x = _adam(loss, start, bounds, warm_up, seen)
+        done: Any = minimize(
+            watched,
+            x,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=Bounds(bounds[:, 0], bounds[:, 1]),
+            callback=lambda x: seen(x, last[0]),
+            options={"maxiter": steps, "maxcor": _MEMORY, "maxfun": 3 * steps},
+        )
+        status, converged = ("most steps", False) if done.nit >= steps else ("loss no lower", True)
+    except _Stop:
+        status, converged = f"held-out error not lower for {patience} steps", True
+    except KeyboardInterrupt:
+        status, converged = "interrupted", False
+    return Descent(best, tuple(losses), tuple(outside), place, status, converged)
+
+
+def refine(
+    problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, tolerance: float, steps: int
+) -> tuple[Array, list[float]]:
+    """Come nearer to an optimum without linearising again: the curvature at the start, and L-BFGS on top of it.
+
+    Gauss-Newton leaves out how residuals bend, and gains a decade or less in a step that linearises everything; the
+    differences of gradients, which cost a tenth of that, tell it. Source: Nocedal & Wright, Numerical Optimization,
+    2nd ed., Algorithm 7.4, with the Gauss-Newton Hessian in place of a multiple of one.
+
+    Parameters
+    ----------
+    problem : the problem; nodes follow by simulation.
+    x : (unknowns,) a point near an optimum, away from bounds.
+    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
+    tolerance : share of the objective that a step may still promise at the end.
+    steps : at most.
+
+    Returns
+    -------
+    The point, and the objective after every step, the start's first.
+    """
+    free = problem.free
+    nodes = problem.simulated_nodes(x)
+    metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
+    pairs: list[tuple[Array, Array, float]] = []
+
+    def turned(g: Array) -> Array:
+        g, shares = g.copy(), []
+        for s, y, curvature in reversed(pairs):
+            shares.append(s @ g / curvature)
+            g -= shares[-1] * y
+        d = metric.solved(g)
+        for (s, y, curvature), share in zip(pairs, reversed(shares), strict=True):
+            d += s * (share - y @ d / curvature)
+        return np.asarray(d)
+
+    history, g = [problem.objective(x, nodes)], gradient(x, nodes)[free]
+    while len(history) <= steps:
+        step = -turned(g)
+        promised = -float(g @ step)
+        if promised <= 2.0 * tolerance * history[-1]:
+            break
+        nearer = _moved(x, free, step)
+        matched = problem.simulated_nodes(nearer)
+        objective = problem.objective(nearer, matched)
+        inside = np.all((nearer > problem.bounds[0]) & (nearer < problem.bounds[1]) | ~free)
+        if not (inside and objective < history[-1] - _ARMIJO * promised):
+            break
+        slope = gradient(nearer, matched)[free]
+        curvature = float(step @ (slope - g))
+        if curvature > 0.0:
+            pairs.append((step, slope - g, curvature))
+        x, g = nearer, slope
+        history.append(objective)
+    return x, history
+
+
+def settle(
+    problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, radius: float, least: float, steps: int
+) -> tuple[Array, float, float]:
+    """Come to an optimum that may lie in a kink, and say how well the gradients about it balance.
+
+    Where a prediction that is fed back crosses the corner of a piecewise linear function, the gradient jumps, and at
+    an optimum in that corner it is nowhere zero: gradients within a small distance have an average that is. From the
+    point, walk against the shortest average of those seen within the distance; begin anew where that descends, else
+    see what the gradient is there. Source: Goldstein, Optimization of Lipschitz continuous functions, Mathematical
+    Programming 13 (1977) 14-22, in the metric of the curvature.
+
+    Parameters
+    ----------
+    problem : the problem; nodes follow by simulation.
+    x : (unknowns,) a point near an optimum, away from bounds.
+    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
+    radius : distance, in standard deviations by the curvature of all unknowns together.
+    least : of the average gradient, by any unknown in units of its curvature, at which the point is an optimum.
+    steps : gradients that are looked at, at most.
+
+    Returns
+    -------
+    The point, its objective, and the largest entry of the average gradient in units of curvature.
+    """
+    free = problem.free
+    nodes = problem.simulated_nodes(x)
+    metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
+    objective, seen = problem.objective(x, nodes), [gradient(x, nodes)[free]]
+    average = seen[0]
+    for _ in range(steps):
+        average = metric.shortest(seen)
+        if float(np.max(np.abs(metric.unit * average))) <= least:
+            break
+        step = -metric.solved(average)
+        step *= radius / np.sqrt(max(-float(average @ step), 1e-300))
+        nearer = _moved(x, free, step)
+        matched = problem.simulated_nodes(nearer)
+        below = problem.objective(nearer, matched)
+        slope = gradient(nearer, matched)[free]
+        if below < objective + _ARMIJO * float(average @ step):
+            x, objective, seen = nearer, below, [slope]
+        else:
+            seen.append(slope)
+    return x, objective, float(np.max(np.abs(metric.unit * average)))
+
+
+class _Metric:
+    """The curvature at a point, factorised in units of the unknowns' own.
+
+    Attributes
+    ----------
+    unit : (n,) what an unknown moves by for one unit of curvature.
+    """
+
+    def __init__(self, H: Array) -> None:
+        self.unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+        self._factor = la.cho_factor(H * np.outer(self.unit, self.unit) + _RIDGE * np.eye(len(H)), lower=True)
+
+    def solved(self, g: Array) -> Array:
+        """H^-1 g."""
+        return np.asarray(self.unit * la.cho_solve(self._factor, self.unit * g))
+
+    def shortest(self, gradients: Sequence[Array]) -> Array:
+        """The average of gradients, with weights from zero on, that is shortest in the metric."""
+        G = np.array(gradients).T
+        sizes = la.solve_triangular(self._factor[0], self.unit[:, None] * G, lower=True)
+        whole = 1e3 * float(np.max(np.linalg.norm(sizes, axis=0)))  # weights add up to one
+        share, _ = nnls(np.vstack((sizes, np.full(G.shape[1], whole))), np.append(np.zeros(len(sizes)), whole))
+        return np.asarray(G @ (share / np.sum(share)))
+
+
+def _moved(x: Array, free: Array, step: Array) -> Array:
+    nearer = x.copy()
+    nearer[free] += step
+    return nearer
+
+
+def _adam(loss: Loss, start: Array, bounds: Array, steps: int, seen: Callable[[Array, float], None]) -> Array:
+    x, mean, square = start.copy(), np.zeros(len(start)), np.zeros(len(start))
+    for k in range(1, steps + 1):
+        value, slope = loss(x)
+        mean = _MEAN * mean + (1.0 - _MEAN) * slope
+        square = _SQUARE * square + (1.0 - _SQUARE) * slope**2
+        step = mean / (1.0 - _MEAN**k) / (np.sqrt(square / (1.0 - _SQUARE**k)) + 1e-10)
+        x = np.clip(x - _RATE * step, bounds[:, 0], bounds[:, 1])
+        seen(x, value)
+    return x

@@ -1,0 +1,20 @@
+"""Hybrids adapted to the first seconds of a changed vehicle: what other tyres differ by."""
+
+from __future__ import annotations
+
+from ...base.errors import BadInput
+from ...models.hybrid_model import HybridModel
+from .motion import adapted_motion
+from .outcome import Adaptation
+from .verb import AdaptTask, adapted
+
+
+@adapted.register(HybridModel)
+def _adapted_hybrid(model: HybridModel, task: AdaptTask) -> Adaptation:
+    """`free`: "auto" or "all", what tyres differ by, or names of some, with commas."""
+    if not model.carried_on:
+        raise BadInput(
+            f"A fit of {model.name} cannot be adapted: it keeps no uncertainty that would hold what the new seconds do "
+            "not show. Fit it to the new recording together with the old ones."
+        )
+    return adapted_motion(model, task)

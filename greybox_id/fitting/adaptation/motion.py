@@ -1,0 +1,258 @@
+"""Equations of motion adapted to the first seconds of a changed vehicle: its parameters, with the old fit as prior.
+
+A parameter's standard deviation in the fit says what the old recordings told of it; what they count beside the new one
+is chosen as for maps with memory, by blocked cross-validation on the new seconds, and so is whether anything moves.
+
+Of hybrids move the factors by which other tyres differ, each with its own prior; they are compared in free run.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import BadInput, near_or_all
+from ...base.shorthands import Array
+from ...datasets.recording import Recording
+from ...engine.motion.prediction import Predictor
+from ...engine.motion.simulator import Simulator
+from ...engine.simulation import Prediction
+from ...models.hybrid_model import HybridModel
+from ...models.motion_model import MotionModel
+from ...models.parameter import Parameter, Prior
+from ..choices.wanted import must_be_recorded
+from ..fit import Fit
+from ..how import How, quiet
+from ..scores.metrics import Error, prediction_errors
+from ..scores.prediction import simulate
+from ..training import update_hybrid
+from ..verb import fit as fit_model
+from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
+from .outcome import Adaptation, Outcome, moved_from, parted
+from .verb import AdaptTask, adapted
+
+Equations = MotionModel | HybridModel
+"""What is adapted."""
+AHEAD = 0.5
+"""Seconds ahead at which the old and the adapted model are compared."""
+LEAST = 2.0
+"""Seconds of an unbroken stretch that is fitted to."""
+ESTIMATED = "estimated parameters"
+"""What moves unless parameters are named."""
+
+
+def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
+    """Adapt a fit of equations of motion, or of a hybrid whose `carried_on` move.
+
+    `free`: "auto" or "all", the parameters that the fit estimated, or names of some, with commas.
+
+    Raises
+    ------
+    BadInput : a signal is missing, the recording is too short, a name stands for nothing, or the fit holds no
+        uncertainty.
+    """
+    clock = time.process_time()
+    fit, recording, seconds, free, validate, say = (
+        task.fit, task.recording, task.seconds, task.free, task.validate, task.say
+    )  # fmt: skip
+    names = _free(fit, free)
+    new, rest = parted(recording, seconds)
+    rest = rest if validate is None else validate
+    must_be_recorded(model, [new] if rest is None else [new, rest])
+    if isinstance(model, MotionModel) and new.sample_time > AHEAD:
+        raise BadInput(
+            f"{recording.name} has a row every {new.sample_time:.3g} s, but errors {AHEAD:g} s ahead are compared. Is "
+            "its time in another unit? Check it with greybox data check."
+        )
+    folds = _folds(new)
+    if len(folds) < 2:
+        raise BadInput(
+            f"The new seconds of {recording.name} are too few to choose by cross-validation: {2 * FOLD:g} s in one run "
+            "are needed (‹seconds›)."
+        )
+    how = _how(fit)
+    zero = _errors_in_folds(folds, [model] * len(folds))
+    scale = {name: max(float(np.sqrt(np.mean(own))), 1e-12) for name, own in zero.items()}
+    if not scale:
+        raise BadInput(f"{recording.name} reads none of the outputs of {model.name} for {AHEAD:g} s at a stretch.")
+    words = ESTIMATED if free in ("auto", "all") else free
+    several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
+    squares = [zero]
+    for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
+        held, fitted = _about(model, fit, names, strength), []
+        for number, (train, _) in enumerate(folds, 1):
+            say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
+            fitted.append(_fitted(held, train, how))
+        told = _errors_in_folds(folds, fitted)
+        several.append(AdaptedCandidate(words, strength, False, _pieces(told, scale)))
+        squares.append(told)
+    best = chosen(several)
+    other = chosen(several[1:])
+    say(f"fitted to {seconds:g} s, and scored")
+    made = {id(own): _adapted(model, fit, names, own, new, how) for own in (several[0], best, other)}
+    role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
+    length = 0.0 if rest is None else rest.duration
+    outcomes = {}
+    for role, own in role_of.items():
+        expected = {
+            name: foretold(squares[several.index(own)][name] / scale[name] ** 2, length, scale[name]) for name in scale
+        }
+        scored = {} if rest is None else _ahead(model.with_values(made[id(own)].model.values), rest)
+        outcomes[role] = Outcome(own.words, scored, expected)
+    result = made[id(best)]
+    here = _ahead(model.with_values(result.model.values), new)
+    return Adaptation(
+        fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
+        choices=dict.fromkeys(scale, best.words),
+        tried={
+            name: [(own.words, float(np.sqrt(np.mean(told[name]))) / scale[name])
+                   for own, told in zip(several, squares, strict=True)]
+            for name in scale
+        },
+        delays={}, calibrated={}, moved=moved_from(fit, result.model), seconds=seconds,
+        in_sample={name: {"rmse": own.rmse, "fvu_pooled": own.fvu} for name, own in here.items()},
+        cpu_seconds=time.process_time() - clock,
+    )  # fmt: skip
+
+
+adapted.register(MotionModel)(adapted_motion)
+
+
+def _free(fit: Fit, free: str) -> tuple[str, ...]:
+    """Names of the parameters that move."""
+    if isinstance(fit.model, HybridModel):
+        told = list(fit.model.carried_on)
+    else:
+        estimated = [own.name for own in fit.model.parameters if not own.fixed and own.scope == "model"]
+        told = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
+    if not told:
+        raise BadInput(
+            f"This fit of {fit.model.name} says of no parameter how well it is known, so nothing would hold it to what "
+            "it was. Fit it again until its optimum is confirmed."
+        )
+    if free in ("auto", "all"):
+        return tuple(told)
+    names = [word.strip() for word in free.split(",")]
+    for name in names:
+        if name not in told:
+            raise BadInput(
+                f"‹free›: {name!r:.40} is no parameter of this fit of {fit.model.name} that may move."
+                f"{near_or_all(name, ['auto', 'all', *told])}"
+            )
+    return tuple(dict.fromkeys(names))
+
+
+def _how(fit: Fit) -> How:
+    """As the fit was made, without its certificate and its further starts."""
+    told: Mapping[str, Any] = fit.how
+    if isinstance(fit.model, HybridModel):
+        return How(noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed)
+    counted = {name: float(sd) for name, sd in (told.get("counted") or {}).items() if name in fit.model.outputs}
+    return How(
+        solver="gauss-newton", horizon=min(LEAST, told.get("horizon") or LEAST), robust=told.get("robust"),
+        start_from=told.get("start_from") or "free", noise=counted, seed=fit.seed,
+    )  # fmt: skip
+
+
+def _about(model: Equations, fit: Fit, names: Sequence[str], strength: float) -> Equations:
+    """The model with what the old recordings told as priors of the parameters that move; the others are held."""
+    if isinstance(model, HybridModel):
+        return replace(model, carried_on=tuple(names))
+    return model.with_parameters(*(_prior(own, fit, names, strength) for own in model.parameters))
+
+
+def _prior(own: Parameter, fit: Fit, names: Sequence[str], strength: float) -> Parameter:
+    if own.name not in names:
+        return own if own.scope == "run" else replace(own, fixed=True)
+    sd = np.maximum(np.asarray(fit.sd[own.name], dtype=float), 1e-9 * np.maximum(1.0, np.abs(own.array))) / strength
+    return replace(own, prior=Prior(sd if own.shape else float(sd), mean=own.array if own.shape else float(own.array)))
+
+
+Folds = Sequence[tuple[list[Recording], Recording]]
+
+
+def _folds(new: Recording) -> Folds:
+    """What is fitted to, and what is held out, of every stretch of some seconds."""
+    per, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
+    found = []
+    for first, last in new.runs:
+        for start in range(first, last - per + 1, per):
+            stop = start + per if last - (start + per) >= per else last
+            around = [new.rows(0, max(0, start - gap)), new.rows(min(len(new), stop + gap), len(new))]
+            long = [one for own in around for one in _unbroken(own)]
+            if long:
+                found.append((long, new.rows(start, stop)))
+            if stop == last:
+                break
+    return found
+
+
+def _unbroken(recording: Recording) -> list[Recording]:
+    """Its runs that are long enough."""
+    if len(recording) < 2:
+        return []
+    least = round(LEAST / recording.sample_time) + 1
+    return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]
+
+
+def _fitted(held: Equations, train: Sequence[Recording], how: How) -> Equations:
+    if isinstance(held, HybridModel):
+        return update_hybrid(held, train, how, quiet).model
+    return held.with_values(fit_model(held, train, how=how).model.values)
+
+
+def _seen(model: Equations, recording: Recording) -> Any:
+    """Predictions of a model's outputs some time ahead, of a hybrid in free run."""
+    if isinstance(model, HybridModel):
+        return simulate(model, recording)
+    predictor = Predictor(Simulator(model), recording, model.values)
+    return predictor.ahead(AHEAD)
+
+
+def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
+    seen, horizon = _seen(model, recording), AHEAD if isinstance(model, MotionModel) else None
+    return prediction_errors(model.outputs, seen, recording.sample_time, horizon) if len(seen.rows) else {}
+
+
+def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Array]:
+    """Output -> mean square error in short pieces of what was held out."""
+    found: dict[str, list[float]] = {}
+    for (_, held), model in zip(folds, models, strict=True):
+        seen: Prediction = _seen(model, held)
+        piece = np.asarray(seen.rows, dtype=int) // max(1, round(SHORT / held.sample_time))
+        for k, name in enumerate(model.outputs):
+            square = (seen.predicted[:, k] - seen.measured[:, k]) ** 2
+            for number in np.unique(piece):
+                own = square[piece == number]
+                own = own[np.isfinite(own)]
+                if len(own):
+                    found.setdefault(name, []).append(float(np.mean(own)))
+    return {name: np.array(own) for name, own in found.items()}
+
+
+def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
+    """Mean square over the outputs, in what the fit as it was errs by; outputs read in as many pieces count."""
+    count = min(len(squares[name]) for name in scale)
+    return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
+
+
+def _adapted(model: Equations, fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
+    if not own.free:
+        return replace(fit, how={**fit.how, "adapted": own.words})
+    held = _about(model, fit, names, own.strength)
+    if isinstance(held, HybridModel):
+        told = update_hybrid(held, [new], how, quiet)
+        whole = model.with_values(told.model.values)
+        return replace(fit, model=whole, stages=(*fit.stages, told.stage), how={**fit.how, "adapted": own.words})
+    found = fit_model(held, [new], how=how)
+    estimated = {p.name: p.fixed for p in fit.model.parameters}
+    freed = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
+    sd = {p.name: found.sd[p.name] if p.name in names else fit.sd.get(p.name, found.sd[p.name])
+          for p in freed.parameters}  # fmt: skip
+    return replace(
+        found, model=freed, sd=sd, stages=(*fit.stages, *found.stages), how={**found.how, "adapted": own.words}
+    )

@@ -1,0 +1,427 @@
+"""A fit: a model with its estimates, their uncertainty, metrics, solver record and provenance.
+
+Saved as JSON and loaded again without running code from the file: the file names the model and its settings,
+the caller hands in the function that builds models by name.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.condition import span
+from ..base.declared import must_be, understood
+from ..base.errors import BadInput
+from ..base.files import write_atomically
+from ..base.origin import Origin
+from ..base.saved import Kind
+from ..base.shorthands import Array
+from ..base.version import __version__
+from ..models.memory_model import MemoryModel
+from ..models.model import Model
+from ..models.parameter import Parameter, Prior
+from .combined import Combined, combined, reach
+from .provenance import Certificate, DataRecord, Stage
+from .verdict import Verdict
+from .verdict import from_dict as verdict_from_dict
+
+KIND = Kind("greybox-fit", 2, "a fit", "greybox fit", "fit again")
+MOST_COVARIANCES = 200
+"""Numbers whose covariance is written into a file."""
+HARDLY, SURPRISING = 0.7, 3.0
+"""A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
+CHOICES: Mapping[str, Any] = {
+    "horizon": float | None,
+    "robust": float | None,
+    "start_from": str,
+    "inputs": Mapping[str, str],
+    "counted": Mapping[str, float],
+    "imported": str,
+}
+"""What a fit's `how` may hold that others rely on, with its type; `TypeError` where a file says otherwise."""
+FREE_RUN = "free run"
+"""The protocol under which every model is scored that moves on by itself."""
+LARGEST = 1e150
+"""Variances, errors and objectives above it are none: their squares leave the range of numbers."""
+ROUNDING = 1e-6
+"""Share by which a covariance may be off through rounding."""
+UNTOLD = 0.5
+"""A positive number whose standard deviation is more than this share of it is not determined."""
+
+Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
+"""Model name, settings, effects with their magnitudes -> model."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of fitting.
+
+    Attributes
+    ----------
+    model : the model at its estimates.
+    sd : name -> standard deviation of every entry, in the parameter's unit, corrected for correlated residuals.
+    dof : name -> degrees of freedom of every entry's standard deviation; missing where there are plenty.
+    covariance : (parameters, parameters) of the model's parameter vector; None where it was not kept.
+    per_run : name -> (runs, ...) estimates of run-scoped parameters on the training runs.
+    stages : the steps that led here.
+    metrics : "train" and "validate" -> protocol -> output -> {rmse, rmse_sd, fvu, samples}.
+    data : recordings seen.
+    mode : "cross-validation", "early stopping" or "given": how the strength of regularisation was chosen.
+    seed : of everything random.
+    how : horizon and further choices of the problem that was solved, to state it again.
+    command : what reproduces it.
+    version : greybox-id's own.
+    verdict : whether it can be used, and why; None where nobody judged it.
+    """
+
+    model: Model
+    sd: Mapping[str, Array]
+    stages: tuple[Stage, ...]
+    metrics: Mapping[str, Any]
+    data: tuple[DataRecord, ...]
+    mode: str
+    seed: int
+    per_run: Mapping[str, Array] = field(default_factory=dict)
+    dof: Mapping[str, Array] = field(default_factory=dict)
+    covariance: Array | None = None
+    how: Mapping[str, Any] = field(default_factory=dict)
+    command: str = ""
+    version: str = __version__
+    verdict: Verdict | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it ended at an optimum; what is imported or was trained is taken as it is."""
+        return not self.stages or self.stages[-1].confirmed
+
+    def interval(self, name: str) -> tuple[Array, Array]:
+        """95 % interval of every entry of a parameter, cut at its bounds; NaN where it is held."""
+        parameter = self.model[name]
+        sd = np.asarray(self.sd.get(name, np.full(parameter.shape, np.nan)))
+        if parameter.fixed:
+            sd = np.full(parameter.shape, np.nan)
+        half = reach(self.dof.get(name, np.inf)) * sd
+        low, high = parameter.bounds
+        with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
+            return np.maximum(parameter.array - half, low), np.minimum(parameter.array + half, high)
+
+    def combined(self) -> list[Combined]:
+        """The model's combinations of parameters, with what is known of them together."""
+        if self.covariance is None:
+            return []
+        return [combined(each, self.model, self.covariance, self.dof) for each in self.model.combinations]
+
+    def notes(self) -> dict[str, str]:
+        """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
+        found = {}
+        for parameter in self.model.parameters:
+            sd = self.sd.get(parameter.name)
+            if parameter.fixed:
+                found[parameter.name] = "held"
+            elif parameter.shape == () and sd is not None:
+                value, (low, high) = float(parameter.array), parameter.bounds
+                if value <= low or value >= high:
+                    found[parameter.name] = "at its bound"
+                elif np.isnan(sd):
+                    found[parameter.name] = "no interval: the optimum is not confirmed"
+                elif parameter.prior is not None:
+                    found |= _against_prior(parameter, parameter.prior, float(sd))
+                elif not np.isfinite(sd):
+                    found[parameter.name] = "not determined by this recording"
+                elif low >= 0 and parameter.name not in self.model.effects and sd > UNTOLD * value:
+                    found[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fit as plain data for JSON."""
+        return {
+            "version": self.version,
+            "command": self.command,
+            "mode": self.mode,
+            "seed": self.seed,
+            "model": {
+                "name": self.model.name,
+                "settings": dict(self.model.settings),
+                "effects": {name: float(self.model[name].array) for name in self.model.effects},
+                **_origins_as_dict(self.model),
+            },
+            "parameters": {
+                p.name: {
+                    "unit": p.unit,
+                    "value": p.array.tolist(),
+                    "sd": np.asarray(self.sd.get(p.name, np.zeros(p.shape))).tolist(),
+                    **({"dof": np.asarray(self.dof[p.name]).tolist()} if p.name in self.dof else {}),
+                    "interval": None if p.fixed else [end.tolist() for end in self.interval(p.name)],
+                    "fixed": p.fixed,
+                    "scope": p.scope,
+                    "bounds": list(p.bounds),
+                    "prior": _prior_as_dict(p),
+                    "about": p.about,
+                }
+                for p in self.model.parameters
+            },
+            "combinations": [asdict(combination) for combination in self.combined()],
+            "covariance": _covariance_as_dict(self),
+            "how": dict(self.how),
+            "per_run": {name: np.asarray(values).tolist() for name, values in self.per_run.items()},
+            "notes": self.notes(),
+            "together": list(self.model.together),
+            "stages": [asdict(stage) for stage in self.stages],
+            "metrics": dict(self.metrics),
+            "data": [asdict(record) for record in self.data],
+            **({} if self.verdict is None else self.verdict.as_dict()),
+        }
+
+    @understood
+    def save(self, path: str | Path) -> Path:
+        """Write the fit as JSON, atomically: an existing file is replaced whole or not at all."""
+        return write_atomically(Path(path), KIND.text(self.as_dict()))
+
+
+def load(path: str | Path, build: Build) -> Fit:
+    """Read a fit back.
+
+    Parameters
+    ----------
+    path : a file written by `Fit.save`.
+    build : makes a model from its name, settings and effects.
+
+    Raises
+    ------
+    BadInput : the file is no fit, is damaged, or was written by another version; or its equations are in a module that
+        greybox-id does not ship and that `build` does not know. A file never names code that loading it would run.
+
+    Warns
+    -----
+    UserWarning : equations of one's own come from a file that has changed since the fit was saved.
+    """
+
+    def made(body: Mapping[str, Any]) -> Fit:
+        return _sound(_from_dict(body, _checked(build, body["model"].get("origins", {}), Path(path))))
+
+    return KIND.load(path, made)
+
+
+def _sound(fit: Fit) -> Fit:
+    """The fit, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
+    for own in fit.model.parameters:
+        must_be(own.scope, str, f"scope of {own.name}")
+        if own.scope not in ("model", "run"):
+            raise ValueError(f"its scope of {own.name} is {own.scope!r:.60}, not model or run")
+        if own.shape == () and own.prior is not None:
+            must_be(own.prior.sd, float, f"prior of {own.name}, its sd,")
+            must_be(own.prior.mean, float | None, f"prior of {own.name}, its mean,")
+            must_be(own.prior.strength, str, f"prior of {own.name}, its strength,")
+    must_be(fit.stages, tuple[Stage, ...], "stages")
+    must_be(fit.data, tuple[DataRecord, ...], "data")
+    if not fit.stages and "imported" not in fit.how:
+        raise ValueError("it has no stages, and was not imported")
+    for k, stage in enumerate(fit.stages):
+        _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
+        _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
+        if len({frozenset(own) for own in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
+            raise ValueError(f"its starts of stages[{k}] did not all end at the same parameters' values")
+    for name, sd in fit.sd.items():
+        _sizes(sd, f"standard deviation of {name}")
+    if fit.covariance is not None:
+        _of_covariance(fit.covariance)
+    for name, kind in (("mode", str), ("command", str), ("version", str), ("seed", int)):
+        must_be(getattr(fit, name), kind, name)
+    must_be(fit.metrics, Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]], "metrics")
+    told = {  # where a prediction diverges is a record of its own
+        role: {protocol: {output: {k: v for k, v in own.items() if k != "diverges"} for output, own in errors.items()}
+               for protocol, errors in protocols.items()}
+        for role, protocols in fit.metrics.items()
+    }  # fmt: skip
+    must_be(told, Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], "metrics")
+    for error in (own for role in fit.metrics.values() for protocol in role.values() for own in protocol.values()):
+        if not {"rmse", "rmse_sd", "fvu"} <= error.keys():
+            raise ValueError("its metrics are not complete")
+        _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
+    if not isinstance(fit.model, MemoryModel) and any(own and FREE_RUN not in own for own in fit.metrics.values()):
+        raise ValueError("its metrics are not complete")
+    must_be(fit.how, Mapping[str, Any], "how")
+    for name, kind in CHOICES.items():
+        if name in fit.how:
+            must_be(fit.how[name], kind, f"how.{name}")
+    for record in fit.data:
+        if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
+            raise ValueError(f"its record of {record.name!r:.60} is none of a recording")
+        if record.between:
+            try:
+                span(record.between)
+            except BadInput as error:
+                raise ValueError(f"in its record of {record.name!r:.60}, {error}") from error
+    for name, values in fit.per_run.items():
+        if name not in fit.model or np.shape(values)[1:] != fit.model[name].shape:
+            raise ValueError(f"its values of {name!r:.60} by run are not those of a parameter")
+    for name, values in fit.dof.items():
+        if np.shape(values) not in ((), fit.model[name].shape):
+            raise ValueError(f"its degrees of freedom of {name} have shape {np.shape(values)}")
+    return fit
+
+
+def _sizes(values: ArrayLike, what: str) -> None:
+    """Raise `ValueError` unless these are sizes: not negative, and of no absurd size unless infinite or not told."""
+    own = np.asarray(values, dtype=float)
+    if np.any(own < 0) or np.any((own > LARGEST) & np.isfinite(own)):
+        raise ValueError(f"its {what} are no sizes")
+
+
+def _of_covariance(matrix: Array) -> None:
+    """Raise `ValueError` unless this can be a covariance: symmetric, and no correlation beyond one."""
+    variance = np.diag(matrix)
+    if not np.all(np.isfinite(matrix)) or np.any(variance < 0) or np.any(variance > LARGEST):
+        raise ValueError("its covariance has variances that are none")
+    most = np.sqrt(np.outer(variance, variance)) * (1 + ROUNDING)
+    if np.any(np.abs(matrix) > most) or np.any(np.abs(matrix - matrix.T) > ROUNDING * most):
+        raise ValueError("its covariance is none: it is not symmetric, or has correlations beyond one")
+
+
+def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path) -> Build:
+    """The same, with a sentence on equations that are not shipped: which are missing, which have changed."""
+    recorded = {name: Origin(str(own["file"]), str(own["sha256"])) for name, own in origins.items()}
+
+    def checked(name: str, settings: Mapping[str, Any], effects: Mapping[str, float]) -> Model:
+        try:
+            model = build(name, settings, effects)
+        except BadInput as error:
+            if not recorded:
+                raise
+            where = "; ".join(f"{own} in {origin.words}" for own, origin in recorded.items())
+            raise BadInput(
+                f"{path} needs equations that greybox-id does not ship: {where}. A fit's file never runs code: hand "
+                f"them over when loading it (‹own|models=, effects=›). {error}"
+            ) from error
+        present = {**model.origins, name: model.origin}
+        for own, origin in recorded.items():
+            now = present.get(own)
+            if now is not None and origin.sha256 and now.sha256 and now.sha256 != origin.sha256:
+                warnings.warn(
+                    f"{path} was saved with {own} in {origin.words}, which is now {now.words}: where the equations "
+                    "differ, its numbers mean nothing. Fit again.",
+                    stacklevel=2,
+                )
+        return model
+
+    return checked
+
+
+def _origins_as_dict(model: Model) -> dict[str, Any]:
+    """Where equations come from that are not shipped; nothing where all are."""
+    own = model.origin
+    found = {**model.origins, **({model.name: own} if own is not None else {})}
+    return {"origins": {name: asdict(origin) for name, origin in found.items()}} if found else {}
+
+
+def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
+    described = body["model"]
+    model = build(described["name"], described["settings"], described["effects"])
+    stored = body["parameters"]
+    if set(stored) != {p.name for p in model.parameters}:
+        raise ValueError(f"its parameters are not those of model {model.name}")
+    for p in model.parameters:
+        shape = np.shape(stored[p.name]["sd"])
+        if shape != p.shape:
+            raise ValueError(f"the standard deviations of {p.name} have shape {shape}, its values {p.shape}")
+    model = model.with_parameters(*(_restored(p, stored[p.name]) for p in model.parameters))
+    stages = []
+    for stage in body["stages"]:
+        certificate = stage["certificate"]
+        stages.append(
+            Stage(
+                **{
+                    **stage,
+                    "history": tuple(stage["history"]),
+                    "starts": tuple(stage["starts"]),
+                    "tried": tuple((dict(s), e) for s, e in stage["tried"]),
+                    "certificate": None if certificate is None else Certificate(**certificate),
+                    "ended_at": tuple(_numbers(own) for own in stage.get("ended_at", ())),
+                    "fallbacks": tuple(str(words) for words in stage.get("fallbacks", ())),
+                }
+            )
+        )
+    return Fit(
+        model=model,
+        sd={name: np.asarray(record["sd"], dtype=float) for name, record in stored.items()},
+        stages=tuple(stages),
+        metrics=body["metrics"],
+        data=tuple(DataRecord(**record) for record in body["data"]),
+        mode=body["mode"],
+        seed=body["seed"],
+        dof={name: np.asarray(record["dof"], dtype=float) for name, record in stored.items() if "dof" in record},
+        covariance=_covariance_from_dict(body["covariance"], model),
+        how=body["how"],
+        per_run={name: np.asarray(values, dtype=float) for name, values in body["per_run"].items()},
+        command=body["command"],
+        version=body["version"],
+        verdict=verdict_from_dict(body),
+    )
+
+
+def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in body.items()}
+
+
+def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
+    """A parameter of the registry's model as the fit had it: a vehicle file may have changed what is known of it."""
+    changes: dict[str, Any] = {"fixed": bool(record["fixed"])}
+    if parameter.shape == ():
+        prior = record["prior"]
+        changes |= {
+            "bounds": tuple(float(bound) for bound in record["bounds"]),
+            "prior": None if prior is None else Prior(**prior),
+            "scope": record["scope"],
+        }
+    return replace(parameter, value=np.asarray(record["value"], dtype=float).reshape(parameter.shape), **changes)
+
+
+def _prior_as_dict(parameter: Parameter) -> dict[str, Any] | None:
+    if parameter.prior is None or parameter.shape != ():
+        return None
+    prior = parameter.prior
+    mean = parameter.array if prior.mean is None else np.asarray(prior.mean)
+    return {"sd": float(np.asarray(prior.sd)), "mean": float(mean), "strength": prior.strength}
+
+
+def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
+    """The covariance of the numbers that moved, by name; that of networks is left out for its size."""
+    if fit.covariance is None:
+        return None
+    moved, start = [], 0
+    for parameter in fit.model.parameters:
+        if parameter.shape == () and not parameter.fixed:
+            moved.append((parameter.name, start))
+        start += parameter.size
+    if len(moved) > MOST_COVARIANCES:
+        return None
+    places = [place for _, place in moved]
+    return {"names": [name for name, _ in moved], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
+
+
+def _covariance_from_dict(record: Mapping[str, Any] | None, model: Model) -> Array | None:
+    if record is None:
+        return None
+    start, place = 0, {}
+    for parameter in model.parameters:
+        place[parameter.name] = start
+        start += parameter.size
+    matrix = np.zeros((model.size, model.size))
+    places = [place[name] for name in record["names"]]
+    matrix[np.ix_(places, places)] = np.asarray(record["matrix"], dtype=float).reshape(len(places), len(places))
+    return matrix
+
+
+def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, str]:
+    """What is to be said of a number that its prior moved, or that moved away from its prior."""
+    spread = float(np.max(np.asarray(prior.sd)))
+    away = 0.0 if prior.mean is None else abs(float(parameter.array) - float(np.asarray(prior.mean))) / spread
+    if away > SURPRISING:
+        return {parameter.name: f"conflicts with the prior ({away:.1f} sd): suspect the model structure"}
+    return {parameter.name: "weakly identifiable; dominated by the prior"} if sd > HARDLY * spread else {}

@@ -1,0 +1,256 @@
+"""Approximate Bayesian computation by sequential Monte Carlo: particles whose simulations come closer and closer.
+
+A population is perturbed and simulated, all particles side by side; those nearer to the recordings than a threshold
+make the next one. Thresholds follow from trial particles so that the acceptance is that of the schedule. The normal
+kernel has twice the weighted covariance of the population it perturbs, and the same kernel stands in the weights;
+priors are cut at the parameters' bounds.
+
+Sources: Toni et al., Approximate Bayesian computation scheme for parameter inference and model selection in dynamical
+systems, J. R. Soc. Interface 6 (2009); Filippi et al., On optimality of kernels for ABC-SMC, Stat. Appl. Genet. Mol.
+Biol. 12 (2013). The schedule is that of "Physics-guided approach with transfer learning in vehicle lateral dynamics".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+from scipy.special import logsumexp, ndtr, ndtri
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from .density import PosteriorDensity
+
+Distance = Literal["pooled", "trajectories"]
+Away = Callable[[Array], Array]
+"""(n, d) particles -> (n,) distances, infinite where a simulation is not finite."""
+TARGETS = (0.75, 0.65, 0.55, 0.45, 0.35, 0.25, 0.15, 0.05, 0.025, 0.01)
+"""Acceptance of the populations after the first, as published."""
+PILOT = 1000
+"""Trial particles that set a threshold; at least so many over the target that forty are accepted."""
+FEWEST_ACCEPTED = 40
+BATCH = 250
+"""Particles simulated between two looks at the clock."""
+HOPELESS = 0.2
+"""A population whose acceptance falls below this share of its target ends the run where it stands."""
+RIDGE = 1e-9
+
+
+class ParticlePrior(NamedTuple):
+    """Of one coordinate: normal about a mean, or even where sd is infinite; cut at its bounds."""
+
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ParticleSet:
+    """Particles.
+
+    Attributes
+    ----------
+    number : 0 is drawn from the prior.
+    at : (n, d).
+    weight : (n,) sums to one.
+    distance : (n,).
+    threshold : below which every distance lies.
+    acceptance : share of the simulated particles that were accepted.
+    """
+
+    number: int
+    at: Array
+    weight: Array
+    distance: Array
+    threshold: float
+    acceptance: float
+
+
+@dataclass(frozen=True)
+class Growing:
+    """A population in the making: what it is made from, and what was accepted so far after so many batches."""
+
+    source: ParticleSet
+    threshold: float
+    batches: int
+    simulated: int
+    at: Array
+    distance: Array
+
+
+def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
+    """What is known of each coordinate before the recordings.
+
+    Raises
+    ------
+    BadInput : a parameter has neither a prior nor finite bounds, or has one that is not of single numbers.
+    """
+    found = []
+    for own, low, high in zip(density.coordinates, *density.bounds, strict=True):
+        parameter = density.problem.model[own.parameter]
+        prior = parameter.prior
+        if prior is not None and any(step is not None for step in prior.step_sd):
+            raise BadInput(f"abc-smc draws numbers one by one, but the prior of {own.parameter} joins them. Use mcmc.")
+        sd = (
+            np.inf
+            if prior is None
+            else float(np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).flat[own.entry])
+        )
+        if not np.isfinite(sd) and not (np.isfinite(low) and np.isfinite(high)):
+            raise BadInput(
+                f"abc-smc draws from the priors, but {own.name} has neither a prior nor two finite bounds. Fit again "
+                f"with ‹prior› {own.name}, or use mcmc."
+            )
+        given = parameter.array if prior is None or prior.mean is None else np.asarray(prior.mean, dtype=float)
+        mean = float(np.broadcast_to(given, parameter.shape).flat[own.entry])
+        found.append(ParticlePrior(mean, sd, float(low), float(high)))
+    return tuple(found)
+
+
+def drawn(priors: Sequence[ParticlePrior], count: int, rng: np.random.Generator) -> Array:
+    """(count, d) from the priors."""
+    columns = []
+    for own in priors:
+        u = rng.uniform(size=count)
+        if np.isfinite(own.sd):
+            below, above = ndtr((own.low - own.mean) / own.sd), ndtr((own.high - own.mean) / own.sd)
+            z = ndtri(below + u * (above - below))
+            columns.append(np.clip(own.mean + own.sd * z, own.low, own.high))
+        else:
+            columns.append(own.low + u * (own.high - own.low))
+    return np.column_stack(columns)
+
+
+def log_prior(priors: Sequence[ParticlePrior], at: Array) -> Array:
+    """(n,) up to a constant, within bounds."""
+    return np.asarray(sum(-0.5 * ((at[:, k] - own.mean) / own.sd) ** 2 for k, own in enumerate(priors)))
+
+
+class Distances:
+    """How far simulations are from the recordings, outputs in units of their spread over the recordings.
+
+    "pooled": root mean square over all rows and outputs. "trajectories": the mean over trajectories of each one's root
+    mean square over rows, averaged over outputs, as free runs are scored in the publication.
+    """
+
+    def __init__(self, density: PosteriorDensity, kind: Distance) -> None:
+        self._density, self._kind = density, kind
+        problem = density.problem
+        read = problem.weight > 0
+        with np.errstate(invalid="ignore"):
+            spread = np.nanstd(np.where(read, problem.target, np.nan), axis=0)
+        self._scale = np.where(spread > 0, spread, 1.0)
+        self._counts = np.maximum(np.sum(read), 1)
+        self._rows = np.concatenate(([0], np.cumsum([len(own) for own in problem.intervals])))
+        self._read = np.add.reduceat(read.astype(float), self._rows[:-1], axis=0)
+
+    def __call__(self, at: Array) -> Array:
+        """(n, d) -> (n,); infinite where a simulation is not finite."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = (self._density.errors(at) / self._scale) ** 2
+            if self._kind == "pooled":
+                found = np.sqrt(np.sum(squares, axis=(1, 2)) / self._counts)
+            else:
+                each = np.add.reduceat(squares, self._rows[:-1], axis=1) / np.maximum(self._read, 1)
+                found = np.mean(np.sqrt(each), axis=(1, 2))
+        return np.asarray(np.where(np.isfinite(found), found, np.inf))
+
+
+def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: int) -> ParticleSet:
+    """Drawn from the priors, so many of which the model is finite.
+
+    Raises
+    ------
+    BadInput : it hardly is anywhere.
+    """
+    at, away, tried = np.empty((0, len(priors))), np.empty(0), 0
+    for batch in range(100):
+        own = drawn(priors, count, np.random.default_rng((seed, 0, batch)))
+        found = np.concatenate([distances(own[k : k + BATCH]) for k in range(0, count, BATCH)])
+        good = np.isfinite(found)
+        at, away, tried = np.concatenate([at, own[good]]), np.concatenate([away, found[good]]), tried + count
+        if len(at) >= count:
+            at, away = at[:count], away[:count]
+            return ParticleSet(0, at, np.full(count, 1 / count), away, float(np.max(away)), len(at) / tried)
+    raise BadInput(
+        "The model is finite at hardly any draw from the priors. Narrow the priors or bounds, and fit again."
+    )
+
+
+class PerturbationKernel:
+    """Perturbs a population, and says how dense perturbed particles are: a normal kernel, cut at the priors' bounds by
+    drawing again.
+    """
+
+    def __init__(self, source: ParticleSet, priors: Sequence[ParticlePrior]) -> None:
+        self._source = source
+        mean = source.weight @ source.at
+        off = source.at - mean
+        covariance = 2.0 * (off * source.weight[:, None]).T @ off
+        unit = np.sqrt(np.diag(covariance))
+        unit = np.where(unit > 0, unit, 1.0)
+        scaled = covariance / np.outer(unit, unit)
+        scaled[np.diag_indices_from(scaled)] += RIDGE
+        self._factor = unit[:, None] * la.cholesky(scaled, lower=True)
+        self._low = np.array([own.low for own in priors])
+        self._high = np.array([own.high for own in priors])
+
+    def perturbed(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, d) within bounds."""
+        found = np.empty((0, len(self._low)))
+        while len(found) < count:
+            chosen = rng.choice(len(self._source.at), size=count, p=self._source.weight)
+            own = self._source.at[chosen] + rng.standard_normal((count, len(self._low))) @ self._factor.T
+            inside = np.all((own >= self._low) & (own <= self._high), axis=1)
+            found = np.concatenate([found, own[inside]])
+        return found[:count]
+
+    def log_density(self, at: Array) -> Array:
+        """(n,) up to a constant, which the cut at the bounds does not change: trials beyond them are no particles."""
+        turned = la.solve_triangular(self._factor, at.T, lower=True)
+        own = la.solve_triangular(self._factor, self._source.at.T, lower=True)
+        squares = np.sum(turned**2, axis=0)[:, None] + np.sum(own**2, axis=0)[None] - 2.0 * turned.T @ own
+        with np.errstate(divide="ignore"):
+            logs = np.log(self._source.weight)
+        return np.asarray(logsumexp(logs[None] - 0.5 * np.maximum(squares, 0.0), axis=1))
+
+
+def begin(distances: Away, source: ParticleSet, priors: Sequence[ParticlePrior], seed: int) -> Growing:
+    """Set the next threshold: trial particles, of which the target's share are to be nearer."""
+    target = TARGETS[source.number]
+    count = max(PILOT, round(FEWEST_ACCEPTED / target))
+    at = PerturbationKernel(source, priors).perturbed(count, np.random.default_rng((seed, source.number + 1, 0)))
+    away = np.concatenate([distances(at[k : k + BATCH]) for k in range(0, count, BATCH)])
+    threshold = min(float(np.quantile(away, target, method="lower")), source.threshold)
+    return Growing(source, threshold, 0, 0, np.empty((0, len(priors))), np.empty(0))
+
+
+def grow(
+    distances: Away, growing: Growing, priors: Sequence[ParticlePrior], seed: int, until: Callable[[Growing], bool]
+) -> ParticleSet | Growing:
+    """Fill a population batch by batch; as far as it got where `until`, called after each batch, says so."""
+    source, kernel = growing.source, PerturbationKernel(growing.source, priors)
+    count = len(source.at)
+    while len(growing.at) < count:
+        own = kernel.perturbed(BATCH, np.random.default_rng((seed, source.number + 1, growing.batches + 1)))
+        away = distances(own)
+        good = away <= growing.threshold
+        growing = Growing(
+            source, growing.threshold, growing.batches + 1, growing.simulated + BATCH,
+            np.concatenate([growing.at, own[good]]), np.concatenate([growing.distance, away[good]]),
+        )  # fmt: skip
+        hopeless = len(growing.at) < HOPELESS * TARGETS[source.number] * growing.simulated
+        if hopeless and growing.simulated > 20 * PILOT:
+            return source
+        if until(growing) and len(growing.at) < count:
+            return growing
+    at, away = growing.at[:count], growing.distance[:count]
+    logs = log_prior(priors, at) - kernel.log_density(at)
+    weight = np.exp(logs - logsumexp(logs))
+    return ParticleSet(
+        source.number + 1, at, weight / np.sum(weight), away, growing.threshold, len(growing.at) / growing.simulated
+    )

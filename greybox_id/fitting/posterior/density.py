@@ -1,0 +1,185 @@
+"""The posterior density of a fit's parameters, evaluated for many points at once.
+
+Likelihood and priors are those that the fit counted: residuals in the standard deviations at which a reading counts,
+as often as readings are independent, in the tails linear where the fit was robust. What the fit estimated beside its
+parameters, where predictions start, is integrated out: readings depend on starts almost linearly, so that a start's
+best deviation and what it saves follow from the derivatives at the fit (a Gaussian integral, whose width does not
+depend on the parameters to that order).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...engine.motion.shooting import MotionProblem
+from ...engine.motion.targets import Targets
+from ...engine.solvers.gauss_newton import Solution
+from ...models.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class DrawnNumber:
+    """A number that is drawn.
+
+    Attributes
+    ----------
+    name : of its column: I_z, bank[3] of an array, tau@2 of the second run.
+    unit : SI.
+    parameter : name of the parameter.
+    entry : place among the parameter's numbers.
+    run : of a parameter with a value for each run, which run, from 0; None for all.
+    """
+
+    name: str
+    unit: str
+    parameter: str
+    entry: int = 0
+    run: int | None = None
+
+
+class PosteriorDensity:
+    """The density of a problem's free parameters about its optimum.
+
+    Parameters
+    ----------
+    problem : the problem of the fit.
+    solution : its optimum.
+
+    Attributes
+    ----------
+    coordinates : the free numbers, in order.
+    centre : (d,) their values at the optimum.
+    bounds : two of (d,).
+    evaluations : how many points were simulated so far.
+    """
+
+    def __init__(self, problem: MotionProblem, solution: Solution) -> None:
+        self.problem = problem
+        self._x = solution.x
+        found = coordinates(problem)
+        self.coordinates = tuple(coordinate for coordinate, _ in found)
+        self.places = np.array([place for _, place in found], dtype=np.intp)
+        self.centre = solution.x[self.places].copy()
+        low, high = problem.bounds
+        self.bounds = low[self.places], high[self.places]
+        self.evaluations = 0
+        self._starts = _starts(problem, solution) if len(problem.loose) else []
+
+    def __call__(self, points: Array) -> Array:
+        """(n, d) -> (n,) logarithm of the density, up to a constant; -inf beyond bounds or where nothing is finite."""
+        found = np.full(len(points), -np.inf)
+        inside = np.flatnonzero(self.within(points))
+        if len(inside) == 0:
+            return found
+        x = self.unknowns(points[inside])
+        r = self._residuals(x)
+        priors = np.array([0.5 * float(np.sum(self.problem.prior_residuals(own) ** 2)) for own in x])
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = _misfit(self.problem.targets, r) + priors - self._saved(r)
+        found[inside] = np.where(np.isfinite(total), -total, -np.inf)
+        return found
+
+    def errors(self, points: Array) -> Array:
+        """(n, d) -> (n, N, outputs) predicted less read, in the outputs' units, each start at its best; 0: no reading.
+
+        Points beyond bounds are simulated as they are.
+        """
+        weight = self.problem.targets.weight
+        r = self._residuals(self.unknowns(points))
+        for start in self._starts:
+            flat = r.reshape(len(r), -1)
+            flat[:, start.readings] -= (flat[:, start.readings] @ start.J) @ start.inverse @ start.J.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(weight > 0, r / weight, 0.0)
+
+    def within(self, points: Array) -> Array:
+        """(n, d) -> (n,) whether points lie within all bounds."""
+        low, high = self.bounds
+        return np.asarray(np.all((points >= low) & (points <= high), axis=1))
+
+    def unknowns(self, points: Array) -> Array:
+        """(n, d) -> (n, unknowns), all else as it was found."""
+        x = np.tile(self._x, (len(points), 1))
+        x[:, self.places] = points
+        return x
+
+    def _residuals(self, x: Array) -> Array:
+        """(n, N, outputs) in standard deviations; 0 where there is no reading."""
+        self.evaluations += len(x)
+        y, targets = self.problem.predicted_readings(x), self.problem.targets
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.where(targets.weight > 0, y - targets.reading, 0.0) * targets.weight
+
+    def _saved(self, r: Array) -> Array:
+        """(n,) by how much the objective falls where every start deviates as suits it best."""
+        found = np.zeros(len(r))
+        tail = self.problem.targets.robust
+        if tail is not None:
+            r = r * np.sqrt(np.minimum(1.0, tail / np.maximum(np.abs(r), 1e-12)))
+        flat = r.reshape(len(r), -1)
+        for start in self._starts:
+            pull = flat[:, start.readings] @ start.J + start.pull
+            found += 0.5 * np.einsum("ni,ij,nj->n", pull, start.inverse, pull)
+        return found
+
+
+@dataclass(frozen=True)
+class _Start:
+    """An interval's start about the optimum: its readings (m,), their derivative (m, s), the inverse Hessian (s, s),
+    and the priors' gradient (s,).
+    """
+
+    readings: Array
+    J: Array
+    inverse: Array
+    pull: Array
+
+
+def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
+    """The free numbers of a problem's parameters, and where each stands among the unknowns."""
+    found: list[tuple[DrawnNumber, int]] = []
+    start = 0
+    for parameter in problem.model.parameters:
+        runs = list(enumerate(problem.parameters.index)) if parameter.scope == "run" else [(None, None)]
+        for run, index in runs:
+            for entry, name in enumerate(entry_names(parameter)):
+                place = int((problem.parameters.index[0] if index is None else index)[start + entry])
+                if problem.free[place]:
+                    own = name if run is None else f"{name}@{run + 1}"
+                    found.append((DrawnNumber(own, parameter.unit, parameter.name, entry, run), place))
+        start += parameter.size
+    return found
+
+
+def entry_names(parameter: Parameter) -> list[str]:
+    """The numbers that a parameter holds: F[0,1] of an array F."""
+    if parameter.shape == ():
+        return [parameter.name]
+    return [f"{parameter.name}[{','.join(map(str, place))}]" for place in np.ndindex(*parameter.shape)]
+
+
+def _misfit(targets: Targets, r: Array) -> Array:
+    """(n,) half the sum of squared residuals, those in the tails linear."""
+    if targets.robust is None:
+        return np.asarray(0.5 * np.einsum("nij,nij->n", r, r))
+    e, k = np.abs(r), targets.robust
+    return np.asarray(np.sum(np.where(e <= k, 0.5 * e**2, k * (e - 0.5 * k)), axis=(1, 2)))
+
+
+def _starts(problem: MotionProblem, solution: Solution) -> list[_Start]:
+    found = []
+    order, edges = solution.nodes.cut.by_owner
+    outputs = problem.target.shape[1]
+    pull = problem.pull_of_priors(solution.x)
+    for k, (_, J) in enumerate(problem.residuals(solution.x, solution.nodes)):
+        own = np.arange(edges[k], edges[k + 1]) if order is None else order[edges[k] : edges[k + 1]]
+        rows = np.unique(own // outputs)
+        places = problem.layout.index[k][problem.model.size :]
+        flat = J[:, :, problem.model.size :].reshape(-1, len(places))
+        inverse = np.linalg.pinv(flat.T @ flat + problem.believed[np.ix_(places, places)], hermitian=True)
+        readings = (rows[:, None] * outputs + np.arange(outputs)).ravel()
+        found.append(_Start(readings, flat, inverse, pull[places]))
+    return found

@@ -1,0 +1,196 @@
+"""Draws near the fit's normal distribution, each weighted by how much likelier the posterior has it there.
+
+Draws are of a Student t distribution about the fit, whose tails hold the normal one's, and count by the ratio of the
+posterior's density to theirs: what a normal distribution misses, bends, skewness and bounds, the weights put right. Of
+ratios without an end a few draws would count for all. Their largest follow a generalised Pareto distribution; its shape
+k says whether weights can be trusted, and its quantiles stand for them. Where they cannot be, the weighted draws say
+where better ones are to be made; where those cannot be trusted either, what is left is the normal distribution, cut at
+the bounds, and that is told.
+
+Sources: Vehtari, Simpson, Gelman, Yao & Gabry, Pareto smoothed importance sampling, J. Machine Learning Research 25
+(2024), whose limit of k it is; Zhang & Stephens, A new and efficient estimation method for the generalized Pareto
+distribution, Technometrics 51 (2009); Cappé, Guillin, Marin & Robert, Population Monte Carlo, J. Computational and
+Graphical Statistics 13 (2004), draws from where weighted ones were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import log10
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from .target import RIDGE, Target
+
+TAIL = 6.0
+"""Degrees of freedom of the distribution that is drawn from."""
+ROUNDS = 3
+"""Times that draws are made, each from where those before were, until their weights can be trusted."""
+BATCH = 250
+"""Draws simulated between two looks at the clock."""
+SHORTEST_TAIL = 5
+"""Largest ratios, below which there is no k to be told."""
+TRUSTED = 0.7
+"""k above which weighted draws converge too slowly to be of use; with few draws the limit is 1 - 1 / log10(draws)."""
+MOST_TRIES = 1000
+"""Times as many normal draws as are wanted may fall beyond bounds."""
+
+
+class WeightedDraws(NamedTuple):
+    """Draws in the target's coordinates.
+
+    Attributes
+    ----------
+    u : (n, d).
+    weight : (n,) sums to one; even where weights could not be trusted.
+    log_density : (n,) of the target; of the normal distribution where weights could not be trusted.
+    k : shape of the tail of the ratios; NaN where there are too few draws to tell.
+    within : share of the draws that fell within bounds.
+    complete : whether Ctrl-C cut the draws short.
+    """
+
+    u: Array
+    weight: Array
+    log_density: Array
+    k: float
+    within: float
+    complete: bool
+
+
+def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, int], None]) -> WeightedDraws:
+    """Draws of a posterior that is nearly normal.
+
+    Parameters
+    ----------
+    target : what is drawn from.
+    draws : how many.
+    seed : of the draws.
+    tell : called with the round, from 1, and the draws simulated in it so far.
+
+    Raises
+    ------
+    BadInput : nearly all draws fall beyond the bounds.
+    """
+    centre, factor = target.centre, target.factor
+    best: WeightedDraws | None = None
+    for number in range(1, ROUNDS + 1):
+        rng = np.random.default_rng((seed, 31, number))
+        u, log_proposal, within = _proposed(target, centre, factor, TAIL, draws, rng)
+        log_density, complete = _simulated(target, u, partial(tell, number))
+        counted = len(log_density)
+        u, log_ratio = u[:counted], log_density - log_proposal[:counted]
+        if not np.any(np.isfinite(log_ratio)):
+            if complete:
+                break
+            return WeightedDraws(u[:0], np.empty(0), np.empty(0), float("nan"), within, complete)
+        log_weight, k = smoothed(log_ratio)
+        own = WeightedDraws(u, np.exp(log_weight), log_density, k, within, complete)
+        best = own if best is None or not k >= best.k else best
+        if not complete or np.isnan(k) or k <= trusted(draws):
+            return best
+        centre, factor = _moments(target, own)
+    rng, k = np.random.default_rng((seed, 31)), np.inf if best is None else best.k
+    u, log_density, within = _proposed(target, target.centre, target.factor, np.inf, draws, rng)
+    return WeightedDraws(u, np.full(draws, 1 / draws), log_density, k, within, True)
+
+
+def trusted(draws: int) -> float:
+    """The largest k at which so many weighted draws can be trusted."""
+    return min(TRUSTED, 1.0 - 1.0 / log10(max(draws, 11)))
+
+
+def smoothed(log_ratio: Array) -> tuple[Array, float]:
+    """Logarithms of weights that sum to one, the largest ratios in the order of a Pareto distribution, and its k.
+
+    Parameters
+    ----------
+    log_ratio : (n,) of densities; -inf where a draw does not count.
+    """
+    own = log_ratio - np.max(log_ratio)
+    tail = int(np.ceil(min(0.2 * len(own), 3.0 * np.sqrt(len(own)))))
+    order, k = np.argsort(own, kind="stable"), float("nan")
+    largest = order[-tail:]
+    cut = np.exp(own[order[-tail - 1]]) if tail < len(own) else 0.0
+    beyond = np.exp(own[largest]) - cut
+    if tail >= SHORTEST_TAIL:
+        spread = int(np.sum(beyond > np.finfo(float).eps))
+        k = -np.inf if spread == 0 else np.inf  # all alike; a handful that count for all
+        if spread >= SHORTEST_TAIL:
+            k, scale = pareto_shape(beyond[beyond > 0.0])
+            far = -np.log1p(-(np.arange(tail) + 0.5) / tail)
+            with np.errstate(over="ignore"):
+                expected = scale * (far if abs(k) < 1e-12 else np.expm1(k * far) / k)
+            own[largest] = np.minimum(np.log(cut + expected), 0.0)
+    return own - np.logaddexp.reduce(own), float(k)
+
+
+def pareto_shape(beyond: Array) -> tuple[float, float]:
+    """Shape k and scale of a generalised Pareto distribution, from (n,) positive numbers in ascending order.
+
+    By Zhang and Stephens, k drawn towards 0.5 as if ten more numbers had said so (Vehtari et al.).
+    """
+    n = len(beyond)
+    points = 30 + int(np.sqrt(n))
+    at = 1.0 / beyond[-1] + (1.0 - np.sqrt(points / (np.arange(1, points + 1) - 0.5))) / (
+        3.0 * beyond[int(n / 4 + 0.5) - 1]
+    )
+    shape = np.mean(np.log1p(-at[:, None] * beyond), axis=1)
+    log_likelihood = n * (np.log(-at / shape) - shape - 1.0)
+    with np.errstate(over="ignore"):
+        weight = 1.0 / np.sum(np.exp(log_likelihood - log_likelihood[:, None]), axis=1)
+    middle = float(weight @ at / np.sum(weight))
+    k = float(np.mean(np.log1p(-middle * beyond)))
+    return (n * k + 5.0) / (n + 10.0), -k / middle
+
+
+def _proposed(
+    target: Target, centre: Array, factor: Array, tail: float, count: int, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
+    """(count, d) draws of a t distribution within the bounds, its logarithm there up to a constant, and the share of
+    all draws that fell there.
+    """
+    d, found, tried, kept = len(centre), [], 0, 0
+    while kept < count:
+        size = max(count, 64)
+        z = rng.standard_normal((size, d))
+        if np.isfinite(tail):
+            z /= np.sqrt(rng.chisquare(tail, size) / tail)[:, None]
+        u, far = centre + z @ factor.T, np.sum(z**2, axis=1)
+        good = target.within(u)
+        found.append(np.column_stack([u, far])[good])
+        tried, kept = tried + size, kept + int(np.sum(good))
+        if tried > MOST_TRIES * size:
+            raise BadInput(
+                "Nearly all draws of the fit's normal distribution fall beyond the parameters' bounds: the recordings "
+                "do not determine them. Fix some, or give them priors, and fit again."
+            )
+    u, far = np.split(np.concatenate(found)[:count], [d], axis=1)
+    log_density = -0.5 * far[:, 0] if np.isinf(tail) else -0.5 * (tail + d) * np.log1p(far[:, 0] / tail)
+    return u, log_density, kept / tried
+
+
+def _simulated(target: Target, u: Array, tell: Callable[[int], None]) -> tuple[Array, bool]:
+    """The target's logarithm at as many draws as were simulated before Ctrl-C, and whether those are all."""
+    found: list[Array] = []
+    try:
+        for k in range(0, len(u), BATCH):
+            found.append(target(u[k : k + BATCH]))
+            tell(min(k + BATCH, len(u)))
+    except KeyboardInterrupt:
+        return np.concatenate(found) if found else np.empty(0), False
+    return np.concatenate(found), True
+
+
+def _moments(target: Target, own: WeightedDraws) -> tuple[Array, Array]:
+    """Middle and factor of what weighted draws are like; the fit's count as many of them as there are coordinates."""
+    d, worth = len(target.centre), 1.0 / np.sum(own.weight**2)
+    first = (worth * own.weight @ own.u + d * target.centre) / (worth + d)
+    off = own.u - own.weight @ own.u
+    covariance = (worth * (off * own.weight[:, None]).T @ off + d * target.factor @ target.factor.T) / (worth + d)
+    unit = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return first, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None]

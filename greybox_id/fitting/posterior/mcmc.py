@@ -1,0 +1,173 @@
+"""Markov chains of many walkers, all simulated side by side in lanes.
+
+Three kinds of steps take turns. Most lead towards a Student t distribution about the middle, at first the fit's, later
+that of the walkers themselves, and are accepted by how the posterior differs from it: where it hardly does, one step
+forgets all. The others go by the differences between walkers, which know how the posterior is bent.
+
+Sources: Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
+(2013), preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems
+40 (2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
+chains, Statistics and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
+
+Every block of steps draws its random numbers from (seed, number of the block), and what the walkers are told to be like
+is taken from the burn-in, which is kept: what a run finds does not depend on where it was interrupted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...datasets.formats.contents import needed
+from .target import RIDGE, Target
+
+FEWEST_WALKERS = 16
+BURN_IN = 20
+"""Blocks that are not kept. From draws of the fit's normal distribution chains have little to forget."""
+FORGET, LEARN = 5, (10, 20)
+"""Blocks of the burn-in that say nothing; blocks after which steps lead towards what the walkers have been like."""
+THIN = 10
+"""Steps a block, of which the last is kept."""
+TOWARDS_MIDDLE, DIFFERENCES, SNOOKER = 0.8, 0.15, 0.05
+"""Shares of steps towards the middle, by differences, and along the line to another walker."""
+REACH = (0.3, 1.0)
+"""How far a step towards the middle goes, drawn in its logarithm: 1 forgets where it was."""
+TAIL = 6.0
+"""Degrees of freedom of the distribution that steps lead towards: a normal one would hold walkers in tails."""
+STANDING = 20
+"""Blocks after which a run in which no walker has moved is given up."""
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Where walkers are.
+
+    Attributes
+    ----------
+    block : blocks done, burn-in included.
+    at : (walkers, d) in the coordinates in which they move.
+    log_posterior : (walkers,).
+    accepted, proposed : steps so far.
+    burnt : (blocks, walkers, d) where they were after each block of the burn-in.
+    """
+
+    block: int
+    at: Array
+    log_posterior: Array
+    accepted: int
+    proposed: int
+    burnt: Array
+
+
+def walkers_for(dimensions: int) -> int:
+    """How many walkers: an even number, at least twice the dimensions."""
+    return max(FEWEST_WALKERS, 2 * (dimensions + 1))
+
+
+class TowardsMiddle:
+    """Steps that leave a multivariate t distribution as it is.
+
+    Parameters
+    ----------
+    centre : (d,).
+    factor : (d, d) of its scale.
+    """
+
+    def __init__(self, centre: Array, factor: Array) -> None:
+        self.centre, self.factor, self.inverse = centre, factor, np.linalg.inv(factor)
+
+    def __call__(self, u: Array, random: np.random.RandomState) -> tuple[Array, Array]:
+        """Proposals (n, d), and what corrects for the t distribution (n,)."""
+        count, d = u.shape
+        beta = np.exp(random.uniform(np.log(REACH[0]), np.log(REACH[1]), count))[:, None]
+        z = (u - self.centre) @ self.inverse.T
+        far = np.sum(z**2, axis=1)
+        scale = (TAIL + far) / (2.0 * random.standard_gamma((TAIL + d) / 2, count))
+        other = np.sqrt(1.0 - beta**2) * z + beta * np.sqrt(scale)[:, None] * random.standard_normal(u.shape)
+        beyond = np.log1p(np.sum(other**2, axis=1) / TAIL) - np.log1p(far / TAIL)
+        return self.centre + other @ self.factor.T, 0.5 * (TAIL + d) * beyond
+
+
+def middle(target: Target, own: Ensemble) -> TowardsMiddle:
+    """What steps lead towards after so many blocks: the fit, then what the walkers of the burn-in have been like.
+
+    The fit's covariance counts as many walkers as there are coordinates: so few cannot tell one.
+    """
+    known = max((blocks for blocks in LEARN if blocks <= own.block), default=0)
+    if known == 0:
+        return TowardsMiddle(target.centre, target.factor)
+    been = own.burnt[FORGET:known].reshape(-1, len(target.centre))
+    centre = np.mean(been, axis=0)
+    off, d = been - centre, len(centre)
+    covariance = (off.T @ off + d * target.factor @ target.factor.T) / (len(been) + d)
+    unit = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return TowardsMiddle(centre, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None])
+
+
+def begun(target: Target, seed: int) -> Ensemble:
+    """Walkers drawn from the fit's normal distribution, within bounds and where the model is finite.
+
+    Raises
+    ------
+    BadInput : the recordings do not determine a parameter, or nearly all draws have no density.
+    """
+    d = len(target.centre)
+    count, rng = walkers_for(d), np.random.default_rng((seed, 0))
+    at, logs = np.empty((0, d)), np.empty(0)
+    for shrink in np.repeat([1.0, 0.3, 0.1, 0.03], 8):  # about bounds and in bent valleys closer ones are needed
+        own = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
+        told = target(own)
+        good = np.isfinite(told)
+        at, logs = np.concatenate([at, own[good]]), np.concatenate([logs, told[good]])
+        if len(at) >= count:
+            return Ensemble(0, at[:count], logs[:count], 0, 0, np.empty((0, count, d)))
+    raise BadInput(
+        "The model is finite at hardly any draw about the fit: the recordings do not determine its parameters. Fix "
+        "some, or give them priors, and fit again."
+    )
+
+
+def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble], bool]) -> Ensemble:
+    """Walkers moved block by block until told to stop.
+
+    Parameters
+    ----------
+    target : what it is distributed as.
+    start : where from.
+    seed : of the steps.
+    until : called after each block; True stops.
+
+    Raises
+    ------
+    BadInput : emcee is not installed, or no walker moves.
+    """
+    emcee: Any = needed("emcee", "sample", "mcmc", "what emcee samples")
+    count, dimensions = start.at.shape
+    own = start
+    while True:
+        moves = [
+            (emcee.moves.MHMove(middle(target, own), ndim=dimensions), TOWARDS_MIDDLE),
+            (emcee.moves.DEMove(), DIFFERENCES),
+            (emcee.moves.DESnookerMove(), SNOOKER),
+        ]
+        sampler = emcee.EnsembleSampler(count, dimensions, target, moves=moves, vectorize=True)
+        sampler.log_prob_fn = target  # what emcee wraps it in prints to standard output where Ctrl-C arrives
+        random = np.random.RandomState(np.random.SeedSequence((seed, own.block + 1)).generate_state(8)).get_state()
+        state = emcee.State(own.at, log_prob=own.log_posterior, random_state=random)
+        accepted, before = own.accepted, own.at
+        for found in sampler.sample(state, iterations=THIN, store=False, skip_initial_state_check=True):
+            accepted += int(np.sum(np.any(found.coords != before, axis=1)))
+            state, before = found, found.coords.copy()
+        proposed = own.proposed + THIN * count
+        burnt = own.burnt if own.block >= BURN_IN else np.concatenate([own.burnt, state.coords[None]])
+        own = Ensemble(own.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed, burnt)
+        if own.block >= STANDING and own.accepted == 0:
+            raise BadInput("No walker has moved: the posterior has no width here. Is a parameter at its bound?")
+        if until(own):
+            return own

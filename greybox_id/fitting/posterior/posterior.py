@@ -1,0 +1,442 @@
+"""A posterior: draws of a fit's parameters with their weights, how they were made, and how far they can be trusted.
+
+Kept as Parquet: one row a draw, columns `chain`, `draw`, `weight`, a measure of the draw (`log_posterior`, of abc-smc
+`distance`), then the parameters; what belongs to all draws, and what an interrupted run goes on from, is the schema's
+metadata. Numbers and words only; nothing in such a file is executed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtri
+
+from ...base.declared import must_be
+from ...base.errors import BadInput
+from ...base.files import replacing, write_atomically
+from ...base.guard import protect
+from ...base.json_data import checksum, plain
+from ...base.shorthands import Array
+from ...base.version import __version__
+from ..fit import Build, Fit, load
+from .density import DrawnNumber, entry_names
+from .laplace import trusted
+
+FEWEST = 4
+"""Draws of a chain below which nothing can be said."""
+
+
+def r_hat(chains: Array) -> float:
+    """Rank-normalised split R-hat of one parameter, the larger of that of the draws and of the folded ones.
+
+    Parameters
+    ----------
+    chains : (chains, draws).
+
+    Returns
+    -------
+    1 where chains have met; NaN where they are shorter than four draws or do not move.
+    """
+    if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
+        return float("nan")
+    folded = np.abs(chains - np.median(chains))
+    return float(max(_plain_r_hat(_normal_scores(_split(own))) for own in (chains, folded)))
+
+
+def effective_sample_size(chains: Array) -> float:
+    """How many independent draws tell as much of a parameter's middle (bulk), from (chains, draws).
+
+    NaN where chains are shorter than four draws or do not move; never above the number of draws times its logarithm.
+    """
+    if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
+        return float("nan")
+    z = _normal_scores(_split(chains))
+    count, length = z.shape
+    centred = z - np.mean(z, axis=1, keepdims=True)
+    size = 1 << int(np.ceil(np.log2(2 * length)))
+    spectrum = np.abs(np.fft.rfft(centred, size, axis=1)) ** 2
+    covariance = np.fft.irfft(spectrum, size, axis=1)[:, :length] / length
+    within = float(np.mean(covariance[:, 0])) * length / (length - 1)
+    between = float(np.var(np.mean(z, axis=1), ddof=1)) if count > 1 else 0.0
+    total = within * (length - 1) / length + between
+    rho = 1.0 - (within - np.mean(covariance, axis=0) * length / (length - 1)) / total
+    pairs = rho[: length - length % 2].reshape(-1, 2).sum(axis=1)
+    positive = int(np.argmax(pairs < 0)) if np.any(pairs < 0) else len(pairs)
+    pairs = np.minimum.accumulate(pairs[: max(positive, 1)])
+    tau = max(-1.0 + 2.0 * float(np.sum(pairs)), 1.0 / np.log10(max(z.size, 10)))
+    return float(z.size / tau)
+
+
+def weighted_quantile(values: Array, weight: Array, share: float) -> float:
+    """The value below which a share of the weight lies, (n,) each, between neighbours on a straight line."""
+    if len(values) == 0:
+        return float("nan")
+    order = np.argsort(values, kind="stable")
+    own = weight[order] / np.sum(weight)
+    return float(np.interp(share, np.cumsum(own) - 0.5 * own, values[order]))
+
+
+def _split(chains: Array) -> Array:
+    half = chains.shape[1] // 2
+    return np.concatenate([chains[:, :half], chains[:, -half:]])
+
+
+def _normal_scores(chains: Array) -> Array:
+    from scipy.stats import rankdata  # which takes long to load
+
+    ranks = rankdata(chains, method="average").reshape(chains.shape)
+    return np.asarray(ndtri((ranks - 0.375) / (chains.size + 0.25)))
+
+
+def _plain_r_hat(z: Array) -> float:
+    length = z.shape[1]
+    within, between = np.mean(np.var(z, axis=1, ddof=1)), np.var(np.mean(z, axis=1), ddof=1)
+    return float(np.sqrt((length - 1) / length + between / within)) if within > 0 else float("nan")
+
+
+Method = Literal["laplace", "mcmc", "abc-smc"]
+METADATA, SOURCE = b"greybox-posterior", b"greybox-fit"
+VERSION = 2
+LEVEL = 0.95
+"""Of the intervals `low` to `high`."""
+MET, FEW = 1.05, 100.0
+"""R-hat above which chains have not met (1.01 is strict, 1.1 lax); effective draws below which ends of intervals are
+noise."""
+OF_DRAWS = ("chain", "draw", "weight")
+
+
+@dataclass(frozen=True, repr=False)
+class Posterior:
+    """Draws of the free parameters of a fit, as `gb.sample` returns them.
+
+    Attributes
+    ----------
+    method : "laplace", "mcmc" or "abc-smc".
+    coordinates : what was drawn, in the order of `values`.
+    values : (draws, d) in SI units.
+    weight : (draws,) sums to one.
+    chain, draw : (draws,) which chain (of mcmc a walker) each belongs to, and its place there.
+    measure : (draws,) log_posterior, up to a constant; of abc-smc the distance.
+    acceptance : share of proposals that were accepted, of abc-smc in the last population.
+    evaluations : simulations of all recordings.
+    cpu_seconds : s.
+    seed : of everything random.
+    complete : whether as many draws are there as were asked for.
+    fit : what tells the fit it belongs to: model, parameters' values, hashes of recordings (`identity`).
+    options : further choices of the method.
+    state : what an unfinished run goes on from.
+    source : the text of the fit's file, so that draws can be simulated by whoever has no other file.
+    pareto_k : of laplace, the shape of the tail of the draws' weights; NaN where it is not known.
+    """
+
+    method: Method
+    coordinates: tuple[DrawnNumber, ...]
+    values: Array
+    weight: Array
+    chain: Array
+    draw: Array
+    measure: Array
+    acceptance: float
+    evaluations: int
+    cpu_seconds: float
+    seed: int
+    complete: bool
+    fit: Mapping[str, Any]
+    options: Mapping[str, Any] = field(default_factory=dict)
+    state: Mapping[str, Any] = field(default_factory=dict)
+    source: str = field(default="", repr=False)
+    pareto_k: float = float("nan")
+
+    @property
+    def weighted(self) -> bool:
+        """Whether draws count by weights; else they are chains, each draw after the last."""
+        return self.method != "mcmc"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns that hold parameters."""
+        return tuple(own.name for own in self.coordinates)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """One row a draw: `chain`, `draw`, `weight`, `log_posterior` or `distance`, then the parameters in SI units."""
+        told = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
+        own = {name: self.values[:, k] for k, name in enumerate(self.names)}
+        return pd.DataFrame({**told, self.measured: self.measure, **own})
+
+    @property
+    def measured(self) -> str:
+        """What `measure` is."""
+        return "distance" if self.method == "abc-smc" else "log_posterior"
+
+    @cached_property
+    def r_hat(self) -> pd.Series[float]:
+        """Rank-normalised split R-hat by name: 1 where chains have met; NaN where there are none."""
+        return self._by_name(lambda chains: r_hat(chains))
+
+    @cached_property
+    def ess(self) -> pd.Series[float]:
+        """Effective sample size by name: of chains by autocorrelation, of weighted draws 1 / sum of squared weights."""
+        if self.weighted:
+            worth = 1.0 / float(np.sum(self.weight**2)) if len(self) else float("nan")
+            return pd.Series(worth, index=list(self.names), dtype=float)
+        return self._by_name(effective_sample_size)
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`."""
+        mean = self.weight @ self.values if len(self) else np.full(len(self.names), np.nan)
+        sd = np.sqrt(self.weight @ (self.values - mean) ** 2) if len(self) else mean
+        ends = {
+            name: [weighted_quantile(own, self.weight, share) for own in self.values.T]
+            for name, share in (("low", (1 - LEVEL) / 2), ("high", (1 + LEVEL) / 2))
+        }
+        units = [own.unit for own in self.coordinates]
+        return pd.DataFrame(
+            {"mean": mean, "sd": sd, **ends, "unit": units, "r_hat": self.r_hat, "ess": self.ess},
+            index=list(self.names),
+        )
+
+    @property
+    def worst(self) -> tuple[float, float]:
+        """The largest R-hat and the smallest effective sample size of any parameter; NaN where there is none."""
+        return float(self.r_hat.max()), float(self.ess.min())
+
+    def cautions(self) -> list[str]:
+        """Sentences on what these draws cannot be trusted for; empty where there is nothing to say."""
+        found = []
+        worst, least = self.worst
+        if not self.complete:
+            on = "" if self.method == "laplace" else " and it goes on"
+            found.append(f"The run was interrupted: call it again with the same arguments{on}.")
+        if self.pareto_k > trusted(len(self)):
+            found.append(
+                f"The posterior is not near the fit's normal distribution, and weights cannot make up for it (Pareto k "
+                f"{self.pareto_k:.2f}): the draws are of the normal distribution itself. Use mcmc."
+            )
+        if worst > MET:
+            name = str(self.r_hat.idxmax())
+            found.append(
+                f"The chains have not met: R-hat of {name} is {worst:.2f}. Take more draws, or thin them more."
+            )
+        if least < FEW:
+            name = str(self.ess.idxmin())
+            found.append(
+                f"The draws of {name} are worth {least:.0f} independent ones: the ends of intervals are noise."
+            )
+        return found
+
+    def covariance(self) -> Array:
+        """(d, d) of the draws."""
+        off = self.values - self.weight @ self.values
+        return np.asarray((off * self.weight[:, None]).T @ off)
+
+    def priors(self) -> dict[str, tuple[float, float]]:
+        """Name -> (mean, sd) of single numbers, as `gb.fit(prior=...)` takes them; correlations are lost."""
+        single = [own for own in self.coordinates if own.run is None and "[" not in own.name]
+        return {own.name: (float(self.table["mean"][own.name]), float(self.table["sd"][own.name])) for own in single}
+
+    def chosen(self, count: int, seed: int = 0) -> Array:
+        """(count, d) draws that stand for all, by systematic resampling: each as often as its weight says."""
+        at = (np.random.default_rng((seed, 7919)).uniform() + np.arange(count)) / count
+        order = np.random.default_rng((self.seed, 104729)).permutation(len(self))  # neighbours in a chain are alike
+        places = np.searchsorted(np.cumsum(self.weight[order]) / np.sum(self.weight), at)
+        return np.asarray(self.values[order[np.minimum(places, len(self) - 1)]])
+
+    def vectors(self, fit: Fit, draws: Array) -> Array:
+        """Parameter vectors of a fit's model, (n, parameters), from draws (n, d); run-scoped ones at their mean."""
+        model = fit.model
+        start, place = 0, {}
+        for parameter in model.parameters:
+            place[parameter.name] = start
+            start += parameter.size
+        found = np.tile(model.values, (len(draws), 1))
+        several: dict[int, list[int]] = {}
+        for k, own in enumerate(self.coordinates):
+            several.setdefault(place[own.parameter] + own.entry, []).append(k)
+        for at, columns in several.items():
+            found[:, at] = np.mean(draws[:, columns], axis=1)
+        return found
+
+    def its_fit(self, build: Build) -> Fit:
+        """The fit that it was drawn from. Raises `BadInput` where its equations are not at hand."""
+        with TemporaryDirectory() as folder:
+            return load(write_atomically(Path(folder) / "the fit of the posterior", self.source), build)
+
+    def must_be_of(self, fit: Fit) -> None:
+        """Raise `BadInput` where these are draws of another fit."""
+        if dict(self.fit) != identity(fit):
+            raise BadInput(
+                f"The posterior was drawn from another fit ({self.fit.get('model', 'unknown')}) than this one of "
+                f"{fit.model.name}. Name the fit it belongs to, or sample again."
+            )
+
+    def to_arviz(self) -> dict[str, dict[str, Array]]:
+        """Groups as `arviz.from_dict(**posterior.to_arviz())` takes them: arrays of shape (chains, draws).
+
+        Draws that are weighted are resampled to equal weights and make one chain. ArviZ itself is not needed.
+        """
+        if self.weighted:
+            own = self.chosen(len(self))
+            return {"posterior": {name: own[None, :, k] for k, name in enumerate(self.names)}}
+        return {
+            "posterior": {name: self._chains(self.values[:, k]) for k, name in enumerate(self.names)},
+            "sample_stats": {"lp": self._chains(self.measure)},
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `greybox sample --json` prints."""
+        table = self.table
+        return {
+            "method": self.method,
+            "model": self.fit.get("model"),
+            "draws": len(self),
+            "complete": self.complete,
+            "acceptance": self.acceptance,
+            "r_hat": self.worst[0],
+            "ess": self.worst[1],
+            "pareto_k": self.pareto_k,
+            "evaluations": self.evaluations,
+            "cpu_seconds": self.cpu_seconds,
+            "seed": self.seed,
+            "level": LEVEL,
+            "parameters": {str(name): row for name, row in table.to_dict("index").items()},
+            "cautions": self.cautions(),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as Parquet, atomically."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        head = plain(
+            {
+                "version": VERSION, "greybox_id": __version__, "method": self.method, "seed": self.seed,
+                "acceptance": self.acceptance, "evaluations": self.evaluations, "cpu_seconds": self.cpu_seconds,
+                "complete": self.complete, "fit": self.fit, "options": self.options, "state": self.state,
+                "pareto_k": self.pareto_k,
+                "coordinates": [vars(own) for own in self.coordinates],
+            }
+        )  # fmt: skip
+        head["checksum"] = checksum(head)
+        table = pa.Table.from_pandas(self.frame, preserve_index=False)
+        told = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode()}
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), **told})
+        target = Path(path)
+        with replacing(target) as beside:
+            pq.write_table(table, beside)
+        return target
+
+    def __repr__(self) -> str:
+        first = (
+            f"Posterior of {self.fit.get('model')} by {self.method}: {len(self)} draws of {len(self.names)} parameters"
+        )
+        lines = [
+            f"  {name} = {row['mean']:.4g} [{row['low']:.4g}, {row['high']:.4g}] {row['unit']}"
+            for name, row in self.table.head(6).iterrows()
+        ]
+        return "\n".join([first, *lines, *(f"  {own}" for own in self.cautions())])
+
+    def _chains(self, values: Array) -> Array:
+        """(chains, draws) of one column, cut to what all chains have."""
+        order = np.lexsort((self.draw, self.chain))
+        lengths = np.unique(self.chain, return_counts=True)[1]
+        if len(lengths) == 0:
+            return np.empty((0, 0))
+        edges = np.concatenate(([0], np.cumsum(lengths)))
+        shortest = int(np.min(lengths))
+        return np.array([values[order[edge : edge + shortest]] for edge in edges[:-1]])
+
+    def _by_name(self, told: Any) -> pd.Series[float]:
+        if self.weighted:
+            return pd.Series(np.nan, index=list(self.names), dtype=float)
+        return pd.Series([told(self._chains(own)) for own in self.values.T], index=list(self.names), dtype=float)
+
+
+def identity(fit: Fit) -> dict[str, Any]:
+    """What tells a fit from others: its model, where its parameters stand, and the recordings it was trained on."""
+    body = fit.as_dict()
+    own = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
+    return {
+        "model": fit.model.name,
+        "sha256": str(checksum(plain(own))),
+        "recordings": [record.sha256 for record in fit.data if record.role == "train"],
+    }
+
+
+def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
+    """Read a posterior that `Posterior.save` or `greybox sample` wrote.
+
+    Parameters
+    ----------
+    path : the file.
+    going_on : whether it is going to be replaced by what goes on from it.
+
+    Raises
+    ------
+    BadInput : the file is not there, is something else, is damaged, or was written by another version.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = Path(path)
+    if not file.is_file():
+        raise BadInput(f"{file} is not there; make a posterior with greybox sample.")
+    if not going_on:
+        protect(file)
+    try:
+        table = pq.read_table(file)
+        told = table.schema.metadata or {}
+        head, source = json.loads(told[METADATA]), told.get(SOURCE, b"").decode()
+    except (pa.ArrowException, OSError, ValueError, KeyError, RecursionError) as error:
+        raise BadInput(f"{file} is no posterior of greybox-id, or is damaged; make one with greybox sample.") from error
+    try:
+        if head["version"] != VERSION:
+            raise BadInput(f"{file} has format version {head['version']!r:.20}, not {VERSION}. Sample again.")
+        if head.pop("checksum", None) != checksum(head):
+            raise ValueError("its metadata do not match their checksum")
+        return replace(_sound(head, table.to_pandas()), source=source)
+    except (LookupError, ArithmeticError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"{file} is damaged: {error}. Restore it, or sample again.") from error
+
+
+def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
+    """The posterior, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
+    must_be(head["coordinates"], list[Mapping[str, Any]], "coordinates")
+    drawn = tuple(DrawnNumber(**own) for own in head["coordinates"])
+    names = [own.name for own in drawn]
+    measured = "distance" if head["method"] == "abc-smc" else "log_posterior"
+    if head["method"] not in ("laplace", "mcmc", "abc-smc") or list(frame) != [*OF_DRAWS, measured, *names]:
+        raise ValueError("its columns are not those of its parameters")
+    values = np.ascontiguousarray(frame[names].to_numpy(dtype=float))  # sums depend on the order in memory
+    weight = frame["weight"].to_numpy(dtype=float)
+    if not (np.all(np.isfinite(values)) and np.all(np.isfinite(weight)) and np.all(weight >= 0)):
+        raise ValueError("it has draws or weights that are no numbers")
+    if len(weight) and not np.isclose(np.sum(weight), 1.0):
+        raise ValueError("its weights do not sum to one")
+    return Posterior(
+        method=head["method"], coordinates=drawn, values=values, weight=weight,
+        chain=frame["chain"].to_numpy(dtype=float), draw=frame["draw"].to_numpy(dtype=float),
+        measure=frame[measured].to_numpy(dtype=float), acceptance=float(head["acceptance"]),
+        evaluations=int(head["evaluations"]), cpu_seconds=float(head["cpu_seconds"]), seed=int(head["seed"]),
+        complete=bool(head["complete"]), fit=head["fit"], options=head["options"], state=head["state"],
+        pareto_k=float("nan") if head.get("pareto_k") is None else float(head["pareto_k"]),
+    )  # fmt: skip
+
+
+def must_name(fit: Fit, found: Posterior) -> None:
+    """Raise `BadInput` where a posterior draws what a fit's model has not."""
+    for own in found.coordinates:
+        if own.parameter not in fit.model or own.entry >= len(entry_names(fit.model[own.parameter])):
+            raise BadInput(f"The posterior draws {own.name}, which {fit.model.name} does not have.")

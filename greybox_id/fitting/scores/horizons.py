@@ -1,0 +1,106 @@
+"""Errors over fixed horizons, from measured states, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...base.signals import unit_of
+from ...datasets.recording import Recording
+from ...engine.kernel import PAYS
+from ...engine.motion.prediction import Predictor
+from ...engine.motion.simulator import Simulator
+from ...engine.simulation import Diagnosed, Prediction
+from ...models.memory_model import MemoryModel
+from .memory import predictions
+from .metrics import ASTRAY
+
+Squares = dict[float | None, Array]
+"""Horizon -> (outputs,) mean squares of errors."""
+HORIZONS = (0.1, 0.5, 2.0, None)
+"""s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
+of readings; nothing is known of them in between."""
+OVERLAPPING = 10
+"""Windows that a row lies in: within a tenth of a horizon they err alike."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one channel at one horizon, root mean squares in the channel's unit.
+
+    Attributes
+    ----------
+    channel, unit : what is predicted.
+    horizon : s predicted from measured states; None for the free run.
+    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
+    floor : of a model that fits as well as noise lets it.
+    """
+
+    channel: str
+    unit: str
+    horizon: float | None
+    before: float
+    after: float
+    floor: float
+
+
+def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recording], sd: Array) -> tuple[Errors, ...]:
+    """Root mean square errors per channel and horizon.
+
+    Parameters
+    ----------
+    before, after : models, as they stand: tolerances are not refitted here.
+    recordings : what is predicted.
+    sd : (channels,) noise, below which no prediction can be.
+    """
+    return between(before.outputs, mean_squares(before, recordings), mean_squares(after, recordings), sd)
+
+
+def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) -> tuple[Errors, ...]:
+    """The same from what `mean_squares` says of both."""
+    errors = []
+    for c, channel in enumerate(outputs):
+        for horizon, own in first.items():
+            was, now = float(np.sqrt(own[c])), float(np.sqrt(then[horizon][c]))
+            if not (np.isnan(was) or np.isnan(now)):
+                errors.append(Errors(channel, unit_of(channel), horizon, was, now, float(sd[c])))
+    return tuple(errors)
+
+
+def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
+    """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
+    found: dict[float | None, list[Prediction]] = {}
+    if isinstance(model, MemoryModel):
+        if model.feedback is not None:
+            found[model.sample_time] = [predictions(model, own, "honest") for own in recordings]
+        found[None] = [predictions(model, own, "closed_loop") for own in recordings]
+    else:
+        simulator = Simulator(model) if simulator is None else simulator.of(model)
+        if sum(len(own) for own in recordings) * OVERLAPPING * len(HORIZONS) > PAYS:
+            simulator.kernel.prepare()  # an observer's steps, one by one, would not ask for that
+        predictors = [Predictor(simulator, own, model.values) for own in recordings]
+        for horizon in HORIZONS:
+            found[horizon] = [
+                own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors
+            ]
+    return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
+
+
+def _mean_squares(found: Sequence[Prediction], outputs: int) -> Array:
+    """(outputs,) mean squares over all recordings, NaN where nothing was read, infinite where a prediction diverges."""
+    total, count = np.zeros(outputs), np.zeros(outputs)
+    for own in found:
+        e = own.predicted - own.measured
+        read = np.isfinite(own.measured) & ~np.isnan(own.predicted)
+        total += np.sum(np.where(read, e, 0.0) ** 2, axis=0)
+        total[[c for c in range(outputs) if diverges(e[read[:, c], c], own.measured[read[:, c], c])]] = np.inf
+        count += np.sum(read, axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def diverges(e: Array, measured: Array) -> bool:
+    """Whether an output's predictions do: an error, (n,), is beyond `ASTRAY` times the range of readings."""
+    return len(e) > 0 and bool(np.max(np.abs(e)) > ASTRAY * (np.ptp(measured) or np.inf))

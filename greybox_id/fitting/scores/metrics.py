@@ -1,0 +1,182 @@
+"""How far a model is from a recording: errors in the signals' own units, in stated protocols.
+
+What a kind of model predicts, and under which protocols it is scored, stands in the module of its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from ...datasets.recording import Recording
+from ...engine.simulation import Prediction
+from ...models.kinds import by_kind
+from ...models.model import Model
+from ..fit import FREE_RUN as FREE_RUN
+from ..fit import Fit
+from .prediction import simulate
+
+ASTRAY = 10.0
+"""A prediction that is off by more than so many times the range of the readings has diverged."""
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """Where predictions go astray: further from the readings than `ASTRAY` times their range, or no numbers at all.
+
+    Attributes
+    ----------
+    run : number of the first run in which they do, from 1.
+    after : s from the start of that run (free run) or the horizon (so many seconds ahead).
+    share : of the runs, or of the predictions so many seconds ahead.
+    free : whether it is a free run that diverges.
+    """
+
+    run: int
+    after: float
+    share: float
+    free: bool
+
+    @property
+    def words(self) -> str:
+        """As the end of a sentence."""
+        if self.free:
+            return f"diverges after {self.after:.3g} s in run {self.run}"
+        share = f"{100 * self.share:.2g} %" if self.share < 0.995 else "all"
+        return f"diverges in {share} of the predictions {self.after:g} s ahead"
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of one output under one protocol.
+
+    Attributes
+    ----------
+    rmse : root mean square error, in the output's unit.
+    rmse_sd : its standard error, from the scatter over blocks of one second (residuals are correlated within),
+        or over the batches of the published protocol.
+    fvu : fraction of variance unexplained, var(error)/var(measured), over all samples.
+    samples : predictions scored.
+    spread : standard deviation of the readings, in the output's unit; NaN where it was not kept.
+    diverges : where the model's prediction goes astray; None where it does not. No RMSE is told then: it is infinite.
+    fvu_published : (var(error)/var(measured) + var(error)/var(predicted))/2 over full batches, as nnodely's validator
+        has it; NaN outside the published protocol.
+    fvu_pooled : sum of squared errors over that of the readings about their mean: a bias counts; NaN likewise.
+    """
+
+    rmse: float
+    rmse_sd: float
+    fvu: float
+    samples: int
+    spread: float = np.nan
+    diverges: Divergence | None = None
+    fvu_published: float = np.nan
+    fvu_pooled: float = np.nan
+
+    @property
+    def fit_percent(self) -> float:
+        """100 (1 - RMSE / standard deviation of the readings), as system identification has it; 100 is perfect."""
+        return 100.0 * (1.0 - self.rmse / self.spread) if self.spread > 0 else np.nan
+
+
+HORIZONS = (0.1, 0.5, 1.0, 2.0)
+"""Seconds ahead at which motion models are scored."""
+
+
+def ahead(horizon: float) -> str:
+    """Name of the protocol that predicts so many seconds ahead."""
+    return f"{horizon:g} s ahead"
+
+
+Scores = Mapping[str, Mapping[str, Error]]
+"""Protocol -> output -> its error."""
+
+
+@by_kind
+def score(model: Model, recording: Recording) -> Scores:
+    """Errors of every output under every protocol that the model has; in free run where a kind says nothing else."""
+    return {FREE_RUN: prediction_errors(model.outputs, simulate(model, recording), recording.sample_time)}
+
+
+@by_kind
+def score_beside_hold(
+    model: Model, recording: Recording, horizons: Sequence[float] = HORIZONS
+) -> tuple[Scores, Scores]:
+    """The same, and errors of holding the reading it started from over the same rows, where a kind tells them."""
+    return score(model, recording), {}
+
+
+def unfitted_scores(fit: Fit, recording: Recording) -> Scores:
+    """Errors of a fit's model as it was before it was fitted; empty where that was not kept."""
+    before = {name: value for name, value in fit.how.get("unfitted", {}).items() if name in fit.model}
+    if not before:
+        return {}
+    return score(fit.model.with_parameters(*(fit.model[n].with_value(v) for n, v in before.items())), recording)
+
+
+def prediction_errors(
+    outputs: Sequence[str], prediction: Prediction, sample_time: float, horizon: float | None = None
+) -> dict[str, Error]:
+    """Errors of every output that was read; predictions of a free run where no horizon, s, is given."""
+    found = {}
+    for k, output in enumerate(outputs):
+        read = np.isfinite(prediction.measured[:, k]) & ~np.isnan(prediction.predicted[:, k])
+        if np.any(read):
+            own = error_of(prediction.predicted[read, k], prediction.measured[read, k], sample_time)
+            astray = _divergence(prediction, k, read, sample_time, horizon)
+            found[output] = own if astray is None else Error(np.inf, np.nan, np.inf, own.samples, own.spread, astray)
+    return found
+
+
+def _divergence(
+    prediction: Prediction, k: int, read: Mask, sample_time: float, horizon: float | None
+) -> Divergence | None:
+    """Whether the predictions of an output go astray in the rows that were read."""
+    measured, predicted, run = prediction.measured[read, k], prediction.predicted[read, k], prediction.run[read]
+    far = ASTRAY * float(np.ptp(measured)) or ASTRAY * max(float(np.max(np.abs(measured))), 1.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        astray = ~(np.abs(predicted - measured) <= far)
+    if not np.any(astray):
+        return None
+    first = int(run[astray][0])
+    if horizon is not None:
+        return Divergence(first + 1, horizon, float(np.mean(astray)), free=False)
+    begin = prediction.rows[np.argmax(prediction.run == first)]
+    after = (prediction.rows[read][astray][0] - begin) * sample_time
+    return Divergence(first + 1, float(after), len(np.unique(run[astray])) / len(np.unique(run)), free=True)
+
+
+def error_of(predicted: Array, measured: Array, sample_time: float) -> Error:
+    """The error of one output, all samples pooled."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged leaves the range of numbers
+        residual = predicted - measured
+        square = residual**2
+        rmse = float(np.sqrt(np.mean(square)))
+        length = max(1, min(len(square), round(1.0 / sample_time)))
+        blocks = square[: len(square) // length * length].reshape(-1, length).mean(axis=1)
+        sd = standard_error(blocks) / (2 * rmse) if rmse > 0 else 0.0
+        variance = float(np.var(measured))
+        fvu = float(np.var(residual)) / variance if variance > 0 else float("nan")
+    return Error(rmse, sd, fvu, len(residual), float(np.sqrt(variance)))
+
+
+def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Scores as plain data for JSON."""
+    return {
+        protocol: {
+            name: {"rmse": e.rmse, "rmse_sd": e.rmse_sd, "fvu": e.fvu, "samples": e.samples}
+            | ({} if e.diverges is None else {"diverges": asdict(e.diverges)})
+            | ({"fvu_published": e.fvu_published, "fvu_pooled": e.fvu_pooled} if protocol == "published" else {})
+            for name, e in by_output.items()
+        }
+        for protocol, by_output in scores.items()
+    }
+
+
+def standard_error(blocks: Array) -> float:
+    """Standard error of the mean of blocks; NaN where one block cannot tell."""
+    return float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else float("nan")

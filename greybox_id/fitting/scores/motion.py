@@ -1,0 +1,131 @@
+"""What equations of motion predict, and their errors: so many seconds ahead from the readings of every row, and in free
+run from the first row of each run to its end; beside them, those of holding a reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...base.signals import SIGNALS
+from ...datasets.recording import Recording
+from ...engine.motion.prediction import Predictor
+from ...engine.motion.runs import MotionRun
+from ...engine.motion.simulator import Simulator
+from ...engine.simulation import Prediction
+from ...models.motion_model import MotionModel
+from .metrics import FREE_RUN, HORIZONS, Error, Scores, ahead, prediction_errors, score, score_beside_hold
+from .prediction import assumed, must_suit, predict, predicted_how, simulate
+
+
+@simulate.register(MotionModel)
+def _simulated(model: MotionModel, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:
+    return in_order(Predictor(Simulator(model), recording, model.values, start or {}).free_run())
+
+
+@predict.register(MotionModel)
+def _predicted(
+    model: MotionModel, recording: Recording, horizon: float | None = None, *, open_loop: bool = False
+) -> Prediction:
+    if open_loop:
+        raise BadInput(f"{model.name} has states and no open loop; say how far to look ahead with ‹horizon›.")
+    predictor = Predictor(Simulator(model), recording, model.values)
+    if horizon is None:
+        return in_order(predictor.free_run())
+    must_suit(horizon, [recording])
+    return in_order(predictor.ahead(horizon))
+
+
+@predicted_how.register(MotionModel)
+def _predicted_how(model: MotionModel, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
+    return "free run" if horizon is None else ahead(horizon), {"horizon": horizon}
+
+
+def in_order(found: Prediction) -> Prediction:
+    """Predictions run by run, row by row. Raises `BadInput` where there are none."""
+    if len(found.rows) == 0:
+        raise BadInput("There is no row to predict from: at no row are all measured states read at once.")
+    return found.taken(np.lexsort((found.rows, found.run)))
+
+
+@assumed.register(MotionModel)
+def _assumed(model: MotionModel, recording: Recording, start: Mapping[str, float]) -> list[str]:
+    found = []
+    for state in model.states:
+        if (
+            state.name in SIGNALS
+            and not recording.has(state.name)
+            and state.name not in start
+            and not callable(state.start)
+        ):
+            found.append(
+                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
+                "hand over where it starts."
+            )
+    return found
+
+
+@score.register(MotionModel)
+def _score(model: MotionModel, recording: Recording) -> Scores:
+    return score_motion(Simulator(model), recording, model.values)
+
+
+def score_motion(
+    simulator: Simulator, recording: Recording, p: Array, horizons: Sequence[float] = HORIZONS
+) -> dict[str, dict[str, Error]]:
+    """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are left out."""
+    predictor = Predictor(simulator, recording, p)
+    found = {ahead(horizon): predictor.ahead(horizon) for horizon in horizons}
+    found[FREE_RUN] = predictor.free_run()
+    scores: dict[str, dict[str, Error]] = {}
+    for name, prediction in found.items():
+        horizon = None if name == FREE_RUN else next(own for own in horizons if ahead(own) == name)
+        own = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time, horizon)
+        if own:
+            scores[name] = own
+    return scores
+
+
+@score_beside_hold.register(MotionModel)
+def _score_beside_hold(
+    model: MotionModel, recording: Recording, horizons: Sequence[float] = HORIZONS
+) -> tuple[Scores, Scores]:
+    """In free run what is held is the reading of the run's first row."""
+    predictor = Predictor(Simulator(model), recording, model.values)
+    own: dict[str, Mapping[str, Error]] = {}
+    held: dict[str, Mapping[str, Error]] = {}
+    for horizon in (*horizons, None):
+        name = FREE_RUN if horizon is None else ahead(horizon)
+        found = predictor.free_run() if horizon is None else predictor.ahead(horizon)
+        for scores, predictions in ((own, found), (held, hold(found, predictor.runs, horizon))):
+            told = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
+            if told:
+                scores[name] = told
+    return own, held
+
+
+def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
+    """The same rows predicted by the last reading a horizon before, or in free run by the run's first."""
+    held = np.full(predictions.predicted.shape, np.nan)
+    order = np.argsort(predictions.run, kind="stable")
+    edges = np.searchsorted(predictions.run[order], np.arange(len(runs) + 1))
+    for run, begin, end in zip(runs, edges[:-1], edges[1:], strict=True):
+        own = order[begin:end]
+        last = _last_read(run.measured)
+        if horizon is None:
+            if len(own):
+                held[own] = last[predictions.rows[own[0]] - run.rows.start]
+        else:
+            held[own] = last[predictions.rows[own] - run.rows.start - max(1, round(horizon / run.sample_time))]
+    return Prediction(predictions.rows, held, predictions.measured, predictions.run)
+
+
+def _last_read(measured: Array) -> Array:
+    """Every output's last reading up to each row; NaN before the first."""
+    rows = np.where(np.isfinite(measured), np.arange(len(measured))[:, None], -1)
+    last = np.maximum.accumulate(rows, axis=0)
+    return np.where(last >= 0, np.take_along_axis(measured, np.maximum(last, 0), axis=0), np.nan)

@@ -1,0 +1,360 @@
+"""The verdict on a fit: how it predicts, how it was found, and whether its data can be trusted.
+
+Each rule is one reason, and says what it leaves at best. What an engineer would do with the fit decides which: "not
+usable" is a fit that predicts no better than no fit would, or one of data that mean nothing; "usable with care" is one
+of which something has to be known before it is used. A fit that nothing was held out from is usable with care at best:
+errors on the data that parameters were chosen on are no proof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...datasets.checks import check
+from ...datasets.checks.finding import Finding, Severity
+from ...datasets.recording import Recording
+from ...models.hybrid_model import HybridModel
+from ...models.model import Model
+from ...models.motion_model import MotionModel
+from ..fit import SURPRISING, Fit
+from ..provenance import DataRecord
+from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
+from .metrics import FREE_RUN, Error, Scores, ahead
+
+TRAINED, HELD_OUT = "train", "validate"
+SHORTEST = 0.5
+"""Horizons below this, s, are not judged against holding a reading: over a tenth of a second nothing moves."""
+WORSE = 1.1
+"""Errors this many times as large are worse, and not by chance: errors over stretches of minutes vary by less."""
+FOREIGN = 1.5
+"""Held-out errors so many times those on the training data say that the fit does not carry over."""
+UNEXPLAINED = 0.5
+"""Share of an output's variance that may be left unexplained before it has to be known."""
+HOLES = 0.05
+"""Share of rows that may be missing in a channel before its recording counts as broken."""
+MANY = 100
+"""More times as large than this is not told as a number."""
+MEAN = 1.0
+"""Share of variance left by the mean of the readings."""
+CORNER = 0.5
+"""An optimum with more than this share of its free numbers at bounds is no vehicle's."""
+MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
+"""Share of runs, and of predictions so many seconds ahead, that may diverge of a fit that is of any use."""
+ALIKE = 0.01
+"""Starts whose objective is within this share of the best ended alike."""
+
+
+def judged(
+    fit: Fit,
+    own: Mapping[str, Scores],
+    *,
+    held: Mapping[str, Scores] | None = None,
+    unfitted: Mapping[str, Scores] | None = None,
+    findings: Mapping[str, Sequence[Finding]] | None = None,
+    data: Sequence[DataRecord] | None = None,
+    more: Sequence[Reason] = (),
+) -> Verdict:
+    """The verdict on a fit.
+
+    Parameters
+    ----------
+    fit : the fit.
+    own : role or recording -> protocol -> output -> its error; "train" is what it was fitted to, all else was held out.
+    held : the same of holding the last reading, where it was compared.
+    unfitted : the same of the model as it was before the fit, where it was compared.
+    findings : role or recording -> what the checks of the data say, as of `distrust`.
+    data : what was held out; None: as the fit tells.
+    more : reasons found elsewhere.
+    """
+    held, unfitted, findings = held or {}, unfitted or {}, findings or {}
+    comparison = _compared(own, held, unfitted)
+    roles = [role for role in own if role != TRAINED] or list(own)
+    reasons = [*_trusted(fit, findings), *_found(fit), *_held_out(fit, fit.data if data is None else data), *more]
+    for role in roles:
+        what = _called(role, roles)
+        reasons += _predicted(own[role], held.get(role, {}), unfitted.get(role, {}), what)
+        if role != TRAINED:
+            reasons += _carried_over(own.get(TRAINED) or _trained(fit), own[role], what)
+    if roles == [TRAINED]:
+        reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
+    return weighed(reasons, comparison)
+
+
+def times_as_large(own: Scores, other: Scores) -> float:
+    """Errors over those of another model of the same rows: geometric mean over outputs and judged horizons."""
+    judged = [name for name in own if name != ahead(0.1)] or list(own)
+    each = [
+        _ratio(own[name][output], other[name][output])
+        for name in judged
+        for output in own[name]
+        if output in other.get(name, {})
+    ]
+    each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
+    return float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6))))) if each else np.nan
+
+
+def distrust(fit_inputs: Iterable[str], recording: Recording) -> list[Finding]:
+    """What the checks hold against a recording as regards some signals."""
+    used = set(fit_inputs)
+    return [
+        own
+        for own in check(recording)
+        if own.severity is Severity.DISTRUST and (own.where.channel == "time" or used & set(_channels(own)))
+    ]
+
+
+def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
+    """Sentences on recordings that the checks do not trust, as regards the signals of a model."""
+    used = used_signals(model)
+    return tuple(
+        f"Data check of {recording.name}: {own.sentence}"
+        for recording in recordings
+        for own in distrust(used, recording)
+    )
+
+
+def used_signals(model: Model) -> tuple[str, ...]:
+    """The signals that a model is driven by and fitted to, by all names they may be recorded under."""
+    inputs = [signal for name in model.inputs for signal in (name, *model.aliases.get(name, ()))]
+    return tuple(dict.fromkeys([*inputs, *model.outputs]))
+
+
+def _channels(finding: Finding) -> list[str]:
+    return finding.where.channel.replace(",", " ").replace("·", " ").split()
+
+
+def _moved(fit: Fit) -> bool:
+    """Whether numbers are elsewhere than before the fit: shorter horizons may leave the last one no step to take."""
+    before = fit.how.get("unfitted", {})
+    return any(not np.isclose(float(fit.model[name].array), own, rtol=1e-9, atol=0.0) for name, own in before.items())
+
+
+def _found(fit: Fit) -> Iterator[Reason]:
+    """How it was found: the optimum, the starts, priors and bounds."""
+    values = [p.array for p in fit.model.parameters if not p.fixed]
+    if not all(np.all(np.isfinite(value)) for value in values):
+        yield Reason(NOT_USABLE, "An estimate is not a finite number.")
+    for stage in fit.stages[-1:]:
+        if stage.steps == 0 and not stage.confirmed and not _moved(fit):
+            yield Reason(NOT_USABLE, "The solver took no step and no optimum is confirmed: nothing was estimated.")
+        elif "interrupted" in stage.status:
+            yield Reason(WITH_CARE, "The fit was interrupted; there are no intervals.")
+        elif not stage.confirmed and isinstance(fit.model, MotionModel):
+            yield Reason(WITH_CARE, f"The optimum is not confirmed ({stage.status}); there are no intervals.")
+        elif stage.certificate is None and fit.how.get("solver") == "gauss-newton":
+            yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (solver auto asks it).")
+        elif stage.confirmed and isinstance(fit.model, HybridModel):
+            yield Reason(USABLE, "Training was stopped where the held-out error was least.")
+        elif stage.confirmed:
+            yield Reason(USABLE, "The optimum is confirmed.")
+        if len(stage.starts) > 2:
+            best = min(stage.starts)
+            alike = sum(own <= best + ALIKE * abs(best) for own in stage.starts)
+            if alike < 0.5 * len(stage.starts):
+                yield Reason(
+                    WITH_CARE, f"Only {alike} of {len(stage.starts)} starts ended at the best optimum that was found."
+                )
+    scalars = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
+    bound = [p.name for p in scalars if not p.bounds[0] < float(p.array) < p.bounds[1]]
+    bound = [name for name in bound if name not in fit.model.effects]
+    if bound:
+        corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
+        said = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
+        yield Reason(NOT_USABLE, f"{said}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{said}.")
+    far = []
+    for p in scalars:
+        if p.prior is not None and p.prior.mean is not None:
+            away = abs(float(p.array) - float(np.asarray(p.prior.mean))) / float(np.max(np.asarray(p.prior.sd)))
+            if away > SURPRISING:
+                far.append((away, p.name))
+    if far:
+        said = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
+        yield Reason(WITH_CARE, f"Estimates conflict with their priors: {said}. Suspect the model structure.")
+
+
+def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:
+    """Whether its data can be trusted: nothing is made of data that are wrong throughout."""
+    for role, found in findings.items():
+        where = "" if role == TRAINED else f" (held out{'' if role == HELD_OUT else f', {role}'})"
+        for own in found:
+            holes = own.kind == "missing" and (own.value or 0.0) <= HOLES * _rows(fit, role)
+            whole = own.where.run is None and not holes and role == TRAINED
+            yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {own.sentence}")
+
+
+def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
+    """Whether what was held out is part of what the fit was trained on."""
+    trained = [own for own in fit.data if own.role == TRAINED and own.sha256]
+    for one in data:
+        part = [
+            own
+            for own in trained
+            if own.sha256 == one.sha256 and (own.between, own.where) in (("", ""), (one.between, one.where))
+        ]
+        if one.role != TRAINED and part:
+            yield Reason(WITH_CARE, f"{one.name} is data it was fitted to ({part[0].name}): nothing was held out.")
+
+
+def _rows(fit: Fit, role: str) -> int:
+    return sum(record.samples for record in fit.data if record.role == role) or 1
+
+
+def _predicted(own: Scores, held: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
+    """How it predicts, beside holding a reading and beside the model as it was before."""
+    judged = [name for name in own if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(own)
+    outputs = list(dict.fromkeys(output for name in judged for output in own[name]))
+    yield from _divergences(own, judged, what)
+    useless, beaten, loose = [], [], []
+    for output in outputs:
+        errors = {name: own[name][output] for name in judged if output in own[name]}
+        left = [_unexplained(error) for error in errors.values()]
+        by_hold = [_ratio(e, held.get(name, {}).get(output)) for name, e in errors.items() if name in held]
+        if min(left) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
+            useless.append(output)
+        elif by_hold and np.nanmedian(by_hold) > 1.0:
+            beaten.append((output, float(np.nanmax(by_hold))))
+        elif float(np.nanmedian(left)) > UNEXPLAINED:
+            loose.append((output, float(np.nanmedian(left))))
+    if useless:
+        yield Reason(
+            NOT_USABLE if len(useless) > 0.5 * len(outputs) else WITH_CARE,
+            f"{what}{_listed(useless)} {'is' if len(useless) == 1 else 'are'} predicted no better than by the mean of "
+            "the readings or the last one.",
+        )
+    for output, times in beaten:
+        yield Reason(
+            NOT_USABLE if len(beaten) + len(useless) == len(outputs) > 1 else WITH_CARE,
+            f"{what}{output}: the model {_beside(times)} persistence.",
+        )
+    for output, share in loose:
+        yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
+    yield from _beside_unfitted(own, unfitted, judged, outputs, what)
+    best = _told(own, judged)
+    if best:
+        yield Reason(USABLE, f"{what}{best}.")
+
+
+def _beside_unfitted(
+    own: Scores, unfitted: Scores, judged: Sequence[str], outputs: Sequence[str], what: str
+) -> Iterator[Reason]:
+    """Whether the fit made the model better than it was."""
+    ratios = {}
+    for output in outputs:
+        each = [
+            _ratio(own[name][output], unfitted[name][output])
+            for name in judged
+            if output in own[name] and output in unfitted.get(name, {})
+        ]
+        each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
+        if each:
+            ratios[output] = float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6)))))
+    if not ratios:
+        return
+    over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
+    if over_all > WORSE:
+        yield Reason(NOT_USABLE, f"{what}the fit has {_times(over_all)} the errors of the unfitted model.")
+    for output, ratio in ratios.items():
+        if ratio > WORSE:
+            yield Reason(WITH_CARE, f"{what}{output}: {_times(ratio)} the RMSE of the unfitted model.")
+
+
+def _divergences(own: Scores, judged: Sequence[str], what: str) -> Iterator[Reason]:
+    for name in judged:
+        astray = {output: e.diverges for output, e in own[name].items() if e.diverges is not None}
+        if not astray:
+            continue
+        first = min(astray.values(), key=lambda d: (d.run, d.after))
+        output = next(o for o, d in astray.items() if d is first)
+        mostly = first.share > (MOST_RUNS if name == FREE_RUN else MOST_PREDICTIONS)
+        yield Reason(
+            NOT_USABLE if mostly and (name != FREE_RUN or len(judged) == 1) else WITH_CARE,
+            f"{what}{output} {'in free run ' if first.free else ''}{first.words}.",
+        )
+
+
+def _carried_over(trained: Mapping[str, Any], own: Scores, what: str) -> Iterator[Reason]:
+    """Whether errors on what was held out are those on the training data."""
+    each = []
+    for name, errors in own.items():
+        for output, error in errors.items():
+            before = trained.get(name, {}).get(output)
+            if before is not None and name != ahead(0.1):
+                left_before = _unexplained(before) if isinstance(before, Error) else before["fvu"]
+                rmse = before.rmse if isinstance(before, Error) else before["rmse"]
+                ratio = error.rmse / rmse if rmse and rmse > 0 else np.nan
+                by_share = np.sqrt(_unexplained(error) / left_before) if left_before and left_before > 0 else np.nan
+                each.append(np.nanmin([ratio, by_share]) if np.isfinite(ratio) or np.isfinite(by_share) else np.nan)
+    each = [ratio for ratio in each if not np.isnan(ratio)]
+    if each and np.median(each) > FOREIGN:
+        yield Reason(
+            WITH_CARE,
+            f"{what}errors are {_times(float(np.median(each)))} those on the training data: it does not carry over.",
+        )
+
+
+def _trained(fit: Fit) -> Mapping[str, Any]:
+    found: Mapping[str, Any] = fit.metrics.get(TRAINED, {})
+    return found
+
+
+def _told(own: Scores, judged: Sequence[str]) -> str:
+    """How well outputs are predicted, over the shortest horizon that is judged."""
+    name = judged[0]
+    each = [f"{output} {e.fit_percent:.0f} %" for output, e in own[name].items() if np.isfinite(e.fit_percent)]
+    return f"fit {_listed(each)} ({name.replace('_', ' ')})" if each else ""
+
+
+def _unexplained(error: Error) -> float:
+    """Mean square of the error over the variance of the readings; infinite where it is not known."""
+    if not np.isfinite(error.rmse):
+        return np.inf
+    return (error.rmse / error.spread) ** 2 if error.spread > 0 else (error.fvu if np.isfinite(error.fvu) else np.inf)
+
+
+def _ratio(error: Error, other: Error | None) -> float:
+    if other is None:
+        return np.nan
+    if not np.isfinite(error.rmse):
+        return np.inf if np.isfinite(other.rmse) else 1.0
+    if not np.isfinite(other.rmse):
+        return 0.0
+    return error.rmse / other.rmse if other.rmse > 0 else (np.inf if error.rmse > 0 else 1.0)
+
+
+def _compared(
+    own: Mapping[str, Scores], held: Mapping[str, Scores], unfitted: Mapping[str, Scores]
+) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+    found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+    for role, protocols in own.items():
+        for name, errors in protocols.items():
+            for output, error in errors.items():
+                told = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
+                for word, others in (("persistence", held), ("unfitted", unfitted)):
+                    other = others.get(role, {}).get(name, {}).get(output)
+                    if other is not None:
+                        told[word] = other.rmse
+                found.setdefault(role, {}).setdefault(name, {})[output] = told
+    return found
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g} times" if ratio < MANY else f"over {MANY} times"
+
+
+def _beside(times: float) -> str:
+    if not np.isfinite(times):
+        return "diverges, and is worse than"
+    return f"has up to {_times(times)} the RMSE of" if times >= WORSE else "is no better than"
+
+
+def _called(role: str, roles: Sequence[str]) -> str:
+    if role == TRAINED:
+        return "On the training data, "
+    return "Held out, " if len(roles) == 1 else f"On {role}, "
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))

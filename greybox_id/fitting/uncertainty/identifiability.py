@@ -1,0 +1,268 @@
+"""What a recording does not tell: single parameters, pairs that stand for each other, and directions left open.
+
+A covariance is looked at in relative coordinates, in which a parameter moves by shares of its own size; there, an open
+direction reads as a sentence: mass and both cornering stiffnesses can grow by a third together, and hardly any residual
+changes.
+
+Sources: Belsley, Kuh & Welsch, Regression diagnostics (1980), chapter 3, condition numbers of scaled matrices; Brun,
+Reichert & Kuensch, Practical identifiability analysis of large environmental simulation models, Water Resources
+Research 37 (2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.numbers import quantity, signed, with_unit
+from ...base.shorthands import Array
+from ..fit import Fit
+
+HALF = 0.5
+"""A relative standard deviation above this determines hardly more than a sign."""
+NO_NEWS = 0.7
+"""A standard deviation above this share of the prior's says that the recording added little."""
+TOGETHER = 0.95
+"""Two parameters correlated more than this are identifiable only in combination."""
+NAMED, LEAST_NAMED = 4, 0.25
+"""So many parameters are named of an open direction, if they move at least this share of the one that moves most."""
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A weakly identifiable parameter: its standard deviation is large, or hardly less than its prior's.
+
+    Attributes
+    ----------
+    value, sd : estimate and standard deviation, in the parameter's unit.
+    relative_sd : as a share of the parameter's size.
+    prior_sd : standard deviation that was believed before; infinite for none.
+    unit : of the parameter.
+    """
+
+    name: str
+    value: float
+    sd: float
+    relative_sd: float
+    prior_sd: float
+    unit: str = "1"
+
+    def about(self) -> str:
+        """Why, in a plain sentence."""
+        if not np.isfinite(self.sd):
+            return f"{self.name}: not identifiable: neither the recording nor a prior informs it."
+        if self.sd > NO_NEWS * self.prior_sd:
+            share = f"{self.sd / self.prior_sd:.0%} of the prior's"
+            return f"{self.name}: dominated by the prior; its standard deviation is {share}."
+        if self.relative_sd > 1.0:
+            return (
+                f"{self.name}: its standard deviation, {quantity(self.sd, self.unit, 2)}, is larger than the "
+                f"estimate, {quantity(self.value, self.unit, 2)}."
+            )
+        return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
+
+
+@dataclass(frozen=True)
+class CorrelatedPair:
+    """Two parameters that stand for each other."""
+
+    first: str
+    second: str
+    correlation: float
+
+    def about(self) -> str:
+        """What it means, in a plain sentence."""
+        combined = "sum" if self.correlation < 0 else "difference"
+        return (
+            f"{self.first} and {self.second} are identifiable only in combination, as a weighted {combined} "
+            f"(correlation {self.correlation:+.3f})."
+        )
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Parameters that can move together and hardly any residual changes.
+
+    Attributes
+    ----------
+    names : of those that move most, the one that moves most first.
+    moves : what one standard deviation along the direction moves each of them by, as shares of their sizes.
+    relative_sd : standard deviation along the direction, over all parameters.
+    changes : the same moves in each one's unit, as text, for those whose estimates are about zero: per cent of it would
+        say nothing. None for the others.
+    """
+
+    names: tuple[str, ...]
+    moves: tuple[float, ...]
+    relative_sd: float
+    changes: tuple[str | None, ...]
+
+    def about(self) -> str:
+        """What can move, in a plain sentence."""
+        moves = [
+            f"{name} by {f'{move:+.0%}' if change is None else change}"
+            for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
+        ]
+        listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
+        together = " alone" if len(moves) == 1 else " together"
+        return f"One standard deviation moves {listed}{together}, and the residuals hardly change."
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What a recording leaves open.
+
+    Attributes
+    ----------
+    undetermined : weakly identifiable parameters, the worst first.
+    pairs : that stand for each other, the strongest correlation first.
+    directions : open ones, the widest first; orthogonal in relative coordinates.
+    condition : number of the normal matrix scaled to a unit diagonal; infinite if something is not told at all.
+    """
+
+    undetermined: tuple[Undetermined, ...]
+    pairs: tuple[CorrelatedPair, ...]
+    directions: tuple[Direction, ...]
+    condition: float
+
+    def about(self) -> tuple[str, ...]:
+        """Everything in plain sentences."""
+        found = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
+        told = (
+            f"The normal matrix has condition number {self.condition:.2g}."
+            if np.isfinite(self.condition)
+            else "The normal matrix is singular: no recording like this one tells all parameters."
+        )
+        return (*(found or ["Every parameter is determined."]), told)
+
+
+def identifiability(
+    names: Sequence[str],
+    x: Array,
+    covariance: Array,
+    prior_sd: Array | None = None,
+    units: Sequence[str] | None = None,
+) -> Identifiability:
+    """Look for what a recording leaves open.
+
+    Parameters
+    ----------
+    names : of the parameters.
+    x : (parameters,) estimates.
+    covariance : (parameters, parameters) of the estimates; those held or at a bound have zero rows and are left out.
+    prior_sd : (parameters,) standard deviations believed before, infinite for none; a parameter that its prior lets
+        lie anywhere about zero (an offset) is measured against its prior alone.
+    units : of the parameters; None where they have none.
+
+    A relative standard deviation is relative to the larger of the estimate and the prior's standard deviation.
+    """
+    variance, units = np.diag(covariance), ["1"] * len(x) if units is None else units
+    prior_sd = np.full(len(x), np.inf) if prior_sd is None else np.asarray(prior_sd, dtype=float)
+    size = np.maximum(np.abs(x), np.where(np.isfinite(prior_sd), prior_sd, 0.0))
+    about_zero = np.isfinite(prior_sd) & (np.abs(x) < prior_sd)
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    relative = np.divide(sd, size, out=np.where(sd > 0.0, np.inf, 0.0), where=(size > 0.0) & np.isfinite(sd))
+    open_ = np.flatnonzero(((relative > HALF) & ~about_zero) | (sd > NO_NEWS * prior_sd) | np.isinf(sd))
+    undetermined = [
+        Undetermined(names[int(k)], float(x[k]), float(sd[k]), float(relative[k]), float(prior_sd[k]), units[int(k)])
+        for k in open_[np.argsort(-relative[open_], kind="stable")]
+    ]
+    inner = np.flatnonzero((variance > 0.0) & np.isfinite(variance))
+    C = covariance[np.ix_(inner, inner)]
+    correlation = C / np.outer(sd[inner], sd[inner])
+    scaled = np.flatnonzero(size[inner] > 0.0)
+    unit = size[inner][scaled]
+    return Identifiability(
+        tuple(undetermined),
+        _pairs([names[int(k)] for k in inner], correlation),
+        _directions(
+            [names[int(k)] for k in inner[scaled]],
+            C[np.ix_(scaled, scaled)] / np.outer(unit, unit),
+            unit,
+            np.abs(x[inner][scaled]),
+            [units[int(k)] for k in inner[scaled]],
+        ),
+        np.inf if np.any(np.isinf(variance)) else _condition(C),
+    )
+
+
+def _pairs(names: Sequence[str], correlation: Array) -> tuple[CorrelatedPair, ...]:
+    first, second = np.nonzero(np.triu(np.abs(correlation) > TOGETHER, 1))
+    order = np.argsort(-np.abs(correlation[first, second]), kind="stable")
+    return tuple(
+        CorrelatedPair(names[i], names[j], float(correlation[i, j]))
+        for i, j in zip(first[order], second[order], strict=True)
+    )
+
+
+def _directions(
+    names: Sequence[str], relative: Array, size: Array, estimate: Array, units: Sequence[str]
+) -> tuple[Direction, ...]:
+    """Eigenvectors of a covariance relative to sizes along which it is wide; estimates are absolute values."""
+    variances, vectors = np.linalg.eigh(relative)
+    found = []
+    for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
+        spread = float(np.sqrt(max(variance, 0.0)))
+        if spread <= HALF:
+            break
+        order = np.argsort(-np.abs(vector), kind="stable")[:NAMED]
+        order = order[np.abs(vector[order]) >= LEAST_NAMED * np.abs(vector[order[0]])]
+        moves = spread * vector[order] * np.sign(vector[order[0]])
+        changes = [
+            with_unit(signed(move * size[k], 2), units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
+            for k, move in zip(order, moves, strict=True)
+        ]
+        found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
+    return tuple(found)
+
+
+def _condition(covariance: Array) -> float:
+    """Condition number of the inverse, scaled to a unit diagonal."""
+    if not len(covariance):
+        return 1.0
+    unit = 1.0 / np.sqrt(np.diag(covariance))
+    try:
+        normal = np.linalg.inv(covariance * np.outer(unit, unit))
+    except np.linalg.LinAlgError:
+        return np.inf
+    by = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    return float(np.linalg.cond(normal * np.outer(by, by)))
+
+
+def left_open(fit: Fit) -> Identifiability | None:
+    """Parameters weakly identifiable, or only in combination; None where its covariance was not kept."""
+    if fit.covariance is None:
+        return None
+    names, x, places, prior_sd, units, start = [], [], [], [], [], 0
+    for p in fit.model.parameters:
+        if p.shape == () and not p.fixed:
+            names.append(p.name)
+            x.append(float(p.array))
+            places.append(start)
+            units.append(p.unit)
+            prior_sd.append(np.inf if p.prior is None else float(np.asarray(p.prior.sd)))
+        start += p.size
+    inside = fit.covariance[np.ix_(places, places)]
+    return identifiability(names, np.array(x), inside, prior_sd=np.array(prior_sd), units=units)
+
+
+def told_together(fit: Fit) -> list[str]:
+    """Parameters that the recordings tell only together, in sentences; single ones have notes of their own."""
+    found = left_open(fit)
+    if found is None:
+        return []
+    directions = [each for each in found.directions if len(each.names) > 1]
+    return [*(each.about() for each in found.pairs), *(each.about() for each in directions)]
+
+
+def absent(fit: Fit) -> dict[str, str]:
+    """Effects whose interval holds the value at which they change nothing, and what is to be said of them."""
+    found = {}
+    for name in fit.model.effects:
+        low, high = fit.interval(name)
+        null = fit.model[name].null
+        if null is not None and low <= null <= high:
+            found[name] = f"may be absent: the interval holds {null:g}"
+    return found

@@ -1,0 +1,255 @@
+"""How well a fit tells its unknowns: covariance corrected for what the residuals leave correlated.
+
+Neighbouring residuals are not independent: a car's unmodelled lag or bump lasts. The plain Gauss-Newton covariance
+takes them as independent and is several times too small then. Here the scores (gradients of single residuals) are
+summed over blocks many times longer than the correlation, and their scatter sets the covariance (a sandwich estimate).
+Few blocks scatter less about a fit than about the truth, and their scatter is itself a guess: each block's sum is
+corrected for its own pull on the fit (CR2), and intervals are those of Student's t with the degrees of freedom that
+the blocks leave for each unknown.
+
+Sources: Bell & McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples, Survey
+Methodology 28 (2002); Imbens & Kolesar, Robust standard errors in small samples, Review of Economics and Statistics 98
+(2016); in the space of the unknowns: Niccodemi et al., Refining clustered standard errors with few clusters, University
+of Groningen (2020).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg as la
+from scipy.special import ndtri, stdtrit
+
+from ...base.shorthands import Array, Mask
+from ...engine.least_squares import LeastSquares, Matched
+from .blocks import Blocks, blocks
+
+MANY = 200
+"""More unknowns than this are a network's weights."""
+PULL = 0.99
+"""Of a direction that one block tells up to this share, its own scatter about the fit says nothing any more."""
+RIDGE = 1e-12
+"""Prior in units of each unknown's own curvature: where unknowns stand for each other exactly, it alone speaks."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What a fit leaves open about its unknowns.
+
+    Attributes
+    ----------
+    covariance : (unknowns, unknowns), with what is held left there: its rows are zero. What is at its bound may be off
+        it, and the others with it. What neither the data nor a prior tells has infinite variance.
+    independent : (unknowns, unknowns) what it were if residuals were independent, of standard deviation one, and what
+        is at its bound were held there.
+    released, released_independent : both as if bounds held nothing.
+    dof : (unknowns,) of freedom, Student's t; infinite where only a prior speaks, near 1 where a single stretch
+        of the recording tells the unknown.
+    inflation : (unknowns,) variance over what it were if residuals were independent, of standard deviation one.
+    centre : (unknowns,) the estimate; of one at its bound, where it would be without.
+    sd : (unknowns,) standard deviation about the centre; of one at its bound, as if it were free.
+    at_bound : (unknowns,) whether the estimate lies at its bound.
+    bounds : two of (unknowns,).
+    blocks : how many blocks the scores were summed over.
+    block_rows : rows per block.
+    correlation_rows : integrated autocorrelation time of the residuals, rows.
+    """
+
+    covariance: Array
+    independent: Array
+    released: Array
+    released_independent: Array
+    dof: Array
+    inflation: Array
+    centre: Array
+    sd: Array
+    at_bound: Mask
+    bounds: tuple[Array, Array]
+    blocks: int
+    block_rows: float
+    correlation_rows: float
+
+    def quantile(self, confidence: float = 0.95) -> Array:
+        """Half an interval's width in standard deviations, (unknowns,)."""
+        upper, finite = 0.5 + 0.5 * confidence, np.isfinite(self.dof)
+        return np.where(finite, stdtrit(np.where(finite, self.dof, 1.0), upper), ndtri(upper))
+
+    def interval(self, confidence: float = 0.95) -> Array:
+        """Lower and upper end of each unknown's interval, (unknowns, 2), cut at the bounds.
+
+        Of an unknown at its bound, the interval begins there and reaches as far as that of the optimum without bounds.
+        """
+        half, centre = self.quantile(confidence) * self.sd, np.where(np.isfinite(self.sd), self.centre, 0.0)
+        return np.clip(np.stack([centre - half, centre + half]), *self.bounds).T
+
+
+def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
+    """How well the unknowns are told about an optimum.
+
+    With J the residuals' derivative and R the priors', both in standard deviations, H = J'J + R'R, the covariance is
+    H^-1 (S + R'R) H^-1, S the sum over blocks of the outer product of corrected sums of scores J'r. A run and its
+    mirror image carry the same noise: their scores belong to one block. A recording shorter than eighty correlation
+    times of its residuals has to do with eight blocks: the degrees of freedom fall to seven and below, and the
+    intervals widen by a fifth and more.
+
+    Parameters
+    ----------
+    problem : the problem.
+    x : (unknowns,) an optimum of it.
+    nodes : the problem's simulation there.
+    """
+    low, high = problem.bounds
+    at_bound = problem.free & ((x <= low) | (x >= high))
+    told_by = blocks(problem, x, nodes, keep=at_bound)
+    kept, H = np.flatnonzero(told_by.kept), told_by.prior + np.sum(told_by.H, axis=0)
+    told = problem.free[kept] & (np.diag(H) > 0.0)
+    stopped, untold = at_bound[kept] & told, kept[problem.free[kept] & ~told]
+    inside = _sandwich(told_by, H, told & ~stopped)
+    of_kept, centre, dof, whole = inside.covariance, x.copy(), np.empty(len(x)), inside
+    dof[kept], dof[~told_by.kept] = inside.dof, told_by.local_dof
+    if np.any(stopped):
+        gradient = problem.normal_equations(x, nodes).g
+        beyond, step = _released(told_by, H, told, gradient[kept] - told_by.pull.T @ gradient[~told_by.kept])
+        whole, own = _sandwich(beyond, H, told), kept[stopped]
+        centre[own], dof[own] = x[own] + step[stopped], whole.dof[stopped]
+        outward = np.where(x[own] <= low[own], -1.0, 1.0) * step[stopped]
+        free_to = whole.covariance[np.ix_(stopped, stopped)]
+        of_kept = of_kept + _off_bounds(H, told, stopped, outward, (high - low)[own], free_to)
+    covariance = told_by.over_all(of_kept, told_by.local)
+    independent = told_by.over_all(inside.independent, told_by.local_independent)
+    released = told_by.over_all(whole.covariance, told_by.local)
+    released_independent = told_by.over_all(whole.independent, told_by.local_independent)
+    for each in (covariance, independent, released, released_independent):
+        each[untold, untold] = np.inf
+    variance, of_independent = np.diag(covariance).copy(), np.diag(independent).copy()
+    if np.any(stopped):
+        variance[own] = np.diag(whole.covariance)[stopped]
+        of_independent[own] = np.diag(whole.independent)[stopped]
+    comparable = np.isfinite(variance) & (of_independent > 0.0)
+    inflation = np.divide(variance, of_independent, out=np.ones(len(x)), where=comparable)
+    return Uncertainty(
+        covariance, independent, released, released_independent, dof, inflation, centre,
+        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(told_by.H), told_by.rows, told_by.correlation,
+    )  # fmt: skip
+
+
+def covariance(problem: LeastSquares, x: Array, nodes: Matched) -> Array:
+    """Covariance of the unknowns about an optimum, (unknowns, unknowns); see `uncertainty`."""
+    return uncertainty(problem, x, nodes).covariance
+
+
+class _Sandwich(NamedTuple):
+    """As in `Uncertainty`; covariances of the free unknowns alone, zero elsewhere."""
+
+    covariance: Array
+    independent: Array
+    dof: Array
+
+
+def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
+    """CR2 and Satterthwaite's degrees of freedom among the free unknowns, in coordinates in which H is one.
+
+    There, block g tells the share A_g of every direction, and its scores scatter about the fit like A_g - A_g^2:
+    (I - A_g)^-1/2 makes them scatter like A_g. The variance of an unknown is then a quadratic form in independent
+    residuals, with a matrix M between blocks, and has (tr M)^2 / tr M^2 degrees of freedom; what a prior adds to the
+    variance is known and has infinitely many (Welch). Of directions that one block tells (nearly) alone, the residuals'
+    own variance stands in, times their correlation time.
+    """
+    result = _Sandwich(np.zeros_like(H), np.zeros_like(H), np.full(len(H), np.inf))
+    size, among = int(np.sum(free)), np.ix_(free, free)
+    if size == 0:
+        return result
+    unit, C = _factor(H[among])
+    U = la.solve_triangular(C, np.diag(unit), lower=True)
+    if size > MANY:
+        return _uncorrected(blocks, H, free, U)
+    middle = np.zeros((size, size))
+    own, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
+    for g, (of_block, score) in enumerate(zip(blocks.H, blocks.scores, strict=True)):
+        share, Q = np.linalg.eigh(U @ of_block[among] @ U.T)
+        share = np.clip(share, 0.0, 1.0)
+        correction = 1.0 / np.sqrt(1.0 - np.minimum(share, PULL))
+        lost = share * (1.0 - correction**2 * (1.0 - share))
+        corrected = Q @ (correction * (Q.T @ (U @ score[free])))
+        middle += np.outer(corrected, corrected) + blocks.lone_variance * (Q * lost) @ Q.T
+        turned = Q.T @ U
+        own[g] = (share * correction**2 + lost) @ turned**2
+        pulled[:, g] = (Q @ ((share * correction)[:, None] * turned)).T
+    between = pulled @ pulled.transpose(0, 2, 1)
+    shared = np.diagonal(between, axis1=1, axis2=2)
+    diagonal = own.T - shared
+    trace = np.sum(diagonal, axis=1)
+    squares = np.sum(between**2, axis=(1, 2)) + np.sum(diagonal**2 - shared**2, axis=1)
+    middle /= 1.0 - blocks.missed
+    believed = U @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ U.T
+    by_data, by_prior = (np.einsum("pj,pq,qj->j", U, part, U, optimize=True) for part in (middle, believed))
+    told = (by_data > 0.0) & (squares > 0.0)
+    of_data = by_data[told] / (by_data + by_prior)[told]
+    result.covariance[among], result.independent[among] = U.T @ (middle + believed) @ U, U.T @ U
+    result.dof[np.flatnonzero(free)[told]] = np.maximum(trace[told] ** 2 / squares[told], 1.0) / of_data**2
+    return result
+
+
+def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
+    """The same without the correction of single blocks (CR1): blocks tell too little of a network's many weights.
+
+    As many degrees of freedom as blocks less one; the eigenvalues of every block would cost seconds.
+    """
+    among, count = np.ix_(free, free), len(blocks.H)
+    scores = (blocks.scores @ np.eye(len(H))[:, free]) @ U.T
+    middle = scores.T @ scores * count / max(count - 1, 1) / (1.0 - blocks.missed)
+    middle += U @ blocks.prior[among] @ U.T
+    result = _Sandwich(np.zeros_like(H), np.zeros_like(H), np.full(len(H), np.inf))
+    result.covariance[among], result.independent[among] = U.T @ middle @ U, U.T @ U
+    result.dof[free] = max(count - 1, 1)
+    return result
+
+
+def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Blocks, Array]:
+    """The scores where the optimum were without bounds, one Gauss-Newton step away, and that step (unknowns,)."""
+    step = np.zeros(len(H))
+    unit, C = _factor(H[np.ix_(free, free)])
+    step[free] = -unit * la.cho_solve((C, True), unit * gradient[free])
+    return replace(blocks, scores=blocks.scores + blocks.H @ step), step
+
+
+def _off_bounds(H: Array, told: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
+    """What unknowns at bounds that may be off them add to the covariance of all.
+
+    How far one may be off is a normal distribution about the optimum without bounds, cut at both bounds. The others
+    follow: a tyre's stiffness and friction hang on a shape factor that stopped at its bound, and are as uncertain.
+
+    Parameters
+    ----------
+    H : (unknowns, unknowns).
+    told, stopped : (unknowns,) which move, and which of them are at their bound.
+    outward : (stopped,) how far beyond its bound the optimum without bounds has each.
+    room : (stopped,) from bound to bound.
+    covariance : (stopped, stopped) without bounds.
+    """
+    sd = np.sqrt(np.diag(covariance))
+    off = np.array([_reach_inward(t, r) for t, r in zip(outward / sd, room / sd, strict=True)])
+    inner, follow = told & ~stopped, np.zeros((len(H), int(np.sum(stopped))))
+    follow[stopped] = np.eye(int(np.sum(stopped)))
+    if np.any(inner):
+        unit, C = _factor(H[np.ix_(inner, inner)])
+        follow[inner] = -unit[:, None] * la.cho_solve((C, True), unit[:, None] * H[np.ix_(inner, stopped)])
+    return np.asarray(follow @ (covariance * np.outer(off, off)) @ follow.T)
+
+
+def _reach_inward(beyond: float, room: float) -> float:
+    """Root mean square of a normal variable of mean -beyond and variance one, cut to between zero and room."""
+    far = min(room, 10.0 - min(beyond, 0.0) if beyond < 5.0 else 50.0 / beyond)
+    inward = np.linspace(0.0, far, 1001)
+    weight = np.exp(-0.5 * inward**2 - beyond * inward)
+    return float(np.sqrt(np.sum(weight * inward**2) / np.sum(weight)))
+
+
+def _factor(H: Array) -> tuple[Array, Array]:
+    """Units in which the diagonal of H is one, and the Cholesky factor of H in them."""
+    unit = 1.0 / np.sqrt(np.diag(H))
+    inner = H * np.outer(unit, unit)
+    inner[np.diag_indices_from(inner)] += RIDGE
+    return unit, la.cholesky(inner, lower=True)

@@ -1,0 +1,367 @@
+"""What recordings of one vehicle have in common, and by how much its numbers differ from run to run.
+
+Numbers of a run are those of the vehicle, c, and for the few that may differ between runs a deviation d_k, normal about
+zero with a standard deviation S that is learned: its square has an inverse gamma prior about what is usual and is found
+by expectation-maximisation, in which every run counts for as much as it tells (Dempster, Laird & Rubin, J. R. Statist.
+Soc. B 39, 1977; Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are explained at once, by
+Gauss-Newton on their innovations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...engine.solvers.box import least_within
+from ..estimation.calibration import CAL
+from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
+
+
+@dataclass(frozen=True)
+class VaryingNumber:
+    """A number of a vehicle, in a coordinate in which it is searched.
+
+    Attributes
+    ----------
+    name : of the model's parameter.
+    logarithmic : whether the coordinate is its logarithm.
+    mean, sd : what is believed of the coordinate.
+    step : of differences, in the coordinate.
+    low, high : of the coordinate.
+    usual : standard deviation between runs to which nothing was done; zero where runs share it.
+    change : width of what a change may be.
+    """
+
+    name: str
+    logarithmic: bool
+    mean: float
+    sd: float
+    step: float
+    low: float
+    high: float
+    usual: float = 0.0
+    change: float = 0.0
+
+    def value(self, at: float) -> float:
+        """The number at a coordinate."""
+        return float(np.exp(at)) if self.logarithmic else float(at)
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate of a value."""
+        return float(np.log(value)) if self.logarithmic else float(value)
+
+
+def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
+    """Numbers by name, within their bounds."""
+    return {own.name: own.value(min(max(float(at), own.low), own.high)) for own, at in zip(numbers, x, strict=True)}
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a ride tells at some numbers.
+
+    Attributes
+    ----------
+    cost : negative log-likelihood.
+    g, H : (n,), (n, n) its gradient and its Gauss-Newton Hessian.
+    scores : (blocks, n) of which the gradient is the sum.
+    """
+
+    cost: float
+    g: Array
+    H: Array
+    scores: Array
+
+
+@dataclass(frozen=True)
+class Weigher:
+    """Negative log-likelihoods of rides.
+
+    Attributes
+    ----------
+    follower : with sizes of noise.
+    numbers : that are searched.
+    noise : how innovations are distributed.
+    """
+
+    follower: Follower
+    numbers: tuple[VaryingNumber, ...]
+    noise: InnovationNoise
+
+    def innovations(self, ride: FollowedRun, x: Array) -> FilterInnovations | None:
+        """At coordinates x."""
+        return self.follower.innovations(ride, values_of(self.numbers, x))
+
+    def cost(self, ride: FollowedRun, x: Array) -> float:
+        """At coordinates x; infinite where the filter diverges."""
+        found = self.innovations(ride, x)
+        return np.inf if found is None else self.noise.cost(found)
+
+    def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Told:
+        """With derivatives, by the numbers at these places; None: by all."""
+        n, places = len(x), range(len(x)) if moved is None else moved
+        steps = {k: own.step if x[k] + own.step <= own.high else -own.step
+                 for k in places for own in (self.numbers[k],)}  # fmt: skip
+        tried = [values_of(self.numbers, x), *(values_of(self.numbers, x + step * (np.arange(n) == k))
+                                               for k, step in steps.items())]  # fmt: skip
+        here, *beside = self.follower.beside(ride, tried)
+        if here is None:
+            name = ride.recording.name
+            raise BadInput(f"The filter diverges on {name}: is this the right vehicle, in the right units?")
+        scales = self.noise.scales(here)
+        white = self.noise.white(here, scales)
+        J, wider = np.zeros((*white.shape, n)), np.zeros((len(white), n))
+        for (k, step), there in zip(steps.items(), beside, strict=True):
+            if there is not None and np.array_equal(there.white == CAL.astray, here.white == CAL.astray):
+                J[..., k] = (self.noise.white(there, scales) - white) / step
+                wider[:, k] = np.sum(there.spread - here.spread, axis=1) / step
+        weights = self.noise.weights(here, white)
+        scores = np.einsum("b,bi,bin->bn", weights, white, J) + self.noise.temper * wider
+        H = np.einsum("b,bin,bim->nm", weights, J, J, optimize=True)
+        return Told(self.noise.cost(here), np.sum(scores, axis=0), H, scores)
+
+
+@dataclass(frozen=True)
+class Common:
+    """What runs have in common.
+
+    Attributes
+    ----------
+    numbers : of the vehicle.
+    varying : places of those that differ between runs.
+    x, covariance : (n,), (n, n) of the vehicle's coordinates.
+    scatter : (n,) standard deviation between runs; zero of those that do not vary.
+    deviations, deviation_sds : (runs, n) of each run, and how well they are known.
+    weigher : what weighed them.
+    """
+
+    numbers: tuple[VaryingNumber, ...]
+    varying: tuple[int, ...]
+    x: Array
+    covariance: Array
+    scatter: Array
+    deviations: Array
+    deviation_sds: Array
+    weigher: Weigher
+
+    @property
+    def of_a_run(self) -> Array:
+        """(n, n) covariance of the coordinates of a further run to which nothing was done."""
+        return np.asarray(self.covariance + np.diag(self.scatter**2))
+
+
+def common(
+    weigher: Weigher,
+    rides: Sequence[FollowedRun],
+    usual: Mapping[str, float],
+    belief: Mapping[str, float],
+    start: Common | None = None,
+    settled: float = CAL.between_settled,
+) -> Common:
+    """Explain all rides at once.
+
+    Parameters
+    ----------
+    weigher : of rides.
+    rides : of one vehicle, to which nothing was done between them.
+    usual : name -> usual standard deviation between runs, of those that may differ.
+    belief : name -> runs that this counts as; infinite where it is no matter of runs.
+    start : where they were found before.
+    settled : log-likelihood below which a step that is expected to gain so much is the last.
+    """
+    numbers = weigher.numbers
+    n, runs = len(numbers), len(rides)
+    varying = np.array([k for k, own in enumerate(numbers) if own.name in usual], dtype=int)
+    m = len(varying)
+    prior = np.array([usual[numbers[k].name] for k in varying])
+    scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
+    learned = np.isfinite(runs_of)
+    mean, sd = np.array([own.mean for own in numbers]), np.array([own.sd for own in numbers])
+    u = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
+    if start is not None:
+        u = np.concatenate([start.x, (start.x + start.deviations)[:, varying].ravel()])
+        scatter = start.scatter[varying]
+    low, high = np.array([[own.low, own.high] for own in numbers]).T
+    low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
+    fixed = np.setdiff1d(np.arange(n), varying)
+    of_run = [np.arange(n + k * m, n + (k + 1) * m) for k in range(runs)]
+
+    def run_of(u: Array, k: int) -> Array:
+        x = u[:n].copy()
+        x[varying] = u[of_run[k]]
+        return x
+
+    def charge(u: Array) -> Curve:
+        """Of what is believed: vehicles about what is stated, runs about their vehicle."""
+        off, H = u[:n] - mean, np.diag(np.concatenate([sd**-2.0, np.zeros(runs * m)]))
+        g, firm = np.concatenate([off / sd**2, np.zeros(runs * m)]), scatter**-2.0
+        cost = 0.5 * float(np.sum((off / sd) ** 2))
+        for at in of_run:
+            beyond = u[at] - u[varying]
+            cost += 0.5 * float(firm @ beyond**2)
+            g[at] += firm * beyond
+            g[varying] -= firm * beyond
+            H[at, at] += firm
+            H[varying, varying] += firm
+            H[at, varying] -= firm
+            H[varying, at] -= firm
+        return Curve(cost, g, H)
+
+    def cost(u: Array) -> float:
+        return charge(u).cost + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
+
+    def curve(u: Array) -> Curve:
+        own = charge(u)
+        told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
+        g, H = own.g, own.H
+        for k, one in enumerate(told):
+            places = np.empty(n, dtype=int)
+            places[fixed], places[varying] = fixed, of_run[k]
+            g[places] += one.g
+            H[np.ix_(places, places)] += one.H
+        return Curve(own.cost + sum(one.cost for one in told), g, H)
+
+    for _ in range(CAL.rounds_of_scatter):
+        u, last = descended(cost, curve, u, low, high, settled)
+        everything = np.asarray(np.linalg.inv(last.H), dtype=float)
+        beyond = u[n:].reshape(runs, m) - u[varying]
+        spread = np.array([np.diag(everything[np.ix_(at, at)]) + np.diag(everything)[varying]
+                           - 2 * everything[at, varying] for at in of_run])  # fmt: skip
+        squares = np.sum(beyond**2 + spread, axis=0)
+        counted, before = np.where(learned, runs_of, 1.0), scatter
+        scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
+        if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
+            break
+    full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
+    full[varying] = scatter
+    deviations[:, varying], sds[:, varying] = beyond, np.sqrt(spread)
+    return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
+
+
+@dataclass(frozen=True)
+class RunExplained:
+    """A run under what is believed of it.
+
+    Attributes
+    ----------
+    x : (n,) its coordinates.
+    cost : negative log-likelihood with the belief.
+    H : (n, n) Hessian with the belief.
+    told, pull : (n, n), (n,) Hessian and gradient of what rides tell alone.
+    """
+
+    x: Array
+    cost: float
+    H: Array
+    told: Array
+    pull: Array
+
+
+def explained(
+    weigher: Weigher,
+    rides: Sequence[FollowedRun],
+    start: Array,
+    mean: Array,
+    covariance: Array,
+    moved: Sequence[int] | None = None,
+) -> RunExplained:
+    """The most probable numbers that rides share, where these are believed to be about `mean`.
+
+    Parameters
+    ----------
+    start : (n,) where the search begins.
+    mean, covariance : what is believed.
+    moved : places of the numbers that matter to these rides; the others follow as they are believed to.
+    """
+    precision = np.linalg.inv(covariance)
+    low, high = np.array([[own.low, own.high] for own in weigher.numbers]).T
+
+    def charge(x: Array) -> float:
+        return 0.5 * float((x - mean) @ precision @ (x - mean))
+
+    def cost(x: Array) -> float:
+        return charge(x) + sum(weigher.cost(ride, x) for ride in rides)
+
+    def curve(x: Array) -> Curve:
+        each = [weigher.told(ride, x, moved) for ride in rides]
+        g, H = (np.sum([getattr(own, part) for own in each], axis=0) for part in ("g", "H"))
+        return Curve(charge(x) + sum(own.cost for own in each), g + precision @ (x - mean), H + precision)
+
+    x, last = descended(cost, curve, start, low, high)
+    return RunExplained(x, last.cost, last.H, last.H - precision, last.g - precision @ (x - mean))
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A cost, its gradient, and what is known of its Hessian."""
+
+    cost: float
+    g: Array
+    H: Array
+
+
+def descended(
+    cost: Callable[[Array], float],
+    curve: Callable[[Array], Curve],
+    start: Array,
+    low: Array,
+    high: Array,
+    settled: float = CAL.between_settled,
+) -> tuple[Array, Curve]:
+    """Where a cost is least within bounds, and what it is there.
+
+    Gauss-Newton steps, damped as much as the last one asked for (Nielsen's rule: Madsen, Nielsen & Tingleff, Methods
+    for Non-Linear Least Squares Problems, 2nd ed., 2004, Sec. 3.2). What the Hessian lacks (how foreseen variances
+    bend, how scales of noise follow) is learned from gradients on the way, and added as long as that foretells better
+    what a step gains (structured quasi-Newton: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7, 1981, Sec. 3 and 5).
+    """
+    u = np.clip(start, low, high)
+    here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.ones(len(u), dtype=bool)
+    damping, firmer, still, augmented = 0.0, 2.0, 0, False
+    for _ in range(CAL.between_steps):
+        B = here.H + lacking if augmented else here.H
+        if augmented and np.any(np.linalg.eigvalsh(B) <= 0):  # what was learned elsewhere does not hold here
+            B = here.H
+        if _promises(here.g, B, least_within(B, here.g, low - u, high - u, free)) < settled:
+            break  # that is what is left to be gained
+        there, gained = u, 0.0
+        while not gained > 0:
+            step = least_within(B, here.g, low - u, high - u, free, damping)
+            expected = _promises(here.g, B, step)
+            if expected < CAL.least_promise * settled:
+                break
+            there = np.clip(u + step, low, high)
+            gained = here.cost - cost(there)
+            if not gained > 0:
+                damping, firmer = max(damping, CAL.damping) * firmer, 2 * firmer
+        if not gained > 0:
+            break
+        damping, firmer = max(damping, CAL.damping) * max(1 / 3, 1 - (2 * gained / expected - 1) ** 3), 2.0
+        damping = damping if damping > CAL.damping else 0.0
+        then, step = curve(there), there - u
+        plain = _promises(here.g, here.H, step)
+        own = float(step @ lacking @ step)
+        augmented = abs(plain - 0.5 * own - gained) < abs(plain - gained)
+        turned = then.g - here.g
+        missed = turned - then.H @ step
+        if own != 0:  # what is learned fades where it does not hold
+            lacking *= min(1.0, abs(float(step @ missed) / own))
+        bend = float(step @ turned)
+        if bend > 0:
+            missed = missed - lacking @ step
+            both = np.outer(missed, turned) / bend
+            lacking = lacking + both + both.T - float(step @ missed) * np.outer(turned, turned) / bend**2
+        u, here = there, then
+        still = still + 1 if gained < settled else 0
+        if still == CAL.between_still:
+            break
+    return u, here
+
+
+def _promises(g: Array, B: Array, step: Array) -> float:
+    """What a quadratic model gains by a step."""
+    return -float(step @ (g + 0.5 * B @ step))

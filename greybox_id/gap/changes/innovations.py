@@ -1,0 +1,337 @@
+"""Recordings as innovations: what a filter that follows the vehicle did not foresee, and how that goes with numbers.
+
+A simulation of minutes spins where a car with half its grip is driven; a filter stays with the car. Beside the model's
+states it follows unknown forces on the axles and along the car (first-order Gauss-Markov processes, `unknown_forces`)
+and a slow error of every reading. Readings are taken a tenth of a second apart, so that what is foreseen is motion.
+
+FilterInnovations of one second are a block, distributed as a multivariate Student's t: a recording that is noisier than
+others costs the logarithm of that and no more, and neither does a moment in which something happened.
+Source: prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2; t-blocks, Lange, Little & Taylor, J. Am.
+Stat. Assoc. 84, 1989.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import log
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Index
+from ...datasets.recording import Recording
+from ...filters.filtering import filtering
+from ...filters.kernel import SigmaPoints
+from ...filters.laid import LaidRun, laid
+from ...filters.noise import resolution_of, scatter_of, start_levels
+from ...filters.state_space import SLOWEST, StateSpace, Tracked
+from ...filters.tuning import noise_coordinates, tuned
+from ...models.effects.timing import LATEST
+from ...models.motion_model import MotionModel
+from ..estimation.calibration import CAL
+from ..estimation.preparing import excerpt
+from ..estimation.unknown_forces import FORCES, with_unknown_forces
+
+NO_GATE = 1e9
+G = 9.81
+
+
+@dataclass(frozen=True)
+class FollowedRun:
+    """A recording as it is followed.
+
+    Attributes
+    ----------
+    recording : in motion, readings a while apart.
+    scatter, floors : reading -> standard deviation of what is faster than motion, and the least there can be.
+    """
+
+    recording: Recording
+    scatter: Mapping[str, float]
+    floors: Mapping[str, float]
+
+    @classmethod
+    def of(cls, recording: Recording, read: Sequence[str]) -> FollowedRun:
+        """Keep what is in motion; of its readings, those that are far enough apart.
+
+        Raises
+        ------
+        BadInput : the vehicle never moves.
+        """
+        moving = recording
+        if "v_x" in recording:
+            high = float(np.nanpercentile(recording["v_x"], 95.0))
+            moving = recording.where(f"v_x > {max(SLOWEST, CAL.slow * high)}")
+        if not moving.sample_time > 0:
+            raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
+        step = max(1, round(CAL.apart / moving.sample_time))
+        moving = _joined(excerpt([moving], round(CAL.followed / moving.sample_time)))
+        kept = np.zeros(len(moving), dtype=bool)
+        for start, stop in moving.runs:
+            kept[start:stop:step] = True
+        signals = {name: np.where(kept, values, np.nan) if name in read else values
+                   for name, values in moving.signals.items()}  # fmt: skip
+        return cls(replace(moving, signals=signals), scatter_of(moving, read), resolution_of(moving, read))
+
+    def halves(self) -> tuple[FollowedRun, FollowedRun]:
+        """Its first and its second half."""
+        own, middle = self.recording, len(self.recording) // 2
+        return replace(self, recording=own.rows(0, middle)), replace(self, recording=own.rows(middle, len(own)))
+
+
+def _joined(parts: Sequence[Recording]) -> Recording:
+    """Parts of one recording as one, with a join between each two."""
+    if len(parts) == 1:
+        return parts[0]
+    starts = np.cumsum([0, *(len(own) for own in parts)])
+    runs = [(int(a + at), int(b + at)) for own, at in zip(parts, starts, strict=False) for a, b in own.runs]
+    signals = {name: np.concatenate([own[name] for own in parts]) for name in parts[0].signals}
+    time = np.concatenate([own.time for own in parts])
+    return replace(parts[0], time=time, signals=signals, runs=tuple(runs))
+
+
+@dataclass(frozen=True)
+class FilterInnovations:
+    """What was not foreseen, over what was expected of it, in B blocks of R rows of m readings.
+
+    Attributes
+    ----------
+    white : (B, R m) innovations over their standard deviations; zero where nothing was read.
+    there : (B, R m) whether something was.
+    spread : (B, R m) logarithms of the standard deviations; zero likewise.
+    runs : (B,) which unbroken run each block is of.
+    """
+
+    white: Array
+    there: NDArray[np.bool_]
+    spread: Array
+    runs: Index
+
+
+@dataclass(frozen=True)
+class InnovationNoise:
+    """How innovations are distributed.
+
+    Attributes
+    ----------
+    root : (R m, R m) lower triangular root of a block's covariance.
+    channels : m.
+    degrees : of freedom of Student's t.
+    temper : as how many blocks one counts, for they are alike from one to the next.
+    """
+
+    root: Array
+    channels: int
+    degrees: float
+    temper: float
+
+    def white(self, own: FilterInnovations, scales: Array) -> Array:
+        """(B, R m) whitened innovations; a shorter block is the beginning of a whole one.
+
+        Parameters
+        ----------
+        scales : (channels,) standard deviations over what is expected.
+        """
+        scaled = own.white / np.tile(scales, own.white.shape[1] // self.channels)
+        return np.where(own.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
+
+    def scales(self, own: FilterInnovations) -> Array:
+        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own.
+
+        Nothing less than the minimum will do: only there do derivatives of the cost not depend on them.
+        """
+        columns = np.arange(own.white.shape[1]) % self.channels
+        parts = [np.where(columns == c, own.white, 0.0) for c in range(self.channels)]
+        parts = [solve_triangular(self.root, part.T, lower=True).T * own.there for part in parts]
+        products = np.array([[np.sum(one * other, axis=1) for other in parts] for one in parts])  # of each block
+        count, read = np.sum(own.there, axis=1), self._by_channel(own.there)
+
+        def cost(logarithms: Array) -> tuple[float, Array]:
+            u = np.exp(-logarithms)
+            each = u[:, None] * np.einsum("cdb,d->cb", products, u)
+            energy = np.sum(each, axis=0)
+            weights = (self.degrees + count) / (self.degrees + energy)
+            value = 0.5 * np.sum((self.degrees + count) * np.log1p(energy / self.degrees)) + read @ logarithms
+            return float(value), read - each @ weights
+
+        bounds = [(log(CAL.least_scale), None)] * self.channels
+        start = np.zeros(self.channels)
+        found: Any = minimize(
+            cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-7}
+        )
+        return np.asarray(np.exp(found.x))
+
+    def cost(self, own: FilterInnovations) -> float:
+        """Negative log-likelihood, up to a constant."""
+        scales = self.scales(own)
+        energy, count = np.sum(self.white(own, scales) ** 2, axis=1), np.sum(own.there, axis=1)
+        blocks = 0.5 * float(np.sum((self.degrees + count) * np.log1p(energy / self.degrees)))
+        louder = float(np.sum(self._by_channel(own.there) * np.log(scales)))
+        return self.temper * (blocks + louder + float(np.sum(own.spread)))
+
+    def weights(self, own: FilterInnovations, white: Array) -> Array:
+        """(B,) what squares of whitened innovations count."""
+        degrees = self.degrees + np.sum(own.there, axis=1)
+        return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
+
+    def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
+        return np.asarray(np.sum(values.reshape(-1, self.channels), axis=0), dtype=float)
+
+
+def plain_noise(size: int, channels: int) -> InnovationNoise:
+    """As filters expect it."""
+    return InnovationNoise(np.eye(size), channels, CAL.block_degrees, 1.0)
+
+
+def noise_of(found: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
+    """How the innovations of rides are distributed.
+
+    Their covariance is that of a stationary series, into which each ride counts over its scales.
+    """
+    size = found[0].white.shape[1]
+    rows = size // channels
+    start, gamma, total = plain_noise(size, channels), np.zeros((rows, channels, channels)), 0.0
+    for own in found:
+        scales = start.scales(own)
+        white = start.white(own, scales)
+        white *= np.sqrt(start.weights(own, white))[:, None]
+        for run in np.unique(own.runs):
+            series = white[own.runs == run].reshape(-1, channels)
+            for lag in range(min(rows, len(series))):
+                gamma[lag] += series[: len(series) - lag].T @ series[lag:]
+        total += float(np.sum(own.there)) / channels
+    gamma /= total
+    covariance = np.zeros((size, size))
+    for a in range(rows):
+        for b in range(rows):
+            part = gamma[b - a] if b >= a else gamma[a - b].T
+            covariance[a * channels : (a + 1) * channels, b * channels : (b + 1) * channels] = part
+    covariance += CAL.block_ridge * np.eye(size)
+    return replace(start, root=np.asarray(np.linalg.cholesky(covariance), dtype=float))
+
+
+class Follower:
+    """A filter of a model, for any of its numbers.
+
+    Parameters
+    ----------
+    model : equations of motion with all effects that are asked for.
+    read : outputs that are read.
+
+    Attributes
+    ----------
+    p : (parameters,) the model's numbers and sizes of noise.
+    size : readings of a block.
+    """
+
+    def __init__(self, model: MotionModel, read: Sequence[str]) -> None:
+        self.model = with_unknown_forces(model)
+        self.read = tuple(read)
+        self.size = round(CAL.block / CAL.apart) * len(self.read)
+        weight = float(self.model["m"].array) * G if "m" in self.model else 1.0
+        forces = [name for name, _ in FORCES.values() if name in self.model]
+        tracked = [Tracked(name, "N", 0.0, CAL.floor_of_weight * weight, False, True) for name in forces]
+        self.space = StateSpace(self.model, tracked, self.read, throughout=True)  # rows are cut where delays move
+        self._filter = filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
+        self.p = np.empty(0)
+        self._places = {own.name: self.space.place(own.name) for own in self.model.parameters}
+        self._laid: dict[tuple[int, tuple[float, ...]], list[LaidRun]] = {}
+
+    def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
+        """Sizes of noise that make all rides together most probable with these numbers."""
+        scatter, floors = (
+            {name: float(np.median([getattr(ride, kind)[name] for ride in rides])) for name in self.read}
+            for kind in ("scatter", "floors")
+        )
+        levels = start_levels(self.space, scatter, self.read, {})
+        p = np.concatenate([self._numbers(values), levels.values])
+        runs = [own for ride in rides for own in _first(self._runs(ride, p), CAL.tuned_on)]
+        memories = {f"memory_{one.name}": CAL.memory for one in self.space.tracked}
+        memories |= {f"memory_{name}": CAL.sensor_memory for name in self.space.coloured}
+        for name, seconds in memories.items():
+            p[self.model.size + self.space.noises.index(name)] = seconds
+        open_ones = [name for name in levels.open if name not in memories]
+        coordinates = noise_coordinates(self._filter, p, open_ones, floors)
+        if len(self.p):  # from where they were found before
+            p[self.model.size :] = self.p[self.model.size :]
+        found = tuned(self._filter, runs, p, coordinates, [])
+        self.p = np.concatenate([self.model.values, found.p[self.model.size :]])
+
+    def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
+        """What the filter did not foresee with these numbers of the model; None where it diverges at once.
+
+        Where it diverges later, readings are far off: no number is the better for losing the vehicle.
+        """
+        return self.beside(ride, [values])[0]
+
+    def beside(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
+        """The same with several numbers each, in filters side by side where delays are alike."""
+        p = np.array([np.concatenate([self._numbers(values), self.p[self.model.size :]]) for values in tried])
+        laid_out = [self._runs(ride, own) for own in p]
+        found: list[FilterInnovations | None] = [None] * len(p)
+        for runs in {id(own): own for own in laid_out}.values():
+            alike = [k for k, own in enumerate(laid_out) if own is runs]
+            for k, own in zip(alike, self._blocks(runs, self._filter.innovations(runs, p[alike])), strict=True):
+                found[k] = own
+        return found
+
+    def _blocks(self, runs: Sequence[LaidRun], parts: Sequence[tuple[Array, Array]]) -> list[FilterInnovations | None]:
+        """Innovations (L, S, m) of runs and their variances, in blocks, for each of L filters."""
+        columns = [self.model.outputs.index(name) for name in self.read]
+        size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
+        latest = LATEST[1] if self.model.latencies else 0.0
+        found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
+        for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
+            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))
+            rows = rows[own.run.time[rows] > own.run.time[0] + latest]  # the others start it
+            taken = own.read_segment[rows][:, columns]
+            off, variance = (each[:, taken, columns] for each in both)
+            read = np.isfinite(own.run.measured[rows][:, columns]) & (taken >= 0)
+            blocks = -(-len(rows) // size)
+            beyond = blocks * size - len(rows)
+            with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
+                each = np.where(read, [off / np.sqrt(variance), 0.5 * np.log(variance)], 0.0)
+            each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0))).reshape(2, filters, blocks, size * len(columns))
+            found.append(each)
+            there.append(np.pad(read, ((0, beyond), (0, 0))).reshape(blocks, size * len(columns)))
+            of_run.extend([number] * blocks)
+        (white, spread), read = np.concatenate(found, axis=2), np.concatenate(there)
+        astray = ~(np.isfinite(white) & np.isfinite(spread))
+        white[astray], spread[astray] = CAL.astray, 0.0
+        return [
+            None if np.array_equal(lost, read) else FilterInnovations(own, read, by, np.array(of_run, dtype=np.intp))
+            for own, by, lost in zip(white, spread, astray, strict=True)
+        ]
+
+    def _numbers(self, values: Mapping[str, float]) -> Array:
+        p = np.array(self.model.values)
+        for name, value in values.items():
+            p[self._places[name]] = value
+        return p
+
+    def _runs(self, ride: FollowedRun, p: Array) -> list[LaidRun]:
+        """A ride laid out for delays of these numbers."""
+        trace, own = self.space.trace, p[: self.model.size]
+        shifts = tuple(np.asarray(trace.timing(own).full()).ravel().tolist()) if trace.shift_count else ()
+        key = id(ride), shifts
+        if key not in self._laid:
+            while len(self._laid) > 64:
+                del self._laid[next(iter(self._laid))]
+            self._laid[key] = laid(self.space, ride.recording, own, self.read)
+        return self._laid[key]
+
+
+def _first(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
+    """Runs of no more than so many seconds in all: the longest, and the beginning of the last one of them."""
+    found, left = list[LaidRun](), seconds
+    for own in sorted(runs, key=lambda own: own.run.time[0] - own.run.time[-1]):
+        if left <= 0:
+            break
+        found.append(own.first(left))
+        left -= float(own.run.time[-1] - own.run.time[0])
+    return found

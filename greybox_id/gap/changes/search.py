@@ -1,0 +1,181 @@
+"""Which number of a vehicle differs beyond its scatter: each that may change is tried, and recordings decide.
+
+An effect is one of these numbers with its prior widened. Its gain is the difference of two evidences, by Laplace's
+approximation. Recordings that chose nothing, or halves of those that did, decide: the magnitude held, everything else
+as it is believed of any run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ..estimation.calibration import CAL
+from .between_runs import Common, RunExplained, explained
+from .innovations import FollowedRun
+
+
+@dataclass(frozen=True)
+class Promised:
+    """An effect on recordings from after, as a change beyond scatter.
+
+    Attributes
+    ----------
+    place : of its number.
+    covariance : of what is believed, with its prior widened.
+    starts : where refits begin.
+    gain : promised, in log-likelihood.
+    """
+
+    place: int
+    covariance: Array
+    starts: tuple[Array, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """An effect that was refitted.
+
+    Attributes
+    ----------
+    place : of its number.
+    shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
+    gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
+    apart : whether the latter is of other recordings, and no part of what chose it.
+    beyond : how far it moved, over what a change may be.
+    cost : what it must gain of all recordings.
+    """
+
+    place: int
+    shift: tuple[float, float]
+    gain: float
+    held_out: float
+    apart: bool = True
+    beyond: float = 0.0
+    cost: float = CAL.cost_changed
+
+    @property
+    def total(self) -> float:
+        """Evidence of all recordings: what one foretells of another multiplies its odds."""
+        return self.gain + (self.held_out if self.apart else 0.0)
+
+    @property
+    def least(self) -> float:
+        """Evidence over what is asked of it: of all recordings, where chosen, and where not; the least."""
+        if self.beyond > CAL.reach_sd:
+            return -np.inf
+        return min(self.total - self.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
+
+
+def changes(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    others: Sequence[FollowedRun],
+    halves: Sequence[Sequence[FollowedRun]] = (),
+    nameless: Sequence[str] = (),
+    cost: float = CAL.cost_changed,
+) -> tuple[RunExplained, list[Change]]:
+    """What recordings from after are without a change, and with each of those that promise most; best first.
+
+    Parameters
+    ----------
+    known : of the recordings from before.
+    rides : choose the magnitude.
+    others : decide; where there are none,
+    halves : of `rides`, of which each decides on what the other one chose.
+    nameless : numbers that may differ between runs and are no change.
+    cost : what a change must gain.
+    """
+    weigher, V = known.weigher, known.of_a_run
+    told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
+    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > CAL.matters]
+
+    def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
+        return explained(weigher, rides, start, mean, V, moved)
+
+    base = without(rides, known.x, known.x)
+    judges = [[ride] for ride in others] or halves
+    plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
+    named = [j for j in known.varying if known.numbers[j].name not in nameless]
+    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
+    tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
+    refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
+    if refits:  # what is compared must have had the same chance
+        nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
+        again = without(rides, known.x, nearest.x)
+        if again.cost < base.cost:
+            base = again
+            refits = [(own, *_refitted(known, rides, replace(own, starts=(base.x,)), moved, [best]))
+                      for own, best, _ in refits]  # fmt: skip
+    found = list[Change]()
+    for own, best, shift in refits:
+        occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
+        L = best.told
+        sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
+        sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
+        shifts = [shift] * len(judges)
+        if not others:
+            near = replace(own, starts=(best.x,))
+            shifts = [_refitted(known, half, near, moved)[1] for half in reversed(halves)]
+        held = 0.0
+        for judge, alone, by in zip(judges, plain, shifts, strict=True):
+            mean = known.x.copy()
+            mean[own.place] += by
+            there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
+            if there.cost > least:  # either may have got stuck where it began
+                there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
+            elif least - there.cost > CAL.cost_held_out:
+                least = min(least, without(judge, known.x, there.x).cost)
+            held += least - there.cost
+        width = known.numbers[own.place].change
+        gain = base.cost - best.cost - occam
+        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
+    return base, sorted(found, key=lambda own: (-own.least, -own.total))
+
+
+def _refitted(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    own: Promised,
+    moved: Sequence[int],
+    found: Sequence[RunExplained] = (),
+) -> tuple[RunExplained, float]:
+    """The best explanation with a prior widened, and how far its number is off beyond scatter; of these found too."""
+    weigher, V = known.weigher, known.of_a_run
+    tried = [explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts]
+    best = min([*found, *tried], key=lambda one: one.cost)
+    widened = own.covariance[own.place, own.place] - V[own.place, own.place]
+    return best, float(widened * np.linalg.solve(own.covariance, best.x - known.x)[own.place])
+
+
+def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
+    """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
+    number, V = known.numbers[place], known.of_a_run
+    width = number.change
+    wide = V.copy()
+    wide[place, place] += width**2
+    precision = np.linalg.inv(wide)
+
+    def cost(x: Array) -> float:
+        off = x - known.x
+        return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
+
+    g = base.pull + precision @ (base.x - known.x)
+    tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
+    for others in (base.x, known.x):  # the base has bent others in its place
+        for reach in CAL.changed_starts:
+            x = others.copy()
+            x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
+            tried.append(x)
+    costs = [cost(x) for x in tried]
+    best = int(np.argmin(costs))
+    starts = (tried[best],) if best < 2 else (tried[best], base.x)
+    return Promised(place, wide, starts, base.cost - costs[best])
+
+
+def _log_det(A: Array) -> float:
+    return float(np.linalg.slogdet(A)[1])

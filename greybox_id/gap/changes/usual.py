@@ -1,0 +1,161 @@
+"""What is usual for a vehicle: its numbers, which of them scatter between runs, and how much, learned from runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from math import log
+from typing import Any
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...engine.motion.schedule import AT_ONCE
+from ...models.effect import Effect
+from ...models.motion_model import MotionModel
+from ...models.vehicle import Vehicle
+from ..estimation.calibration import CAL
+from .between_runs import Common, VaryingNumber, Weigher, common, values_of
+from .innovations import FollowedRun, Follower, noise_of, plain_noise
+
+USUAL: dict[str, float] = {
+    own.name.removeprefix("scatter_"): getattr(CAL, own.name) for own in fields(CAL) if own.name.startswith("scatter_")
+}
+"""Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done; of a lever
+arm, over the wheelbase. Only these may be named as changed."""
+GAINS = ("yaw_rate_scale",)
+"""Of these, gains of sensors, which filters take from as well."""
+LEVER_ARM = "velocity_lever_arm"
+"""Of these, where speed is measured: files seldom state it."""
+LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
+"""Of these, how late sensors read."""
+SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
+"""Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
+TIMED = ("steering_delay",)
+"""Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
+
+
+def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
+    """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads."""
+    name, whole = effect.parameter.name, {*effect.touches} <= {*read}
+    together = name in LATENCIES and "v_y" in read  # poses, inertial navigation: the yaw rate is not late alone
+    return effect.concerns(model) and (name not in SPECIFIED or whole) and not together
+
+
+def numbers_of(
+    model: MotionModel, own: Mapping[str, Effect], vehicle: Vehicle
+) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
+    """The model with all that may change, and the numbers that are searched."""
+    found = list[VaryingNumber]()
+    for name, stated in vehicle.values.items():
+        if stated.sd is not None and name in model and model[name].shape == ():
+            found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
+    tyres = any(own.name.endswith(("_f", "_r")) for own in found)
+    wheelbase = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
+    full = model
+    for name, effect in own.items():
+        parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
+        null = float(parameter.array)
+        mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
+        if name in model.effects:
+            mean = float(model[parameter.name].array)
+        else:
+            full = full + effect.at(mean)
+        between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
+        of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks move either, but a latency from run to run
+        wide, change = CAL.filtered if name in GAINS else CAL.nominal * of, CAL.widened * of
+        if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
+            change = CAL.of_wheelbase * wheelbase
+            wide = change if mean == null else wide
+        if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
+            wide = CAL.indifference * between
+        sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
+        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
+        if name in (*TIMED, *LATENCIES):
+            low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE  # readings at one instant keep their order
+            one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
+        found.append(replace(one, usual=between, change=change))
+    return full, tuple(found)
+
+
+def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> float:
+    """Share of seconds at whose steering angle and speed the others were driven as well, of either part; the least.
+
+    What is usual is learned where recordings from before were driven: elsewhere equations err by something else.
+    """
+    own, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
+    if not len(own) or not len(known):
+        return 0.0
+    reach = np.stack([np.full(len(own), CAL.steered_alike), CAL.fast_alike * np.abs(own[:, 1])], axis=1)
+    near = np.all(np.abs(own[:, None] - known[None]) <= reach[:, None], axis=2)
+    return float(min(np.mean(np.any(near, axis=1)), np.mean(np.any(near, axis=0))))
+
+
+def _seconds(ride: FollowedRun) -> Array:
+    """(seconds, 2) mean steering angle and speed; zero where a recording holds none."""
+    own = ride.recording
+    columns = np.stack([own[name] if name in own else np.zeros(len(own)) for name in ("steer", "v_x")], axis=1)
+    rows = max(1, round(CAL.block / own.sample_time))
+    parts = [columns[at : at + rows] for start, stop in own.runs for at in range(start, stop - rows + 1, rows)]
+    read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are a while apart
+    return np.array([np.nanmean(part, axis=0) for part in read]).reshape(-1, 2)
+
+
+def _number(
+    name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
+) -> VaryingNumber:
+    """A number, searched as its logarithm where it is a factor, or above zero and stated."""
+    low, high = (float(np.asarray(end)) for end in bounds)
+    if (mean > 0 and factor is None) or factor:
+        relative = sd / mean
+        ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
+        step = CAL.between_beside * min(relative, CAL.most_relative)
+        return VaryingNumber(name, True, log(mean), relative, step, *ends)
+    return VaryingNumber(name, False, mean, sd, CAL.between_beside * (scale or sd), low, high)
+
+
+def usual(
+    follower: Follower,
+    numbers: Sequence[VaryingNumber],
+    rides: Sequence[FollowedRun],
+    tell: Callable[..., None],
+    filters: Mapping[str, float],
+) -> Common:
+    """Learn from recordings what is usual for a vehicle.
+
+    Parameters
+    ----------
+    follower : of the model.
+    numbers : that are searched.
+    rides : from before.
+    tell : told of progress.
+    filters : name -> standard deviation between runs that have passed other filters.
+    """
+    known = tuple(numbers)
+    tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
+    nominal = values_of(known, np.array([own.mean for own in known]))
+    scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
+    belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
+    follower.tune(rides, nominal)
+    weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
+    found = common(weigher, rides, scatter, belief, settled=CAL.enough)  # tells sizes of noise, and no more
+    follower.tune(rides, values_of(known, found.x))
+    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
+    noise = noise_of([own for own in innovations if own is not None], len(follower.read))
+    found = common(replace(weigher, noise=noise), rides, scatter, belief, found)
+    tempered = replace(weigher, noise=replace(noise, temper=_temper(found, rides)))
+    tell("learning what scatters from run to run")
+    return common(tempered, rides, scatter, belief, found)
+
+
+def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
+    """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
+    together = round(CAL.together)
+    single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
+    for ride, deviation in zip(rides, known.deviations, strict=True):
+        scores = known.weigher.told(ride, known.x + deviation).scores
+        parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
+        single += np.sum(parts**2, axis=(0, 1))
+        sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
+    own = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
+    return float(np.clip(np.median(own), 1 / together, 1.0)) if own else 1.0

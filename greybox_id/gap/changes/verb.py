@@ -1,0 +1,372 @@
+"""What changed between recordings of one vehicle: its own recordings from before say what is usual.
+
+Recordings from before are explained together: numbers of the vehicle, and a few that may differ between runs (grip,
+stiffnesses, steering ratio, offset, delay and lag) with a scatter that is learned (`between_runs`). Error of form that
+is common to all of them is in the vehicle's numbers and in how innovations are distributed (`innovations`). The
+recording from after is explained by the same; an effect is one of these numbers beyond its scatter (`change_search`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import exp, log
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...base.errors import BadInput
+from ...base.numbers import listed
+from ...base.shorthands import Array
+from ...base.statistics import resampled
+from ...datasets.checks import Severity, check
+from ...datasets.recording import Recording
+from ...engine.simulation import Diagnosed
+from ...models.effect import Effect
+from ...models.motion_model import MotionModel
+from ...models.vehicle import Stated, Vehicle
+from ..estimation.calibration import CAL
+from ..gap import Budget, Closure, Gap, Ranked, Share, Where
+from .between_runs import Common, RunExplained, values_of
+from .innovations import FollowedRun, Follower
+from .search import Change, changes
+from .usual import GAINS, USUAL, acts, driven_alike, numbers_of, usual
+
+
+@dataclass(frozen=True)
+class Changed:
+    """What changed.
+
+    Attributes
+    ----------
+    gap : the diagnosis against the vehicle as it was before.
+    vehicle : as it was before, with scatter as tolerances.
+    scatter : effect -> (mean, standard deviation) between runs; the latter relative where the effect is a factor.
+    since : names of the recordings from before.
+    drift : sentences on what drifts over the recordings from before, in their order.
+    """
+
+    gap: Gap
+    vehicle: Vehicle
+    scatter: Mapping[str, tuple[float, float]]
+    since: tuple[str, ...]
+    drift: tuple[str, ...] = ()
+
+    @property
+    def changed(self) -> list[dict[str, Any]]:
+        """One object per effect that changed."""
+        budget = self.gap.budget
+        found = []
+        for own in self.gap.ranking:
+            if own.effect in self.gap.applied:
+                share = budget.of(own.effect) if budget is not None else None
+                found.append({
+                    "effect": own.effect, "magnitude": own.magnitude, "unit": own.unit, "interval": list(own.interval),
+                    "before": self.scatter[own.effect][0], "probability": own.probability, "gain": own.gain,
+                    "share": None if share is None else share.share,
+                })  # fmt: skip
+        return found
+
+    @property
+    def not_changed(self) -> list[dict[str, Any]]:
+        """Effects that did not, with twice the scatter within which they were."""
+        names = [name for name in self.scatter if name not in self.gap.applied]
+        return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
+
+    def to_json(self) -> dict[str, Any]:
+        """That of the gap, and what changed."""
+        scatter = {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.scatter.items()}
+        more = {
+            "since": list(self.since), "scatter": scatter, "drift": list(self.drift), "changed": self.changed,
+            "not_changed": self.not_changed,
+        }  # fmt: skip
+        return self.gap.to_json() | more
+
+
+def diagnose_change(
+    model: Diagnosed,
+    after: Sequence[Recording],
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    *,
+    vehicle: Vehicle | None,
+    held_out: Sequence[Recording] = (),
+    say: Callable[..., None] | None = None,
+) -> Changed:
+    """Say what changed in a vehicle between recordings.
+
+    Parameters
+    ----------
+    model : equations of motion at nominal values.
+    after, since : recordings after and before something may have changed.
+    effects : what may have changed, by name; of these, those of `USUAL`.
+    vehicle : what is stated of it.
+    held_out : further recordings from after, which choose nothing; none: halves of those from after choose for each
+        other.
+    say : told of progress.
+
+    Raises
+    ------
+    BadInput : there is no recording from before, or it is one from after; nothing is stated of the vehicle, or the
+        model is none of motion.
+    """
+    tell = say or (lambda line, **_: None)
+    if not since:
+        raise BadInput("Since when? Name recordings from before the change.")
+    if vehicle is None:
+        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
+    if not isinstance(model, MotionModel) or model.learnt:
+        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
+    _must_differ([*after, *held_out], since)
+    read = _readings(model, [*after, *held_out, *since])
+    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
+    if not own:
+        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    with threadpool_limits(1):  # matrices are tiny
+        full, numbers = numbers_of(model, own, vehicle)
+        before, rides, others = ([FollowedRun.of(one, read) for one in part] for part in (since, after, held_out))
+        filtered = filtered_alike([*after, *held_out, *since])
+        driven = driven_alike([*rides, *others], before) > CAL.driven
+        nameless = () if filtered and driven else GAINS
+        known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
+        if not driven:  # errors of form do not cancel
+            known = replace(known, scatter=CAL.elsewhere * known.scatter)
+        tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
+        halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
+        cost = CAL.cost_changed if driven else CAL.cost_elsewhere
+        base, found = changes(known, rides, others, halves, nameless, cost)
+    return _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since)
+
+
+def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:
+    """Raise `BadInput` where the same data are from before and from after."""
+    there = {recording.source.sha256: recording for recording in own if recording.source.sha256}
+    for recording in since:
+        same = there.get(recording.source.sha256)
+        if any(recording is one for one in own) or (
+            same is not None and same.runs == recording.runs and np.array_equal(same.time, recording.time)
+        ):
+            other = same if same is not None else recording
+            raise BadInput(
+                f"{recording.source.path or recording.name} is from before, but it is the same data as "
+                f"{other.source.path or other.name}, in which something may have changed; name recordings from before "
+                "the change."
+            )
+
+
+def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """What all recordings hold. Where v_y is read, accelerations say nothing that its changes do not, and are often
+    made of them.
+    """
+    read = [name for name in model.outputs if all(name in one and np.any(np.isfinite(one[name])) for one in recordings)]
+    if "v_y" in read:
+        read = [name for name in read if name not in ("a_x", "a_y")]
+    return tuple(read)
+
+
+def filtered_alike(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings have passed like filters, as far as their rates tell: slower ones have lost peaks, which is as
+    good as a sensor's gain.
+    """
+    steps = [one.sample_time for one in recordings if one.sample_time > 0]
+    return not steps or max(steps) < CAL.rates * min(steps)
+
+
+def _answer(
+    model: MotionModel,
+    own: Mapping[str, Effect],
+    vehicle: Vehicle,
+    known: Common,
+    base: RunExplained,
+    found: Sequence[Change],
+    rides: Sequence[FollowedRun],
+    others: Sequence[FollowedRun],
+    after: Sequence[Recording],
+    held_out: Sequence[Recording],
+    since: Sequence[Recording],
+) -> Changed:
+    """What is said of all that was found."""
+    effects = {effect.parameter.name: name for name, effect in own.items()}
+    weights = np.array([exp(min(one.least, 300.0)) for one in found])
+    sure = weights / (1.0 + np.sum(weights))
+    first = found[0] if found and found[0].least > 0 else None
+    alike = [] if first is None else [effects[known.numbers[one.place].name] for one in found[1:]
+                                      if first.least - one.least < CAL.alike]  # fmt: skip
+    mean, spans = known.x.copy(), list[tuple[float, float]]()
+    for one in found:
+        number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
+        sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
+        ends = [number.value(float(np.clip(at + side * 1.96 * sd, number.low, number.high))) for side in (-1, 1)]
+        spans.append((_within(own[effects[number.name]], min(ends)), _within(own[effects[number.name]], max(ends))))
+    if first is not None:
+        mean[first.place] += first.shift[0]
+    chosen = _closure(known, rides, mean, tuple(one.name for one in after))
+    judged = _closure(known, others, mean, tuple(one.name for one in (held_out or after)))
+    reasons = dict[int, str]()
+    if first is not None:
+        number = known.numbers[first.place]
+        if judged.closed_interval[0] <= 0:
+            reasons[first.place] = "it does not make predictions better on what chose nothing"
+        elif sure[0] <= CAL.present:
+            beside = (
+                f", and as much speaks for {listed(alike)}: these recordings do not tell them apart" if alike else ""
+            )
+            reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
+        elif not number.low < mean[first.place] < number.high:
+            reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
+    first_found = first
+    if reasons:
+        first, mean = None, known.x
+        chosen, judged = (_closure(known, ones, mean, each.recordings)
+                          for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
+    ranking = []
+    for one, p, span in zip(found, sure, spans, strict=True):
+        number = known.numbers[one.place]
+        name = effects[number.name]
+        size = _within(own[name], number.value(known.x[one.place] + one.shift[0]))
+        reason = reasons.get(one.place, "")
+        if one.beyond > CAL.reach_sd:
+            reason = "it would be further off than ever changes: a symptom of something else, no size"
+        mates = tuple(alike) if first_found is one else ()
+        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, mates, one.total, reason))
+    applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
+    budget = None
+    if applied:
+        low, high = judged.closed_interval
+        rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
+        budget = Budget((Share(applied[0], judged.closed, low, high),), rest, judged.recordings, bool(held_out))
+    loud = _loudness(known, rides, base)
+    odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
+    unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
+    channels = _channels(known, rides)
+    gap = Gap(
+        model=model.name,
+        recordings=tuple(one.name for one in after),
+        doubts=tuple(
+            f"{one.name}: {finding.sentence}"
+            for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
+        ),
+        gap_detected=first is not None or unknown > 0.5,
+        p_value=_by_chance(found, len(known.varying)),
+        unknown_probability=unknown,
+        unknown=f"readings are {loud:.2g} times as far from what was foreseen as before" if unknown > 0.5 else "",
+        where=Where(channel=max(channels, key=lambda name: channels[name]) if first or unknown > 0.5 else "",
+                    channels=channels),
+        ranking=tuple(ranking),
+        applied=applied,
+        gap=chosen,
+        held_out=judged if held_out else None,
+        not_excited={},
+        absorbed=(),
+        advice=(),
+        closed=_model_at(model, own, known, mean),
+        budget=budget,
+    )  # fmt: skip
+    values = values_of(known.numbers, known.x)
+    sds = np.sqrt(np.diag(known.covariance))
+    numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
+               for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
+    scatter = {
+        name: (_within(effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
+        for name, effect in own.items()
+    }
+    before = replace(
+        vehicle,
+        values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
+                for name, one in vehicle.values.items()},
+        effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if own[name].parameter.array == 1.0 else 1.0))
+                                       for name, (m, s) in scatter.items()}},
+    )  # fmt: skip
+    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since))
+
+
+def _by_chance(found: Sequence[Change], tried: int) -> float:
+    """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
+    mean of a ratio of evidences is one.
+    """
+    return float(min(1.0, tried * exp(-max((one.total for one in found), default=0.0))))
+
+
+def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
+    """The model with the vehicle's numbers there."""
+    values = values_of(known.numbers, x)
+    found = model
+    for name, effect in own.items():
+        value, null = _within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
+        if name in found.effects:
+            found = found.with_parameters(found[effect.parameter.name].with_value(value))
+        elif abs(value - null) > 1e-9:
+            found = found + effect.at(value)
+    return found.with_parameters(*(found[name].with_value(v) for name, v in values.items() if name in found))
+
+
+def _within(effect: Effect, value: float) -> float:
+    """A magnitude within an effect's bounds: what a delay is below zero is a matter of clocks."""
+    low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
+    return min(max(value, low), high)
+
+
+def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
+    """How far errors close with the vehicle's numbers as they stood before, and with those of `mean`."""
+    weigher, sums = known.weigher, list[tuple[float, float, float]]()
+    for ride in rides:
+        first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
+        if first is None or then is None:
+            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+        ones = np.ones(weigher.noise.channels)
+        squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
+        sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
+    each = np.array(sums)
+
+    def share(total: Array) -> float:
+        before, after = total[:2] / total[2]
+        floor = min(1.0, before, after)
+        return float((before - after) / max(before - floor, CAL.least_gap))
+
+    total = np.sum(each, axis=0)
+    before, after = (float(own) for own in total[:2] / total[2])
+    if np.array_equal(mean, known.x):
+        return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
+    low, high = (float(end) for end in resampled(each, share, CAL.draws))
+    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
+
+
+def _loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
+    """How far off recordings from after are beside those from before, mean over channels."""
+    found = [known.weigher.innovations(ride, base.x) for ride in rides]
+    scales = [known.weigher.noise.scales(own) for own in found if own is not None]
+    return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
+
+
+def _channels(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
+    """Channel -> root mean square of innovations over what was expected, with the numbers from before."""
+    read = known.weigher.follower.read
+    squares, count = np.zeros(len(read)), np.zeros(len(read))
+    for ride in rides:
+        own = known.weigher.innovations(ride, known.x)
+        if own is not None:
+            squares += np.sum((own.white**2).reshape(-1, len(read)), axis=0)
+            count += np.sum(own.there.reshape(-1, len(read)), axis=0)
+    return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}
+
+
+def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:
+    """What goes one way over recordings from before, in the order in which they were named: a battery that empties."""
+    runs = len(known.deviations)
+    if runs < 3:
+        return ()
+    at = np.linspace(-0.5, 0.5, runs)
+    said = []
+    for place in known.varying:
+        told = known.deviation_sds[:, place]
+        own, weights = known.deviations[:, place], 1 / np.maximum(told, 1e-12) ** 2
+        about = at - np.sum(weights * at) / np.sum(weights)
+        information = float(np.sum(weights * about**2))
+        trend = float(np.sum(weights * about * own)) / information
+        if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
+            said.append(
+                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
+                "since then may be no more than that."
+            )
+    return tuple(said)

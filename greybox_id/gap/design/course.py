@@ -1,0 +1,176 @@
+"""What plans lead to: motion, path, use of the tyres, for one set of parameters or many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array, Index
+from ...engine.motion.lanes import Interval, lay
+from ...engine.motion.runs import MotionRun
+from ...engine.motion.schedule import longest_segment, schedule
+from ...engine.motion.simulator import Simulator
+from ...models.motion_model import MotionModel
+from .driver import PATH, PLANNED, TOLD, PlanDriver, driven
+from .limits import DriveLimits
+from .primitives import AskedDrive
+
+AT = {name: k for k, name in enumerate(TOLD)}
+
+
+@dataclass(frozen=True)
+class PlannedMotion:
+    """A plan as it goes with the nominal parameters.
+
+    Attributes
+    ----------
+    time : (n,) s.
+    steer, drive : (n,) commands, rad and the drive signal's unit.
+    motion : (n, told) see `driver.TOLD`.
+    phase : (n,) number of the phase.
+    """
+
+    time: Array
+    steer: Array
+    drive: Array
+    motion: Array
+    phase: Index
+
+    def of(self, name: str) -> Array:
+        """(n,) one of `driver.TOLD`."""
+        return self.motion[:, AT[name]]
+
+
+class PlanCourse:
+    """Simulates plans with a driver.
+
+    Parameters
+    ----------
+    model : at the values that are nominal.
+    driver : of it.
+    rate : rows a second.
+    slowest : m/s, lowest speed of plans: how short steps of the integration must be.
+    """
+
+    def __init__(self, model: MotionModel, driver: PlanDriver, rate: float, slowest: float) -> None:
+        self.driver, self.rate = driver, rate
+        self.model = driven(model, driver)
+        self.simulator = Simulator(self.model)
+        self.simulator.kernel.prepare()
+        places = np.cumsum([0, *(p.size for p in self.model.parameters)])
+        names = [p.name for p in self.model.parameters]
+        self.follows = int(places[names.index(PATH)])
+        self.force = int(places[names.index("force_per_unit")])
+        self.resistance = [float(self.model[n].array) if n in self.model else 0.0 for n in ("c_0", "c_1", "c_2")]
+        still = self._run(np.arange(4) / rate, np.zeros((4, len(self.model.inputs))), slowest)
+        self.longest = longest_segment(self.simulator.trace, [still], self.model.values)
+
+    def references(self, plans: Sequence[AskedDrive]) -> list[PlannedMotion]:
+        """Plans as they go with the nominal parameters, several at once; the speed is kept, the path is what it is."""
+        u = [
+            np.column_stack([own.steer, self._forward(own), own.speed, *[np.zeros(len(own.time))] * 3]) for own in plans
+        ]
+        found = self._simulated([own.time for own in plans], u, self._parameters(self.model.values[None], 0.0))
+        per_unit = 1.0 / self.driver.force
+        return [
+            PlannedMotion(own.time, own.steer, y[:, AT["drive_force"]] * per_unit, y, own.phase)
+            for own, y in zip(plans, found, strict=True)
+        ]
+
+    def driven(self, plan: PlannedMotion, P: Array, *, follow: bool) -> Array:
+        """(K, n, told) motion with each of (K, parameters) of the undriven model, by a driver or with none at all."""
+        P = np.atleast_2d(P)
+        u = np.column_stack([plan.steer, plan.drive, *(plan.of(name) for name in ("v_x", "x", "y", "yaw"))])
+        of_driver = np.tile(self.model.values[P.shape[1] :], (len(P), 1))
+        full = self._parameters(np.column_stack([P, of_driver]), 1.0 if follow else 0.0)
+        return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
+
+    def _forward(self, own: AskedDrive) -> Array:
+        """The drive signal that would keep the wanted speed on a straight."""
+        c_0, c_1, c_2 = self.resistance
+        v = own.speed
+        force = self.driver.mass * np.gradient(v, own.time) + c_0 + c_1 * v + c_2 * v**2
+        return np.asarray(force / self.driver.force)
+
+    def _parameters(self, P: Array, follow: float) -> Array:
+        full = np.array(P)
+        full[:, self.follows] = follow
+        return full
+
+    def _run(self, time: Array, inputs: Array, v_x: float) -> MotionRun:
+        measured = np.full((len(time), len(TOLD)), np.nan)
+        measured[:, AT["v_x"]] = v_x
+        measured[:, [AT["v_y"], AT["yaw_rate"]]] = 0.0
+        held = np.array([name in ("steer", "drive") for name in self.model.inputs])
+        return MotionRun("plan", time, inputs, held, measured, range(len(time)))
+
+    def _simulated(self, times: Sequence[Array], inputs: Sequence[Array], P: Array) -> list[Array]:
+        """(n, told) of each run; its parameters are a row of P, or the only one."""
+        P = np.broadcast_to(P, (len(inputs), P.shape[1]))
+        order = [self.model.inputs.index(name) for name in ("steer", "drive", *PLANNED)]
+        runs = []
+        for time, u in zip(times, inputs, strict=True):
+            table = np.zeros((len(time), len(self.model.inputs)))
+            table[:, order] = u
+            for k, name in enumerate(self.model.inputs):
+                if name in self.model.defaults and k not in order:
+                    table[:, k] = self.model.defaults[name]
+            runs.append(self._run(time, table, float(u[0, 2])))
+        z0 = np.vstack([
+            self.simulator.start(("v_x",), np.array([[run.inputs[0, order[2]]]]), run.inputs[:1], p[None])[0]
+            for run, p in zip(runs, P, strict=True)
+        ])  # fmt: skip
+        plans = [
+            schedule(self.simulator.trace, run, self.simulator.shifts(p), self.longest)
+            for run, p in zip(runs, P, strict=True)
+        ]
+        lanes = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(runs)])
+        with np.errstate(all="ignore"):
+            _, y = self.simulator.kernel.simulate(z0, lanes.segments, np.ascontiguousarray(P), lanes.reads)
+        edges = np.cumsum([0, *(len(run) for run in runs)])
+        whole = lanes.gathered(y)
+        return [whole[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+@dataclass(frozen=True)
+class Strain:
+    """How close motions come to limits; (K,) of each, over one: beyond the limit.
+
+    Attributes
+    ----------
+    grip : largest use of an axle's friction over the share that may be used.
+    sideslip : over its limit.
+    speed : over its limit.
+    """
+
+    grip: Array
+    sideslip: Array
+    speed: Array
+
+    @property
+    def worst(self) -> Array:
+        """(K,) the largest of them."""
+        return np.asarray(np.max([self.grip, self.sideslip, self.speed], axis=0))
+
+
+def strain(motion: Array, limits: DriveLimits) -> Strain:
+    """How close (K, n, told) motions come to limits; infinite where a motion is not finite."""
+    y = motion if motion.ndim == 3 else motion[None]
+    with np.errstate(all="ignore"):
+        along, across = (
+            np.array([y[..., AT[f"{force}{axle}"]] / np.maximum(y[..., AT[f"peak_{axle}"]], 1e-9) for axle in "fr"])
+            for force in ("F_x", "F_y")
+        )
+        # no tyre gives more than its peak: what is beyond is the curve's error (`models.form`), and all of the friction
+        use = np.max(np.hypot(along, np.clip(across, -1.0, 1.0)), axis=0)
+        slip = np.abs(np.arctan2(y[..., AT["v_y"]], np.maximum(y[..., AT["v_x"]], 1e-3)))
+        backwards = y[..., AT["v_x"]] < 0.3 * limits.speed_min
+        found = [
+            np.max(use, axis=1) / limits.grip,
+            np.max(np.where(backwards, np.inf, slip), axis=1) / limits.sideslip_max,
+            np.max(y[..., AT["v_x"]], axis=1) / (1.03 * limits.speed_max),
+        ]
+    finite = np.all(np.isfinite(y), axis=(1, 2))
+    return Strain(*(np.where(finite & np.isfinite(own), own, np.inf) for own in found))

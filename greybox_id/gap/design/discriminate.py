@@ -1,0 +1,489 @@
+"""Designing for explanations that recordings could not tell apart, and for effects that they could not show.
+
+For every pair of rivals, a plan is worth what the wrong one loses of the log-likelihood when all that is uncertain has
+taken up what it can: its own magnitude and the vehicle's tolerances, by Gauss-Newton on the readings that the other one
+would give. A plan is worth what its worst pair is (T-optimality: Atkinson & Fedorov, Biometrika 62, 1975, with priors).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import inf, isfinite
+
+import numpy as np
+
+from ...base.errors import BadInput, near_or_all
+from ...base.shorthands import Array
+from ...datasets.recording import Recording
+from ...engine.motion.shooting import MotionProblem
+from ...engine.motion.simulator import Simulator
+from ...models.effect import Effect
+from ...models.motion_model import MotionModel
+from ...models.vehicle import StatedModelError
+from ..advice import same_readings
+from ..estimation.model_error import Amplitudes, believed
+from ..gap import Gap
+from .course import PlanCourse, PlannedMotion
+from .driver import driver_of, vehicle_of
+from .information import ROUGH_RATE
+from .plan import Design, Separation
+from .precision import DesignTask, cautious, finished, must_fit, no_room, nowhere
+from .scatter import Rough, Whitening, by_interval
+from .search import FoundPlan, PlanSearch
+
+ENOUGH = 12.0
+"""Nats by which explanations are to come apart: a posterior probability of 6e-6 of the wrong one, tempering apart."""
+HOPELESS = 3.0
+"""Nats below which the best manoeuvre does not tell explanations apart."""
+CLEARLY = 3.0 * ENOUGH
+"""Nats at which a search ends: draws and rough equations take some of them back."""
+MOST_RIVALS = 4
+DRAWS, AVERAGED = 24, 8
+"""Draws of what is uncertain that must keep to limits, of each rival; those over which separations are averaged."""
+LATE = 0.5
+"""s at the beginning in which a late sensor may read nothing yet."""
+STEPS, SETTLED = 16, 0.1
+"""Steps (Gauss-Newton, damped where one leads too far) in which explanations adapt, at most, and nats below which
+another one is not worth it; one step while searching."""
+FARTHEST, NORMAL_95 = 2.5, 1.96
+LIKELY = 0.05
+"""Explanations that are less probable are no rivals."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """One explanation.
+
+    Attributes
+    ----------
+    name : its effect.
+    model : with the effect free and all tolerances that are stated.
+    p : (parameters,) of it.
+    sd : of the effect's magnitude, as far as the diagnosis knows it.
+    """
+
+    name: str
+    model: MotionModel
+    p: Array
+    sd: float = 0.0
+
+
+def ambiguous(gap: Gap) -> tuple[str, ...]:
+    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none.
+
+    Effects that no recording like this one tells apart, or that stay likely beside one that is not sure.
+    """
+    for own in gap.ranking if gap.gap_detected else ():
+        if own.probability < LIKELY:
+            continue
+        alike = [name for name in own.indistinguishable_from if name != own.effect]
+        likely = [
+            other.effect
+            for other in gap.ranking
+            if other.effect != own.effect and other.probability >= LIKELY
+            and max(own.probability, other.probability) < 1.0 - LIKELY
+            and not {own.effect, other.effect} <= set(gap.applied)
+        ]  # fmt: skip
+        if others := tuple(dict.fromkeys([*likely, *alike])):
+            return (own.effect, *others)
+    return ()
+
+
+def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
+    """Names of which some manoeuvre tells something, and pairs that read the same whatever is driven.
+
+    Of two that always read the same, the first one stays to stand for both.
+    """
+    left, pairs = list(names), list[tuple[str, str]]()
+    for one, other in combinations(names, 2):
+        if same_readings((one, other)):
+            pairs.append((one, other))
+            if other in left:
+                left.remove(other)
+    return tuple(left), tuple(pairs)
+
+
+def discriminating(
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], asked: DesignTask, say: Callable[[str], None]
+) -> Design:
+    """The manoeuvre that tells the explanations of a gap apart.
+
+    Parameters
+    ----------
+    gap : the diagnosis.
+    model : that was diagnosed, with what is stated of its vehicle.
+    effects : by name.
+
+    Raises
+    ------
+    BadInput : the model cannot say what a manoeuvre leads to, or none fits into the arena and the limits.
+    """
+    names = ambiguous(gap)
+    if not names:
+        return _nothing("discriminate", model, asked, (f"There is nothing to tell apart: {_alone(gap)}.",), ())
+    rest, alike = parted(names)
+    impossible = tuple(
+        f"{one} and {other} read the same whatever is driven: no manoeuvre tells them apart; measure the mounting."
+        for one, other in alike
+    )
+    known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
+    unheld = [name for name in rest if name not in known]
+    if unheld:
+        impossible = (*impossible, f"{', '.join(unheld)}: no equations of it are known here; it is left out.")
+    if len(known) < 2:
+        why = "No manoeuvre tells them apart." if alike else "There is nothing to tell apart."
+        return _nothing("discriminate", model, asked, (why,), impossible)
+    rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
+    must_fit(asked)
+    bench = _Bench(gap, rivals, asked)
+    found = bench.search(bench.worth, say, CLEARLY)
+    separation = bench.separations(found.plan)
+    worst = min(own.nats for own in separation)
+    said = [f"To tell {rivals[0].name} from {', '.join(own.name for own in rivals[1:])}."]
+    for own in separation:
+        if own.nats < HOPELESS:
+            impossible = (
+                *impossible,
+                f"No manoeuvre that was found in {asked.arena.words} tells {own.pair[0]} from {own.pair[1]} "
+                f"({own.nats:.1f} nats; {ENOUGH:g} are enough).",
+            )
+    if HOPELESS <= worst < ENOUGH:
+        said.append(
+            f"One drive tells them apart by {worst:.1f} nats; {ENOUGH:g} are enough: repeat it, or use more room."
+        )
+    return finished(
+        "discriminate", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
+        criterion={"name": "t", "parameters": [own.name for own in rivals], "before": 0.0, "after": worst},
+        drive=bench.drive, impossible=impossible, separation=separation, said=tuple(said),
+    )  # fmt: skip
+
+
+def _alone(gap: Gap) -> str:
+    """Why a diagnosis leaves no two effects to tell apart."""
+    if not gap.gap_detected:
+        return "no gap was detected"
+    if gap.applied or gap.unknown_probability <= LIKELY:
+        return "its explanations are distinguished already"
+    return (
+        f"no two effects that have a name are as likely, and something without a name is there with probability "
+        f"{min(gap.unknown_probability, 0.99):.2f}"
+    )
+
+
+def detecting(
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], asked: DesignTask,
+    say: Callable[[str], None],
+) -> Design:  # fmt: skip
+    """The manoeuvre that shows effects that recordings could not: each at its usual size against nothing.
+
+    Parameters
+    ----------
+    names : effects; those that the diagnosis says were not excited unless any is named.
+
+    Raises
+    ------
+    BadInput : a name is no effect that the model may have, or no manoeuvre fits into the arena and the limits.
+    """
+    for name in names:
+        if name not in effects or not effects[name].concerns(model):
+            raise BadInput(f"‹parameters› {name}: no effect of {model.name}.{near_or_all(name, tuple(effects))}")
+    unseen = [*gap.not_excited, *(name for name, own in gap.limits.items() if own.share > 1)]
+    wanted = tuple(dict.fromkeys(names or unseen))
+    wanted = tuple(name for name in wanted if name in effects and effects[name].concerns(model))
+    if not wanted:
+        said = ("There is nothing to detect: at their usual sizes, all effects would have shown.",)
+        return _nothing("detect", model, asked, said, ())
+    chosen = wanted[:MOST_RIVALS]
+    rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
+    must_fit(asked)
+    bench = _Bench(gap, [_without(rivals[0]), *rivals], asked)
+    found = bench.search(bench.shown, say, ENOUGH)
+    separation = bench.seen(found.plan)
+    impossible = tuple(
+        f"No manoeuvre that was found in {asked.arena.words} shows {own.pair[0]} at its usual size "
+        f"({own.nats:.1f} nats)."
+        for own in separation
+        if own.nats < HOPELESS
+    )
+    shown: tuple[str, ...] = (f"To show {', '.join(chosen)} at usual sizes.",)
+    if len(wanted) > len(chosen):
+        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them as parameters.")
+    return finished(
+        "detect", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
+        criterion={"name": "t", "parameters": list(chosen), "before": 0.0, "after": min(o.nats for o in separation)},
+        drive=bench.drive, impossible=impossible, separation=separation, said=shown,
+    )  # fmt: skip
+
+
+class _Bench:
+    """Rivals beside each other: their courses, their readings, how far they come apart."""
+
+    def __init__(self, gap: Gap, rivals: Sequence[Rival], asked: DesignTask) -> None:
+        first = rivals[0].model
+        self.samples = [_drawn(own, DRAWS, asked.seed) for own in rivals]
+        slower, self.vehicle = cautious(asked.limits, vehicle_of(first), first, self.samples[0])
+        asked = replace(asked, limits=slower)
+        self.rivals, self.asked = rivals, asked
+        self.drive = _drive_of(first)
+        self.driver = driver_of(first, asked.limits)
+        self.courses = [PlanCourse(own.model, self.driver, asked.rate, asked.limits.speed_min) for own in rivals]
+        self.read, amplitudes = _amplitudes(gap, first)
+        self.whitening = [Whitening(own.model, amplitudes) for own in rivals]
+        names = [other.name for other in rivals]
+        self.held = [Rough(own.model, names) for own in rivals]  # a row that is read sooner has no derivative
+        self.simulators = [Simulator(own.model) for own in self.held]
+        for simulator in self.simulators:
+            simulator.kernel.prepare()
+        each = [[p.name for p in own.model.parameters for _ in range(p.size)] for own in rivals]
+        common = [n for n in each[0] if n not in names and all(n in other for other in each)]
+        self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
+        self.searching: PlanSearch
+
+    def search(
+        self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None], enough: float
+    ) -> FoundPlan:
+        """The best plan, or one that is worth enough; all rivals keep to the limits."""
+
+        def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
+            return [of_one(plan, rough) for plan in plans]
+
+        asked = self.asked
+        self.searching = PlanSearch(
+            self.courses[0], self.vehicle, asked.limits, asked.arena, asked.duration, self.samples[0], worth,
+            asked.seed, follow=asked.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
+            enough=enough, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
+        )  # fmt: skip
+        found, nearest = self.searching.best(say)
+        if found is None:
+            raise no_room(nearest, asked, self.searching)
+        return found
+
+    def worth(self, plan: PlannedMotion, rough: bool) -> float:
+        """Nats by which the worst pair comes apart, a little for the others."""
+        every, told = range(len(self.rivals)), dict[tuple[int, int], float]()
+        for i in every:
+            others = [j for j in every if (j > i if rough else j != i)]
+            for j, nats in zip(others, self._apart(plan, i, others, self.rivals[i].p, rough=rough), strict=True):
+                pair = (min(i, j), max(i, j))
+                told[pair] = min(nats, told.get(pair, inf))
+        return _soft(list(told.values()))
+
+    def shown(self, plan: PlannedMotion, rough: bool) -> float:
+        """Nats by which effects show against the first rival, nothing; more than is needed of one does not count."""
+        told = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
+        return float(np.mean(np.minimum(told, ENOUGH)))
+
+    def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
+        """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
+        every, told = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
+        for i in every:
+            others = [j for j in every if j != i]
+            nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
+            told |= {(i, j): (self.asked.repeat * own).tolist() for j, own in zip(others, nats.T, strict=True)}
+        return tuple(
+            _separation((self.rivals[i].name, self.rivals[j].name), min(told[i, j], told[j, i], key=np.mean))
+            for i, j in combinations(every, 2)
+        )
+
+    def seen(self, plan: PlannedMotion) -> tuple[Separation, ...]:
+        """Of every effect against nothing."""
+        return tuple(
+            _separation(
+                (own.name, "nothing"),
+                [self.asked.repeat * self._apart(plan, j, [0], p)[0] for p in self.samples[j][:AVERAGED]],
+            )
+            for j, own in enumerate(self.rivals)
+            if j > 0
+        )
+
+    def _apart(
+        self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
+    ) -> list[float]:
+        """Nats that wrong rivals lose on readings of the true one at p, after all of them have adapted.
+
+        Parameters
+        ----------
+        rough : whether some of the rows may stand for all, delays that are no rivals be left out, and one step do.
+        """
+        every, steps = (max(1, round(self.asked.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
+        p = self.held[true].of(p) if rough else p
+        recording = self._readings(plan, true, p, every)
+        if recording is None:
+            return [0.0] * len(wrong)
+        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]])
+        own = self._cost(recording, true, p, steps, every) if drawn else 0.0
+        found = []
+        for other in wrong:
+            wide = self.rivals[other].p.copy()
+            wide[self.shared[other]] = p[self.shared[true]]
+            found.append(max(self._cost(recording, other, wide, steps, every) - own, 0.0))
+        return found
+
+    def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
+        """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
+        ones = np.ones(len(self.rivals[rival].model.outputs))
+        problem = MotionProblem(self.simulators[rival], [recording], noise=ones, starts="free", about=p)
+        white = self.whitening[rival].of(recording, p, every)
+        low, high = problem.bounds
+        x = at = problem.unknowns(p)
+        best, told, damping = inf, inf, 0.0
+        H, g, scale, moving = np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp)
+        for _ in range(steps + 1):
+            ((rows, own_e, own_J),) = by_interval(problem, x)
+            value = inf
+            if np.all(np.isfinite(own_e)) and np.all(np.isfinite(own_J)):
+                there = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
+                e = np.zeros((len(recording), len(ones), 1 + len(there)))
+                e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, there]
+                both = white(e).reshape(-1, 1 + len(there))
+                value = 0.5 * float(both[:, 0] @ both[:, 0]) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
+            if isfinite(value) and value < best:
+                settled = best - value < SETTLED
+                best, at, moving, damping = value, x, there, 0.1 * damping
+                W = both[:, 1:]
+                H = W.T @ W + problem.believed[np.ix_(moving, moving)]
+                g = W.T @ both[:, 0] + problem.pull_of_priors(x)[moving]
+                scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+                if settled:
+                    break
+            elif best < inf:  # too far: what the derivative told does not hold there (Levenberg's damping)
+                damping = max(10.0 * damping, 0.1)
+            else:
+                break
+            damped = H * np.outer(scale, scale) + damping * np.eye(len(H))
+            step = np.zeros(len(x))
+            step[moving] = -scale * np.linalg.lstsq(damped, scale * g, rcond=1e-11)[0]
+            told = max(best + 0.5 * float(g @ step[moving]), 0.0) if damping == 0.0 else best
+            if damping == 0.0 and best - told < SETTLED:
+                break
+            x = np.clip(at + step, low, high)
+        return min(told, best) if isfinite(best) else 0.0
+
+    def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
+        """What sensors would read if a rival were true, commands as planned; one row of so many."""
+        time = plan.time[::every]
+        blank = {name: np.zeros(len(time)) for name in self.read}
+        for name in ("v_x", "v_y", "yaw_rate"):
+            if name in blank:
+                blank[name] = plan.of(name)[::every]
+        signals = {"steer": plan.steer[::every], self.drive: plan.drive[::every], **blank}
+        outputs = self.rivals[true].model.outputs
+        problem = MotionProblem(
+            self.simulators[true],
+            [Recording("plan", time, signals)],
+            noise=np.ones(len(outputs)),
+            starts="measured",
+            about=p,
+        )
+        y = problem.simulated_nodes(problem.unknowns(p)).y
+        own = [outputs.index(name) for name in self.read]
+        if not np.all(np.isfinite(y[time >= LATE][:, own])):
+            return None
+        filled = {name: y[:, outputs.index(name)] for name in self.read}
+        return Recording("plan", time, {**signals, **filled})
+
+
+def _separation(pair: tuple[str, str], told: Sequence[float]) -> Separation:
+    return Separation(pair, float(np.mean(told)), float(np.quantile(told, 0.1)))
+
+
+def _soft(told: Sequence[float]) -> float:
+    """The least, and a little of the others, so that a search does not stand still; none beyond `CLEARLY`."""
+    values = np.minimum(told, CLEARLY)
+    return float(np.min(values) + 0.05 * np.mean(values))
+
+
+def _rival(
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], name: str, among: Sequence[str], *,
+    typical: bool = False,
+) -> Rival:  # fmt: skip
+    """The model with one of the effects at its magnitude, free; and the others that are applied in any case."""
+    found = {own.effect: own.magnitude for own in gap.ranking}
+    spans = {own.effect: own.interval[1] - own.interval[0] for own in gap.ranking}
+    for other in gap.applied:
+        if other not in among and other in effects and other not in model.effects and other in found:
+            model = model + effects[other].at(found[other])
+    effect = effects[name]
+    size = effect.typical if typical else found.get(name, effect.typical)
+    low, high = effect.parameter.bounds
+    size = float(np.clip(size, low, high))
+    if name in model.effects:
+        own = model[name]
+        model = model.with_parameters(replace(own, value=np.asarray(size), fixed=False, prior=None))
+    else:
+        model = model + effect.free(size if isfinite(size) else effect.typical)
+        model = model.with_parameters(replace(model[name], value=np.asarray(size), prior=None))
+    held = [
+        replace(own, fixed=True) for own in model.parameters if own.name != name and not own.fixed and own.prior is None
+    ]
+    model = model.with_parameters(*held)
+    sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
+    return Rival(name, model, model.values, sd if isfinite(sd) else 0.0)
+
+
+def _without(rival: Rival) -> Rival:
+    """The same without its effect."""
+    own = rival.model[rival.name]
+    assert own.null is not None
+    model = rival.model.with_parameters(replace(own, value=np.asarray(own.null), fixed=True))
+    return Rival("nothing", model, model.values)
+
+
+def _drawn(rival: Rival, count: int, seed: int) -> Array:
+    """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
+    rng = np.random.default_rng((seed, 907))
+    found, start = np.tile(rival.p, (count, 1)), 0
+    for own in rival.model.parameters:
+        if own.shape == () and not own.fixed and (own.prior is not None or own.name == rival.name):
+            sd = rival.sd if own.prior is None else float(np.max(np.asarray(own.prior.sd)))
+            moved = found[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
+            found[1:, start] = np.clip(moved, *own.bounds)
+        start += own.size
+    return found
+
+
+def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitudes]:
+    """Outputs that were read, and how large model error and noise are: as the diagnosis left them.
+
+    Raises
+    ------
+    BadInput : the diagnosis says of no channel how noisy it is.
+    """
+    floors: dict[str, float] = {}
+    for own in (*gap.gap.errors, *(gap.held_out.errors if gap.held_out is not None else ())):
+        if own.channel in model.outputs and isfinite(own.floor) and own.floor > 0:
+            floors[own.channel] = min(own.floor, floors.get(own.channel, inf))
+    if not floors:
+        raise BadInput(
+            "The diagnosis does not say how noisy readings are: write its file (gap.json) anew with greybox gap, ‹out›."
+        )
+    found, stated = gap.unnamed, dict[str, StatedModelError]()
+    if found is not None:
+        stated["F_y"] = StatedModelError(found.share_y, found.floor_y, found.memory_y)
+        stated["F_x"] = StatedModelError(found.share_x, found.floor_x, found.memory_x)
+    usual = believed(np.array([floors.get(name, 1.0) for name in model.outputs]), True, False, stated).median
+    return tuple(name for name in model.outputs if name in floors), usual
+
+
+def _drive_of(model: MotionModel) -> str:
+    """The signal of the drive command: of newtons, amperes and accelerations, the one that force_per_unit fits."""
+    names = model.aliases.get("drive", ("drive",))
+    per_unit, m = float(model["force_per_unit"].array), float(model["m"].array)
+    if abs(per_unit - 1.0) < 0.05 and "drive_force" in names:
+        return "drive_force"
+    if abs(per_unit / m - 1.0) < 0.3 and "ax_cmd" in names:
+        return "ax_cmd"
+    return "motor_current" if "motor_current" in names else names[0]
+
+
+def _nothing(
+    goal: str, model: MotionModel, asked: DesignTask, said: tuple[str, ...], impossible: tuple[str, ...]
+) -> Design:
+    """A design without a manoeuvre, and why."""
+    criterion = {"name": "t", "parameters": [], "before": 0.0, "after": 0.0}
+    return Design(
+        goal, model.name, _drive_of(model), criterion, (), None, np.empty((2, 0, 0)), nowhere(), asked.arena,
+        asked.limits, None, impossible=impossible, said=said,
+    )  # fmt: skip

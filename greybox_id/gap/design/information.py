@@ -1,0 +1,278 @@
+"""How much a plan tells of a fit's parameters, beside what the fit knows of them already."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.errors import BadInput, near_or_all
+from ...base.shorthands import Array, Index, Mask
+from ...datasets.recording import Recording
+from ...engine.motion.shooting import MotionProblem
+from ...engine.motion.simulator import Simulator
+from ...fitting.fit import Fit
+from ...models.kinds import must_be
+from ...models.motion_model import MotionModel
+from .course import PlannedMotion
+from .scatter import ForceScatter, Rough, Scores, by_interval
+
+RIDGE = 1e-12
+"""Information that is always there, in units of what is there: what nothing tells keeps an inverse."""
+ROUGH_RATE = 20.0
+"""Rows a second that tell nearly what all tell: vehicles turn with 1 to 3 Hz, models of scale with up to 5."""
+FARTHEST = 2.5
+"""Draws of a posterior reach so many standard deviations."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a fit knows of the numbers it estimated.
+
+    Attributes
+    ----------
+    names : of the free numbers.
+    places : (q,) where they stand in the model's vector.
+    precision : (q, q) inverse of their covariance; zero where the fit knows nothing.
+    local : (q,) whether a number has another value in each run, so that only its prior is known of a new one.
+    """
+
+    names: tuple[str, ...]
+    places: Index
+    precision: Array
+    local: Mask
+
+    def sd(self, precision: Array) -> Array:
+        """(q,) standard deviations that belong to a precision; infinite where nothing is known."""
+        return np.sqrt(np.diag(_inverse(precision)))
+
+
+def known_by(fit: Fit) -> Known:
+    """What a fit knows.
+
+    Raises
+    ------
+    BadInput : it holds no covariance, or none of its numbers is free.
+    """
+    model = fit.model
+    if fit.covariance is None:
+        raise BadInput("The fit holds no covariance, so that nothing says which manoeuvre would add to it. Fit again.")
+    names, places, local, start = list[str](), list[int](), list[bool](), 0
+    for p in model.parameters:
+        if p.shape == () and not p.fixed:
+            names.append(p.name)
+            places.append(start)
+            local.append(p.scope == "run")
+        start += p.size
+    if not names:
+        raise BadInput(f"The fit of {model.name} has no free parameter whose precision a manoeuvre could raise.")
+    chosen, q = np.array(places, dtype=np.intp), len(places)
+    prior = np.zeros(q)
+    for k, name in enumerate(names):
+        own = model[name].prior
+        if own is not None:
+            prior[k] = 1.0 / max(float(np.max(np.asarray(own.sd))), 1e-300) ** 2
+    own_local = np.array(local)
+    C = fit.covariance[np.ix_(chosen, chosen)]
+    there = np.isfinite(np.diag(C)) & (np.diag(C) > 0) & ~own_local
+    precision = np.diag(np.where(own_local, prior, 0.0))
+    if np.any(there):
+        precision[np.ix_(there, there)] = _inverse(C[np.ix_(there, there)])
+    return Known(tuple(names), chosen, precision, own_local)
+
+
+def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
+    """The parameters whose precision counts: those that are named, or all free ones that new runs share.
+
+    Raises
+    ------
+    BadInput : one of them is not a free number of the fit.
+    """
+    for name in names:
+        if name not in known.names:
+            why = (
+                f"{name} is held in this fit; free it (‹free›) and fit again"
+                if name in fit.model
+                else f"{fit.model.name} has no parameter {name}.{near_or_all(name, known.names)}"
+            )
+            raise BadInput(f"‹parameters› {name}: {why.rstrip('.')}.")
+    return tuple(dict.fromkeys(names)) or tuple(
+        name for name, local in zip(known.names, known.local, strict=True) if not local
+    )
+
+
+class Information:
+    """Linearises the fit's own least-squares problem on recordings that plans would give.
+
+    Noise is that of the fit's residuals; beside it, forces act that no equations know (`scatter`).
+
+    Parameters
+    ----------
+    fit : the fit; its noise, horizon and outputs are those that new recordings are taken to have.
+    known : what it knows.
+    wanted : parameters that are never taken as known, not even roughly.
+    """
+
+    def __init__(self, fit: Fit, known: Known, wanted: Sequence[str] = ()) -> None:
+        self.model, self.known, self.how = must_be(MotionModel, fit.model), known, fit.how
+        noise = fit.stages[-1].noise if fit.stages else {}
+        counted = fit.how.get("counted", noise)
+        self.read = tuple(name for name in self.model.outputs if name in noise)
+        if not self.read:
+            raise BadInput("The fit says of no reading how noisy it is. Fit again with this version.")
+        self.noise = np.array([counted.get(name, 1.0) for name in self.model.outputs])
+        believed_nothing = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
+        blank = self.model.with_parameters(*believed_nothing)
+        self.rough = Rough(blank, wanted)
+        self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
+        self.simulator.kernel.prepare()
+        self.rough_simulator.kernel.prepare()
+        self.scatter = ForceScatter(self.model, self.noise)
+
+    def of(self, plan: PlannedMotion, P: Array) -> Array:
+        """(K, q, q) information of a plan on the free numbers, its starts accounted for; zero where it is not finite.
+
+        Parameters
+        ----------
+        plan : commands and the motion that is expected.
+        P : (K, parameters) where to linearise.
+        """
+        return np.stack([self.told([plan], p)[0].information for p in P])
+
+    def told(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Scores]:
+        """What each plan tells of the free numbers, as the fit counts residuals and as they scatter.
+
+        Parameters
+        ----------
+        plans : commands and the motion that is expected; several cost little more than one, as lanes of one simulation.
+        p : (parameters,) where to linearise.
+        rough : whether some of the rows may stand for all, and delays be left out.
+        """
+        step = plans[0].time[1] - plans[0].time[0]
+        every = max(1, round(1.0 / step / ROUGH_RATE)) if rough else 1
+        p, simulator = (self.rough.of(p), self.rough_simulator) if rough else (p, self.simulator)
+        recordings = [self.recording(plan, every) for plan in plans]
+        problem = MotionProblem(
+            simulator, recordings, noise=self.noise / np.sqrt(every), horizon=self.how.get("horizon"),
+            starts=self.how.get("start_from", "free"), about=p,
+        )  # fmt: skip
+        x = problem.unknowns(p)
+        q = len(self.known.places)
+        H, G = np.zeros((len(plans), q, q)), np.zeros((*problem.target.shape, q))
+        loose = problem.free.copy()
+        loose[np.concatenate(problem.parameters.index)] = False
+        for k, (rows, _, J) in enumerate(by_interval(problem, x)):
+            run, own = problem.intervals[k].run, problem.layout.index[k]
+            index = problem.parameters.index[run][self.known.places]
+            places = np.array([np.flatnonzero(own == place)[0] for place in index])
+            by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[own])]
+            flat = by_start.reshape(-1, by_start.shape[2])
+            if flat.shape[1]:  # noise of the readings alone says where a prediction starts
+                starts = own[loose[own]]
+                inner = flat.T @ flat + problem.believed[np.ix_(starts, starts)]
+                pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
+                by = by - (flat @ pull).reshape(by.shape)
+            H[run] += by.reshape(-1, q).T @ by.reshape(-1, q)
+            G[rows] += by * problem.weight[rows][:, :, None]
+        edges = np.cumsum([0, *(len(recording) for recording in recordings)])
+        good = np.array([
+            bool(np.all(np.isfinite(own)) and np.all(np.isfinite(G[a:b])))
+            for own, a, b in zip(H, edges[:-1], edges[1:], strict=True)
+        ])  # fmt: skip
+        H[~good] = 0.0
+        G[np.repeat(~good, np.diff(edges))] = 0.0
+        begun = [np.array([own.start for own in problem.intervals if own.run == k]) for k in range(len(plans))]
+        scatter = self.scatter.of(recordings, p, G, begun, every)
+        return [Scores(own, own + more) for own, more in zip(H, scatter, strict=True)]
+
+    def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
+        """The recording that a plan is expected to give, without noise; one row of so many."""
+        aliases = self.model.aliases.get("drive", ("drive",))
+        channel = self.how.get("inputs", {}).get("drive", aliases[0])
+        signals = {"steer": plan.steer, channel: plan.drive}
+        for name in self.read:
+            signals[name] = plan.of(name) if name in ("v_x", "v_y", "yaw_rate", "a_y") else np.zeros(len(plan.time))
+        return Recording("plan", plan.time[::every], {name: values[::every] for name, values in signals.items()})
+
+
+def criterion(precision: Array, known: Known, wanted: Sequence[str], kind: str) -> float:
+    """How good a precision is for the wanted numbers, more is better.
+
+    Parameters
+    ----------
+    precision : (q, q) of all free numbers.
+    wanted : those that count; all others are nuisances (Schur complement).
+    kind : "d": minus the log-determinant of their covariance; "a": minus the log of the mean relative variance; "e":
+        minus that of the largest relative variance of any combination; "c": minus that of the first one's variance.
+
+    Notes
+    -----
+    Source: Atkinson, Donev & Tobias, Optimum Experimental Designs, with SAS, 2007, ch. 10.
+    """
+    C = _inverse(precision)
+    at = [known.names.index(name) for name in wanted]
+    own = C[np.ix_(at, at)]
+    if not np.all(np.isfinite(own)):
+        return -np.inf
+    if kind == "d":
+        sign, value = np.linalg.slogdet(own)
+        return -float(value) if sign > 0 else -np.inf
+    if kind == "c":
+        return -float(np.log(max(own[0, 0], 1e-300)))
+    before = np.sqrt(np.diag(_inverse(known.precision))[at])
+    scale = np.where(np.isfinite(before), np.maximum(before, 1e-150), 1.0)
+    relative = own / np.outer(scale, scale)
+    value = np.mean(np.diag(relative)) if kind == "a" else np.max(np.linalg.eigvalsh(relative))
+    return -float(np.log(max(float(value), 1e-300)))
+
+
+def draws(fit: Fit, known: Known, count: int, seed: int) -> Array:
+    """(count, parameters) of the model's vector from the fit's Laplace posterior, within bounds; the estimate first.
+
+    A posterior that reaches beyond bounds is cut there; far tails beyond `FARTHEST` are drawn in.
+    """
+    rng = np.random.default_rng((seed, 2311))
+    model = fit.model
+    found = np.tile(model.values, (count, 1))
+    assert fit.covariance is not None
+    places = known.places
+    C = fit.covariance[np.ix_(places, places)]
+    sd = np.sqrt(np.maximum(np.nan_to_num(np.diag(C), posinf=0.0), 0.0))
+    there = np.flatnonzero(sd > 0)
+    if len(there) == 0 or count < 2:
+        return found
+    R = C[np.ix_(there, there)] / np.outer(sd[there], sd[there])
+    value, vector = np.linalg.eigh(0.5 * (R + R.T))
+    root = vector * np.sqrt(np.maximum(value, 0.0))
+    z = np.clip(rng.standard_normal((count - 1, len(there))), -FARTHEST, FARTHEST) @ root.T
+    found[1:, places[there]] += np.clip(z, -FARTHEST, FARTHEST) * sd[there]
+    for name, place in zip(known.names, places, strict=True):
+        low, high = model[name].bounds
+        value_ = float(model[name].array)
+        lowest = max(low, 0.3 * value_) if value_ > 0 and low >= 0 else low
+        found[:, place] = np.clip(found[:, place], lowest, high)
+    return found
+
+
+def predicted_sd(known: Known, precision: Array) -> dict[str, tuple[float, float]]:
+    """Name -> standard deviation before and after."""
+    before, after = known.sd(known.precision), known.sd(precision)
+    return {
+        name: (float(b), float(a)) for name, b, a, local in zip(known.names, before, after, known.local, strict=True)
+        if not local
+    }  # fmt: skip
+
+
+def _inverse(matrix: Array) -> Array:
+    """Inverse of a positive semidefinite matrix in its own units; infinite variance where it says nothing."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    there = scale > 0
+    found = np.full_like(matrix, 0.0)
+    found[np.diag_indices_from(found)] = np.inf
+    if np.any(there):
+        inner = matrix[np.ix_(there, there)] / np.outer(scale[there], scale[there])
+        value, vector = np.linalg.eigh(0.5 * (inner + inner.T))
+        inverse = (vector / np.maximum(value, RIDGE)) @ vector.T
+        found[np.ix_(there, there)] = inverse / np.outer(scale[there], scale[there])
+    return found

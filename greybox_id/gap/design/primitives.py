@@ -1,0 +1,180 @@
+"""Manoeuvres that a plan is chained of, each with five numbers: how hard, how often, how fast, how long, which circle.
+
+Sideways they ask for shares of the grip, which become steering for the speed there is, as the nominal vehicle would
+need it in steady state: what is asked for then has the same meaning at every speed and for every size of vehicle.
+Shapes are those of ISO 7401 (step, sine, sweep), ISO 4138 (spiral), ISO 3888 (lane change), ISO 7975 (brake in turn)
+and NHTSA's sine with dwell (FMVSS 126).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array, Index
+from .limits import DriveLimits
+
+Shape = Callable[[Array, float], Array]
+"""(share of the phase's time, cycles in it) -> share of the amplitude."""
+
+
+def _held(s: Array, cycles: float) -> Array:
+    del cycles
+    return np.asarray(np.interp(s, [0.0, 0.12, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0]))
+
+
+def _spiral(s: Array, cycles: float) -> Array:
+    del cycles
+    return np.asarray(np.interp(s, [0.0, 0.9, 1.0], [0.0, 1.0, 0.0]))
+
+
+def _steps(s: Array, cycles: float) -> Array:
+    return np.asarray(np.sign(np.sin(2.0 * np.pi * max(round(cycles), 1) * s)))
+
+
+def _sine(s: Array, cycles: float) -> Array:
+    return np.asarray(np.sin(2.0 * np.pi * max(round(cycles), 1) * s))
+
+
+def _sweep(s: Array, cycles: float) -> Array:
+    """A frequency that grows fourfold; its mean is that of `cycles`."""
+    return np.asarray(np.sin(2.0 * np.pi * max(round(cycles), 1) * (4.0**s - 1.0) / 3.0))
+
+
+def _dwell(s: Array, cycles: float) -> Array:
+    """A sine held at its second peak for as long as a quarter of it, to one side and then to the other."""
+    del cycles
+    one = np.interp(s % 0.5, [0, 0.08, 0.16, 0.24, 0.36, 0.45, 0.5], [0, 1, 0, -1, -1, 0, 0])
+    return np.asarray(np.where(s < 0.5, one, -one))
+
+
+def _lane_change(s: Array, cycles: float) -> Array:
+    del cycles
+    return np.asarray(np.where(s < 0.5, np.sin(4.0 * np.pi * s), -np.sin(4.0 * np.pi * s)))
+
+
+def _straight(s: Array, cycles: float) -> Array:
+    del cycles
+    return np.zeros_like(s)
+
+
+SHAPES: Mapping[str, Shape] = {
+    "turn": _held,
+    "spiral": _spiral,
+    "steps": _steps,
+    "sine": _sine,
+    "sweep": _sweep,
+    "sine with dwell": _dwell,
+    "lane change": _lane_change,
+    "straight": _straight,
+}
+"""Name of a primitive -> its steering over time. Any of them may change speed on the way."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One primitive.
+
+    Attributes
+    ----------
+    shape : one of `SHAPES`.
+    amplitude : share of the grip that is asked for sideways, positive to the left.
+    frequency : Hz.
+    speed : m/s, that is to be reached in the middle of it.
+    duration : s.
+    lean : share of the grip that is asked for beside that throughout: the circle on which the rest is driven.
+    """
+
+    shape: str
+    amplitude: float
+    frequency: float
+    speed: float
+    duration: float
+    lean: float = 0.0
+
+
+@dataclass(frozen=True)
+class Handling:
+    """What turns shares of the grip into steering.
+
+    Attributes
+    ----------
+    length : wheelbase, m.
+    understeer : rad s^2/m.
+    grip : largest steady lateral acceleration, m/s^2.
+    """
+
+    length: float
+    understeer: float
+    grip: float
+
+
+@dataclass(frozen=True)
+class AskedDrive:
+    """What a chain of phases asks for, row by row.
+
+    Attributes
+    ----------
+    time : (n,) s.
+    steer : (n,) rad at the road wheels.
+    speed : (n,) m/s.
+    phase : (n,) number of the phase a row belongs to; the last one is the stop.
+    """
+
+    time: Array
+    steer: Array
+    speed: Array
+    phase: Index
+
+
+def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, duration: float, rate: float) -> AskedDrive:
+    """Lay phases one behind the other; the end is straight and slow.
+
+    Parameters
+    ----------
+    phases : at least one; their durations are stretched so that all of it lasts `duration`.
+    vehicle, limits : as stated.
+    duration, rate : s, rows a second.
+    """
+    rows = max(int(round(duration * rate)), 10)
+    last = limits.speed_min
+    stop = min(0.5 * duration, max(phases[-1].speed - last, 0.0) / (0.8 * limits.brake_max) + 0.06 * duration)
+    share = np.array([phase.duration for phase in phases])
+    edges = np.round(np.concatenate(([0.0], np.cumsum(share) / np.sum(share))) * (rows - stop * rate)).astype(int)
+    turn, speed, number = np.zeros(rows), np.full(rows, last), np.full(rows, len(phases), dtype=np.intp)
+    before, leant = phases[0].speed, 0.0
+    for k, (phase, a, b) in enumerate(zip(phases, edges[:-1], edges[1:], strict=True)):
+        s = (np.arange(b - a) + 0.5) / max(b - a, 1)
+        lean = leant + (phase.lean - leant) * np.interp(s, [0.0, 0.15], [0.0, 1.0])
+        turn[a:b] = lean + phase.amplitude * SHAPES[phase.shape](s, phase.frequency * (b - a) / rate)
+        speed[a:b] = before + (phase.speed - before) * np.interp(s, [0.15, 0.75], [0.0, 1.0])
+        number[a:b], before, leant = k, phase.speed, phase.lean
+    if edges[-1] < rows:
+        stretch = np.linspace(0.0, 1.0, rows - edges[-1])
+        turn[edges[-1] :] = leant * np.interp(stretch, [0.0, 0.25], [1.0, 0.0])
+        speed[edges[-1] :] = before + (last - before) * np.interp(stretch, [0.1, 0.9], [0.0, 1.0])
+    speed = _reachable(np.clip(speed, limits.speed_min, limits.speed_max), limits, rate)
+    steer = turn * vehicle.grip * (vehicle.length / speed**2 + max(vehicle.understeer, 0.0))
+    steer = np.clip(steer, -limits.steer_max, limits.steer_max)
+    return AskedDrive(np.arange(rows) / rate, _no_faster(steer, limits.steer_rate / rate), speed, number)
+
+
+def _reachable(speed: Array, limits: DriveLimits, rate: float) -> Array:
+    """Speeds that accelerations within the limits can follow, no faster than asked for."""
+    found, up, down = speed.copy(), 0.9 * limits.drive_max / rate, 0.9 * limits.brake_max / rate
+    for k in range(1, len(found)):
+        found[k] = min(found[k], found[k - 1] + up)
+    for k in range(len(found) - 2, -1, -1):
+        found[k] = min(found[k], found[k + 1] + down)
+    return found
+
+
+def _no_faster(steer: Array, most: float) -> Array:
+    """Steering that changes by no more than so much a row, from straight ahead on."""
+    found, now = np.empty_like(steer), 0.0
+    for k, wanted in enumerate(steer):
+        now += min(max(wanted - now, -most), most)
+        found[k] = now
+    return found

@@ -1,0 +1,463 @@
+"""Searching for a plan: many chains of primitives at random, mended to fit, the best of them refined by CMA-ES.
+
+What a plan is worth is what a `Worth` says of it; whether it can be driven is said here: within the arena and all
+limits, nominally and for the draws of what is uncertain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.shorthands import Array
+from .arena import Arena, Placement
+from .course import AT, PlanCourse, PlannedMotion, strain
+from .limits import DriveLimits
+from .primitives import SHAPES, Handling, Phase, asked
+
+Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
+"""(plans, whether roughly is enough) -> what each is worth, in nats: more is better."""
+
+SKETCHED, TRIED, MENDED = 2400, 240, 3
+"""Chains drawn at random and sketched as if tyres did not slip; those that are simulated as they lie best in the arena;
+rounds in which those that break limits are made gentler or slower."""
+STANDARD: Sequence[tuple[tuple[str, float, float, float], ...]] = (
+    (("straight", 0.0, 0.0, 0.5), ("straight", 0.0, 1.0, 1.5)),
+    (("straight", 0.0, 1.0, 1.0), ("straight", 0.0, 0.0, 1.5), ("straight", 0.0, 1.0, 1.0)),
+    (("steps", 0.6, 1.0, 1.0),),
+    (("sweep", 0.7, 1.0, 1.0),),
+    (("spiral", 1.0, 1.0, 1.0), ("spiral", -1.0, 1.0, 1.0)),
+    (("straight", 0.0, 1.0, 1.0), ("turn", 0.7, 0.0, 1.0), ("turn", -0.7, 1.0, 1.0)),
+)
+"""What test drivers drive (accelerating, braking and coasting, steps, a slalom that grows faster, spirals, braking and
+accelerating in turns), which random chains seldom hit: shape, amplitude, share of the fastest speed, duration."""
+PACES = (0.35, 0.65, 1.0)
+"""Shares of the fastest speed at which these are tried."""
+SKETCH_RATE = 5.0
+"""Rows a second of sketches."""
+REFINED, GENERATIONS, HEAT = 3, 40, 10
+"""Chains that are refined, generations of the best of them, and generations after which it is chosen."""
+SETTLED = 0.1
+"""Nats that the best plan must have gained in a heat for another one: 1 % of each of five standard deviations; draws of
+the same posterior differ by more."""
+MOST_PHASES = 4
+AT_ONCE = 8
+"""Plans that are simulated at once: the lanes of the kernel."""
+NEEDED = 0.95
+"""Share of the draws of what is uncertain that must keep to the limits."""
+GENTLER = 20
+"""Steps in which a plan is made gentler for the draws' sake: an eighth of its steering is left in the end."""
+PENALTY = 30.0
+"""Nats that a limit costs that is broken by its own size."""
+SURE, HARDEST = 4, 4
+"""Chains that are made sure of beside the refined ones; draws that stand for all of them while a chain is refined."""
+SPARE = 0.97
+"""Share of limits that nominal motion may use: draws use the rest."""
+BACKING = 0.5
+"""Run-up to the first speed, at this share of the largest acceleration, counts as part of the path."""
+
+
+@dataclass(frozen=True)
+class FoundPlan:
+    """A plan.
+
+    Attributes
+    ----------
+    phases : what it is chained of.
+    duration : s.
+    plan : as it goes with the nominal parameters.
+    placement : where it lies in the arena.
+    worth : nats.
+    broken : by how much of itself the worst limit is broken; at most zero where none is.
+    """
+
+    phases: tuple[Phase, ...]
+    duration: float
+    plan: PlannedMotion
+    placement: Placement
+    worth: float
+    broken: float
+
+
+class PlanSearch:
+    """Searches for a plan.
+
+    Parameters
+    ----------
+    course : simulates plans.
+    vehicle, limits, arena : what they must keep to.
+    duration : s, at most.
+    samples : (K, parameters) draws of what is uncertain, the nominal values first.
+    worth : what a plan is worth.
+    follow : whether a driver follows the path.
+    rivals : courses and draws of other models that may be true, which must keep to the limits as well.
+    enough : worth beyond which no better plan is looked for.
+    effort : what is tried, over what is usually tried.
+    """
+
+    def __init__(
+        self, course: PlanCourse, vehicle: Handling, limits: DriveLimits, arena: Arena, duration: float, samples: Array,
+        worth: Worth, seed: int, *, follow: bool = True, rivals: Sequence[tuple[PlanCourse, Array]] = (),
+        enough: float = np.inf, effort: float = 1.0,
+    ) -> None:  # fmt: skip
+        self.course, self.vehicle, self.limits, self.arena = course, vehicle, limits, arena
+        self.duration, self.samples, self.worth, self.follow = duration, samples, worth, follow
+        self.rivals, self.enough, self.effort = rivals, enough, effort
+        self.rng = np.random.default_rng((seed, 6143))
+        self.speeds = (1.15 * limits.speed_min, limits.speed_max)
+        self.pace = float(np.sqrt(vehicle.length / 2.76))
+
+    def best(self, say: Callable[[str], None] = lambda line: None) -> tuple[FoundPlan | None, FoundPlan]:
+        """The best plan that keeps to all limits, None where there is none; and the one that breaks them least."""
+        drawn = self._random()
+        inside = [own for own in drawn if own.broken <= 0]
+        say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits")
+        if not inside:
+            gentlest = min(drawn, key=lambda own: own.broken)
+            refined = self._refined([gentlest])
+            if not refined:
+                return None, gentlest
+            inside = refined
+        scored = sorted(self._scored(inside, rough=True), key=lambda own: -own.worth)
+        tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda own: -own.worth)
+        kept, most = list[FoundPlan](), -np.inf
+        for own in tried:
+            if kept and own.worth <= most:  # gentler, it is worth less still
+                break
+            made = self.sure(own)
+            if made is not None:
+                kept.append(made)
+                most = max(most, self._scored([made], rough=True)[0].worth)
+        if not kept:
+            return None, tried[0]
+        best = max(self._scored(kept), key=lambda own: own.worth)
+        return best, best
+
+    def sure(self, found: FoundPlan) -> FoundPlan | None:
+        """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
+        for _ in range(GENTLER):
+            kept, guilty = self._holding(found, self.samples, NEEDED)
+            if found.broken <= 0 and kept >= NEEDED:
+                return found
+            calmer = tuple(
+                replace(
+                    own,
+                    amplitude=0.9 * own.amplitude,
+                    lean=0.93 * own.lean,
+                    speed=max(0.97 * own.speed, self.speeds[0]),
+                )
+                if found.broken > 0 or k in guilty
+                else own
+                for k, own in enumerate(found.phases)
+            )
+            found = self._made([(calmer, found.duration)])[0]
+        return None
+
+    def kept(self, found: FoundPlan, P: Array) -> float:
+        """Share of the parameters with which a plan keeps to all limits."""
+        return self._holding(found, P)[0]
+
+    def _holding(self, found: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
+        """That share, and the phases in which limits are broken first; all of them where the arena is left.
+
+        Parameters
+        ----------
+        least : share below which it does not matter how many more do.
+        """
+        shares, guilty, last = [], set[int](), len(found.phases) - 1  # the stop is the last phase's
+        each = [found.plan.phase == k for k in np.unique(found.plan.phase)]
+        for course, own in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
+            held = 0
+            for a in range(0, len(own), AT_ONCE):
+                y = course.driven(found.plan, own[a : a + AT_ONCE], follow=self.follow)
+                out = np.array([self._outside(found.placement, motion) for motion in y])
+                broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
+                within = ~np.any(broken, axis=0)
+                held += int(np.sum(within & (out <= 0.0)))
+                first = np.argmax(broken[:, ~within], axis=0)
+                guilty |= {min(int(found.plan.phase[np.argmax(each[k])]), last) for k in first}
+                if np.any(within & (out > 0.0)):
+                    guilty |= set(range(last + 1))
+                if held + len(own[a + AT_ONCE :]) < least * len(own):
+                    return held / len(own), frozenset(guilty)
+            shares.append(held / len(own))
+        return min(shares), frozenset(guilty)
+
+    def _outside(self, placement: Placement, motion: Array) -> float:
+        """By how much a path leaves the arena where the plan is laid, m; infinite where it is not finite."""
+        x, y = motion[::5, AT["x"]], motion[::5, AT["y"]]
+        if not np.all(np.isfinite(motion[:, [AT["x"], AT["y"]]])):
+            return np.inf
+        return self.arena.outside(*placement.placed(x, y)) + self.limits.margin
+
+    def _random(self) -> list[FoundPlan]:
+        drawn = [self._chain() for _ in range(self._times(SKETCHED))]
+        room = np.array([self._sketched(*own) for own in drawn])
+        counts = np.array([len(phases) for phases, _ in drawn])
+        chosen = list[int]()
+        for count in range(1, MOST_PHASES + 1):  # of each length as many: short chains fit in easily
+            own = np.flatnonzero(counts == count)
+            inside = own[room[own] <= 0]
+            most = self._times(TRIED // MOST_PHASES)
+            chosen += (inside if len(inside) >= most else own[np.argsort(room[own], kind="stable")])[:most].tolist()
+        found = self._made([*(drawn[k] for k in chosen), *self._standard()])
+        for _ in range(MENDED):
+            wrong = [k for k, own in enumerate(found) if own.broken > 0]
+            mended = self._made([self._mended(found[k]) for k in wrong])
+            for k, other in zip(wrong, mended, strict=True):
+                if other.broken < found[k].broken:
+                    found[k] = other
+        return found
+
+    def _standard(self) -> list[tuple[tuple[Phase, ...], float]]:
+        slow, fast = self.speeds
+        return [
+            (
+                tuple(
+                    Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
+                    for shape, amplitude, share, duration in chain
+                ),
+                self.duration,
+            )
+            for chain in STANDARD
+            for pace in PACES
+        ]
+
+    def _times(self, usual: int) -> int:
+        return max(2, round(usual * self.effort))
+
+    def _chain(self) -> tuple[tuple[Phase, ...], float]:
+        rng, (slow, fast) = self.rng, self.speeds
+        count = int(rng.integers(1, MOST_PHASES + 1))
+        speed = slow + (fast - slow) * rng.random() ** 0.7
+        phases = []
+        for _ in range(count):
+            speed = float(np.clip(speed * np.exp(0.25 * rng.standard_normal()), slow, fast))
+            shape = str(rng.choice([*SHAPES, "turn", "steps"]))
+            amplitude = float(rng.uniform(0.35, 1.05) * rng.choice([-1.0, 1.0]))
+            frequency = float(np.exp(rng.uniform(np.log(0.15), np.log(1.2)))) / self.pace
+            lean = float(rng.uniform(-0.6, 0.6)) if rng.random() < 0.6 else 0.0
+            amplitude *= 1.0 - 0.7 * abs(lean)
+            phases.append(Phase(shape, amplitude, frequency, speed, float(rng.uniform(0.5, 1.5)), lean))
+        return tuple(phases), self.duration * float(rng.choice([1.0, 1.0, rng.uniform(0.4, 1.0)]))
+
+    def _sketched(self, phases: tuple[Phase, ...], duration: float) -> float:
+        """By how much a chain would leave the arena, m, if tyres did not slip."""
+        own = asked(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
+        v = own.speed
+        yaw = np.cumsum(v * own.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
+        x, y = np.cumsum(v * np.cos(yaw)) / SKETCH_RATE, np.cumsum(v * np.sin(yaw)) / SKETCH_RATE
+        run_up = -(v[0] ** 2) / (2.0 * BACKING * self.limits.drive_max)
+        placed = self.arena.place(np.concatenate(([run_up, 0.0], x)), np.concatenate(([0.0, 0.0], y)))
+        return placed.outside + self.limits.margin
+
+    def _mended(self, own: FoundPlan) -> tuple[tuple[Phase, ...], float]:
+        """Gentler where tyres are asked for too much, slower or shorter where the arena is left."""
+        worst = float(strain(own.plan.motion, self.limits).worst[0])
+        gentler = 0.95 * SPARE / worst if np.isfinite(worst) and worst > SPARE else (1.0 if worst <= SPARE else 0.6)
+        too_far = own.placement.outside + self.limits.margin > 0
+        slower = 0.8 if too_far else 1.0
+        phases = tuple(
+            replace(
+                p,
+                amplitude=float(p.amplitude * max(gentler, 0.4)),
+                lean=float(p.lean * max(gentler, 0.4)),
+                speed=max(p.speed * slower, self.speeds[0]),
+            )
+            for p in own.phases
+        )
+        duration = own.duration
+        if too_far and self.rng.random() < 0.5:
+            duration = max(0.75 * duration, 0.25 * self.duration)
+        return phases, duration
+
+    def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
+        """Plans of chains, simulated several at once, and by how much they break limits."""
+        plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
+        order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
+        found: dict[int, FoundPlan] = {}
+        for first in range(0, len(order), AT_ONCE):
+            own = order[first : first + AT_ONCE]
+            for k, plan in zip(own, self.course.references([plans[k] for k in own]), strict=True):
+                phases, duration = chains[k]
+                placement, broken = self._placed(plan)
+                found[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)
+        return [found[k] for k in range(len(plans))]
+
+    def _placed(self, plan: PlannedMotion) -> tuple[Placement, float]:
+        x, y, v = plan.of("x"), plan.of("y"), plan.of("v_x")
+        worst = float(strain(plan.motion, self.limits).worst[0]) / SPARE - 1.0
+        if not np.all(np.isfinite(plan.motion)):
+            return Placement(0.0, 0.0, 0.0, np.inf), np.inf
+        before = v[0] ** 2 / (2.0 * BACKING * self.limits.drive_max)
+        after = v[-1] ** 2 / (2.0 * self.limits.brake_max)
+        end = plan.of("yaw")[-1]
+        xs = np.concatenate(([-before], x[::5], [x[-1], x[-1] + after * np.cos(end)]))
+        ys = np.concatenate(([0.0], y[::5], [y[-1], y[-1] + after * np.sin(end)]))
+        placement = self.arena.place(xs, ys)
+        spare = self.limits.margin + 0.02 * float(v.max())
+        out = (placement.outside + spare) / (0.5 * self.arena.breadth)
+        steered = np.max(np.abs(plan.steer)) / self.limits.steer_max - 1.0001
+        return placement, max(worst, out, float(steered))
+
+    def _scored(self, own: Sequence[FoundPlan], *, rough: bool = False) -> list[FoundPlan]:
+        found = list[FoundPlan]()
+        for first in range(0, len(own), AT_ONCE):
+            some = own[first : first + AT_ONCE]
+            worth = self.worth([one.plan for one in some], rough)
+            found += [replace(one, worth=value) for one, value in zip(some, worth, strict=True)]
+        return found
+
+    def _refined(self, starts: Sequence[FoundPlan]) -> list[FoundPlan]:
+        """Chains refined by CMA-ES in their numbers: each for a heat, the best of them on; none that breaks limits."""
+        each = [_Refinement(self, start) for start in starts]
+        heat, most = self._times(HEAT), self._times(GENERATIONS)
+        for own in each:
+            own.go(heat)
+            if own.worth >= self.enough:
+                break
+        leading, before = max(each, key=lambda own: own.worth), -np.inf
+        for _ in range(heat, most, heat):
+            if before > -np.inf and leading.worth < before + SETTLED:
+                break
+            before = leading.worth
+            leading.go(heat)
+        return [own.best for own in each if own.best is not None]
+
+    def _hardest(self, found: FoundPlan) -> Array:
+        """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
+        y = self.course.driven(found.plan, self.samples, follow=self.follow)
+        order = np.argsort(strain(y, self.limits).worst, kind="stable")
+        last = int(np.ceil(NEEDED * len(order)))
+        return np.asarray(self.samples[order[max(last - HARDEST, 0) : last]])
+
+    def _coded(self, own: FoundPlan) -> Array:
+        (slow, fast) = self.speeds
+        numbers = [
+            (
+                p.amplitude * 2.0,
+                np.log(p.frequency * self.pace),
+                2.0 * (p.speed - slow) / (fast - slow),
+                np.log(p.duration),
+                2.0 * p.lean,
+            )
+            for p in own.phases
+        ]
+        return np.array([*np.ravel(numbers), 3.0 * own.duration / self.duration])
+
+    def _decoded(self, start: FoundPlan, x: Array) -> tuple[tuple[Phase, ...], float]:
+        (slow, fast) = self.speeds
+        phases = []
+        for own, (a, f, v, d, lean) in zip(start.phases, x[:-1].reshape(-1, 5), strict=True):
+            phases.append(
+                Phase(
+                    own.shape, float(np.clip(a / 2.0, -1.2, 1.2)),
+                    float(np.exp(np.clip(f, np.log(0.1), np.log(2.0)))) / self.pace,
+                    float(np.clip(slow + (fast - slow) * v / 2.0, slow, fast)), float(np.exp(np.clip(d, -2.5, 2.5))),
+                    float(np.clip(lean / 2.0, -1.0, 1.0)),
+                )
+            )  # fmt: skip
+        return tuple(phases), self.duration * float(np.clip(x[-1] / 3.0, 0.25, 1.0))
+
+
+def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
+    """The best chain of each number of phases, longer ones first: they hold the shorter ones as special cases."""
+    best: dict[int, FoundPlan] = {}
+    for own in scored:
+        best.setdefault(len(own.phases), own)
+    return [best[count] for count in sorted(best, reverse=True)]
+
+
+class _Refinement:
+    """A chain that is being refined; `best` is None as long as it breaks limits."""
+
+    def __init__(self, search: PlanSearch, start: FoundPlan) -> None:
+        self.search, self.start = search, start
+        self.best = search._scored([start], rough=True)[0] if start.broken <= 0 else None
+        self.few = search._hardest(start)
+        self.cma = CMA(search._coded(start), 0.25, search.rng)
+
+    @property
+    def worth(self) -> float:
+        """Of the best plan that keeps to all limits."""
+        return -np.inf if self.best is None else self.best.worth
+
+    def go(self, generations: int) -> None:
+        """Refine it; until it is worth enough."""
+        for _ in range(generations):
+            if self.worth >= self.search.enough:
+                return
+            made = self.search._made([self.search._decoded(self.start, x) for x in self.cma.ask()])
+            self.cma.tell(self._costs(made))
+
+    def _costs(self, made: Sequence[FoundPlan]) -> list[float]:
+        inside = iter(self.search._scored([own for own in made if own.broken <= 0], rough=True))
+        found = []
+        for own in made:
+            if own.broken > 0:
+                found.append(1e3 + PENALTY * min(own.broken, 100.0))
+                continue
+            scored, broken = next(inside), 0.0
+            if not np.isfinite(self.worth) or scored.worth > self.worth - 0.5:
+                broken = 1.0 - self.search.kept(scored, self.few)
+                if broken <= 0.0 and scored.worth > self.worth:
+                    self.best = scored
+            found.append(-scored.worth + PENALTY * broken)
+        return found
+
+
+class CMA:
+    """CMA-ES, asked for points and told what they cost (Hansen, The CMA Evolution Strategy, 2016, arXiv:1604.00772).
+
+    Parameters
+    ----------
+    start : (n,).
+    step : standard deviation at the start, in all coordinates.
+    """
+
+    def __init__(self, start: Array, step: float, rng: np.random.Generator) -> None:
+        n = len(start)
+        self.mean, self.step, self.rng, self.k = start.astype(float), step, rng, 0
+        self.count = 4 + int(3 * np.log(n)) + 4
+        mu = self.count // 2
+        weights = np.log(mu + 0.5) - np.log(np.arange(1, mu + 1))
+        self.weights = weights / np.sum(weights)
+        self.effective = float(1.0 / np.sum(self.weights**2))
+        self.C, self.p_c, self.p_s = np.eye(n), np.zeros(n), np.zeros(n)
+
+    def ask(self) -> Array:
+        """(lambda, n) points; the first of all is the start."""
+        value, self.B = np.linalg.eigh(self.C)
+        self.D = np.sqrt(np.maximum(value, 1e-14))
+        z = self.rng.standard_normal((self.count, len(self.mean)))
+        if self.k == 0:
+            z[0] = 0.0
+        self.moved = z * self.D @ self.B.T
+        return np.asarray(self.mean + self.step * self.moved)
+
+    def tell(self, costs: Sequence[float]) -> None:
+        """What each of the points costs that were asked for."""
+        n, effective, weights = len(self.mean), self.effective, self.weights
+        c_c = (4 + effective / n) / (n + 4 + 2 * effective / n)
+        c_s = (effective + 2) / (n + effective + 5)
+        c_1 = 2 / ((n + 1.3) ** 2 + effective)
+        c_mu = min(1 - c_1, 2 * (effective - 2 + 1 / effective) / ((n + 2) ** 2 + effective))
+        damping = 1 + 2 * max(0.0, np.sqrt((effective - 1) / (n + 1)) - 1) + c_s
+        usual = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))
+        best = self.moved[np.argsort(costs, kind="stable")[: len(weights)]]
+        way = weights @ best
+        self.k += 1
+        self.mean = self.mean + self.step * way
+        self.p_s = (1 - c_s) * self.p_s + np.sqrt(c_s * (2 - c_s) * effective) * (self.B @ ((self.B.T @ way) / self.D))
+        long = np.linalg.norm(self.p_s)
+        going = long / np.sqrt(1 - (1 - c_s) ** (2 * self.k)) < (1.4 + 2 / (n + 1)) * usual
+        self.p_c = (1 - c_c) * self.p_c + going * np.sqrt(c_c * (2 - c_c) * effective) * way
+        C = (
+            (1 - c_1 - c_mu) * self.C
+            + c_1 * (np.outer(self.p_c, self.p_c) + (not going) * c_c * (2 - c_c) * self.C)
+            + c_mu * (best.T * weights) @ best
+        )
+        self.C = 0.5 * (C + C.T)
+        self.step *= float(np.exp((c_s / damping) * (long / usual - 1)))

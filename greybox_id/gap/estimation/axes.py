@@ -1,0 +1,259 @@
+"""Directions in which a diagnosis moves parameters: nuisances, which are believed, and candidates, which are not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from math import exp, inf, isinf, log, pi
+from sys import float_info
+from types import SimpleNamespace
+
+import numpy as np
+
+from ...engine.simulation import Diagnosed
+from ...models.effect import Effect
+from ...models.memory_model import MemoryModel
+from ...models.parameter import Parameter
+from .calibration import CAL
+
+ZONE = "zone of indifference"
+"""Source of a prior that no file states."""
+DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
+SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
+"""By unit, of a second parameter's usual value; else where it is."""
+SHARE = (0.0, 1.0)
+"""Bounds of a second parameter that says how much of something goes along."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter that moves, in a coordinate that is finite at its null value.
+
+    Attributes
+    ----------
+    name, unit : the parameter's.
+    index : in the parameter vector.
+    inverse : whether the coordinate is one over the value, for limits whose null is infinity.
+    null, low, high : coordinates.
+    mean, sd : what is believed of the coordinate; sd infinite where nothing is.
+    scale : how large a step is.
+    shift : whether it moves instants.
+    gradual : whether its derivative at the null tells about it.
+    narrow : whether it is a zone of indifference, of which no more is believed than its derivative tells.
+    relative : whether the coordinate is the logarithm of the value.
+    """
+
+    name: str
+    unit: str
+    index: int
+    inverse: bool
+    null: float
+    low: float
+    high: float
+    mean: float
+    sd: float
+    scale: float
+    shift: bool = False
+    gradual: bool = True
+    narrow: bool = False
+    relative: bool = False
+
+    @property
+    def abrupt(self) -> bool:
+        """Whether a small magnitude already does something that its derivative at the null does not tell.
+
+        The least delay has a reading taken before the command of its row, instead of just after.
+        """
+        return self.shift or not self.gradual
+
+    def value(self, coordinate: float) -> float:
+        """The parameter's value."""
+        if self.relative:
+            return exp(coordinate)
+        if not self.inverse:
+            return coordinate
+        return inf if coordinate <= 0 else 1 / coordinate
+
+    def coordinate(self, value: float) -> float:
+        """The coordinate at which the parameter has this value."""
+        if self.relative:
+            return log(max(value, float_info.min))
+        return 1 / value if self.inverse else value
+
+    def relatively(self) -> Axis:
+        """The same belief in shares of its mean, where the parameter is positive: 5 m, give or take 20 %, is never 0 m.
+
+        A length of 5 m ± 1 m that is 5 cm, or no inertia, would else cost as little as one that is twice as large.
+        """
+        if self.inverse or not (self.low >= 0 and self.mean > 0):
+            return self
+        new = replace(self, relative=True)
+        null, low, high, mean = (new.coordinate(own) for own in (self.null, self.low, self.high, self.mean))
+        sd = self.sd / self.mean
+        return replace(new, null=null, low=low, high=high, mean=mean, sd=sd, scale=sd)
+
+
+@dataclass(frozen=True)
+class ActingRows:
+    """Where an effect acts that begins within recordings, or ends.
+
+    Attributes
+    ----------
+    rows : of all N.
+    recording, run : the name of the one in which it does, and the number of its run, from 1.
+    since, until : s of its clock; None where it acts from the start, or to the end.
+    """
+
+    rows: slice
+    recording: str
+    run: int = 1
+    since: float | None = None
+    until: float | None = None
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it still acts at the end, and so on what comes after the recordings."""
+        return self.until is None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be the cause, or one of its forms: second parameters may be held.
+
+    Attributes
+    ----------
+    effect : its name.
+    axes : its magnitude first, then second parameters.
+    starts : coordinates that the search begins from; empty where the derivative at the null tells all.
+    gradual : whether what a small magnitude does tells what a larger one will.
+    part : where it acts; None: everywhere.
+    never_beside : effects that are other forms of it.
+    """
+
+    effect: str
+    axes: tuple[Axis, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
+    gradual: bool = True
+    part: ActingRows | None = None
+    never_beside: frozenset[str] = frozenset()
+
+    @property
+    def held(self) -> tuple[float, ...]:
+        """Coordinates of second parameters that are held: they say which form of the effect it is."""
+        return tuple(own.low for own in self.axes[1:] if own.low == own.high)
+
+    @property
+    def free(self) -> int:
+        """How many of its axes are estimated."""
+        return len(self.axes) - len(self.held)
+
+
+def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
+    """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
+    sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
+    found = []
+    for index, parameter in _scalars(model):
+        if not parameter.fixed and parameter.prior is not None:
+            axis = _axis(parameter, index, parameter.name in shifting)
+            sd, mean = float(np.asarray(parameter.prior.sd)), parameter.prior.mean
+            at = axis.null if mean is None else float(np.asarray(mean))
+            found.append(
+                replace(
+                    axis,
+                    mean=at,
+                    sd=sd,
+                    scale=sd,
+                    gradual=parameter.name not in sudden,
+                    narrow=parameter.source == ZONE,
+                )
+            )
+    return tuple(found)
+
+
+def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Candidate, ...]:
+    """Effects of the model that may be the cause.
+
+    Parameters
+    ----------
+    model : with all of the effects.
+    effects : those of which the magnitude may differ from where it stands in the model.
+    shifting : parameters that move instants.
+    """
+    places = {parameter.name: (index, parameter) for index, parameter in _scalars(model)}
+    found = []
+    for name, effect in effects.items():
+        index, parameter = places[effect.parameter.name]
+        main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
+        seconds = [_second(*places[other.name]) for other in effect.others]
+        gradual = effect.gradual and not main.shift
+        if gradual and not seconds:
+            found.append(Candidate(name, (main,)))
+            continue
+        if any(own.unit == "rad" for own in seconds):  # with a direction, the magnitude has no sign
+            main = replace(main, low=max(main.low, 0.0))
+        typical = main.coordinate(effect.typical)
+        if gradual:
+            firsts = [main.null + CAL.gradual_start * (typical - main.null)]
+        else:
+            firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
+        for form in product(*(_forms(own) for own in seconds)):
+            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(own) for own in form)))
+            found.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
+    return tuple(found)
+
+
+def shifting(model: Diagnosed) -> frozenset[str]:
+    """Parameters that move instants, by asking every shift what it depends on; maps with memory know no instants."""
+    if isinstance(model, MemoryModel):
+        return frozenset()
+    asked: set[str] = set()
+
+    class Asked(SimpleNamespace):
+        def __getattr__(self, name: str) -> float:
+            asked.add(name)
+            return 0.0
+
+    for _, by in (*model.delays, *model.latencies):
+        by(Asked())
+    return frozenset(asked)
+
+
+def _scalars(model: Diagnosed) -> list[tuple[int, Parameter]]:
+    found, index = [], 0
+    for parameter in model.parameters:
+        if parameter.shape == ():
+            found.append((index, parameter))
+        index += parameter.size
+    return found
+
+
+def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None = None) -> Axis:
+    value, (low, high) = float(parameter.array), parameter.bounds
+    inverse = isinf(value)
+    if inverse:
+        null, low, high = 0.0, 0.0, 1 / float(np.asarray(low))
+    else:
+        null, low, high = value, float(np.asarray(low)), float(np.asarray(high))
+    scale = abs(1 / typical if inverse else typical - null) if typical is not None else abs(value) or 1.0
+    return Axis(parameter.name, parameter.unit, index, inverse, null, low, high, null, inf, scale, shift)
+
+
+def _forms(second: Axis) -> tuple[Axis, ...]:
+    """A second parameter, held at none and at all where it says how much of something goes along."""
+    if (second.low, second.high) != SHARE:
+        return (second,)
+    return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
+
+
+def _ways(second: Axis) -> tuple[float, ...]:
+    """Where searches begin in a second parameter."""
+    if second.unit == "rad":
+        return DIRECTIONS
+    return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))
+
+
+def _second(index: int, parameter: Parameter) -> Axis:
+    """A second parameter: free within a factor, or in any direction."""
+    axis = _axis(parameter, index, False)
+    return replace(axis, scale=0.1 if axis.unit == "rad" else 0.1 * abs(axis.null))

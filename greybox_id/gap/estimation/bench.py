@@ -1,0 +1,331 @@
+"""The test bench of a diagnosis: one model with everything it may lack, simulated many times over the same recordings.
+
+All candidates are in one model, at their null values, so that one compiled kernel serves every hypothesis. Simulations
+lie side by side in lanes; delays and latencies that are zero, and stay so, cut no segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Index
+from ...datasets.recording import Recording
+from ...engine.kernel import PAYS
+from ...engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay, packed
+from ...engine.motion.runs import MotionRun, motion_runs
+from ...engine.motion.schedule import Schedule, longest_segments, schedule
+from ...engine.motion.simulator import Simulator
+from ...models.motion_model import MotionModel
+from .calibration import CAL
+from .unknown_forces import knows_unknown_forces
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulation that may be asked for again.
+
+    Attributes
+    ----------
+    y : (N, outputs) predicted readings.
+    cuts : (lanes, nz) states where `linearise` cuts the runs.
+    """
+
+    y: Array
+    cuts: Array
+
+
+def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun]:
+    """The runs of recordings; parts in which sensors were silent have none, as long as others have."""
+    found, lacking = list[MotionRun](), list[BadInput]()
+    for recording in recordings:
+        try:
+            found += motion_runs(model, recording)
+        except BadInput as error:
+            lacking.append(error)
+    if not found:
+        raise lacking[0]
+    return found
+
+
+@dataclass(frozen=True)
+class Passage:
+    """Segments of a run that are integrated one after the other.
+
+    Attributes
+    ----------
+    plan, segments : the run's, and which of them.
+    cuts : at the start of which, counted from the first, states are wanted.
+    """
+
+    plan: Schedule
+    segments: slice
+    cuts: Index
+
+    def __len__(self) -> int:
+        return int(self.segments.stop - self.segments.start)
+
+
+@dataclass(frozen=True)
+class Integrated:
+    """A passage that was integrated: states that are wanted, the one at its end, and readings, as they are taken."""
+
+    cuts: Array
+    end: Array
+    y: Array
+
+    def readings(self, plan: Schedule) -> Array:
+        """(n, outputs) readings by rows, where it is all of a run; NaN where there is none."""
+        found = self.y.ravel().take(plan.taken)
+        if not plan.complete:
+            found[plan.taken < 0] = np.nan
+        return found.reshape(plan.read_segment.shape)
+
+
+class Bench:
+    """Simulates whole runs freely.
+
+    Parameters
+    ----------
+    model : with all candidates.
+    recordings : what to simulate; N rows in all.
+    simulator : of the model, where there is one already.
+
+    Attributes
+    ----------
+    runs : the recordings' unbroken runs.
+    measured : (N, outputs) readings, NaN where there is none.
+    rows : slices of the N rows, per run.
+    counted : (N, outputs) readings that are there, but not in a run's first moments, of which a late sensor has none.
+    loose : states whose starts are read, with noise.
+    """
+
+    def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
+        self.model, self.size = model, model.size
+        self.simulator = simulator or Simulator(model, compiled=None)
+        self.runs = _runs(model, recordings)
+        edges = np.concatenate(([0], np.cumsum([len(run) for run in self.runs])))
+        self.rows = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.measured = np.vstack([run.measured for run in self.runs])
+        self.counted = np.isfinite(self.measured)
+        for run, rows in zip(self.runs, self.rows, strict=True):
+            self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
+        self.time = np.concatenate([run.time for run in self.runs])
+        self.inputs = np.vstack([run.inputs for run in self.runs])
+        if len(self.time) * CAL.lanes > PAYS:  # as it will be asked for: what is not compiled takes long until it is
+            self.simulator.kernel.prepare()
+        self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
+        self.loose: tuple[int, ...] = ()
+        if not knows_unknown_forces(model) or len(self.runs) <= CAL.few_runs:
+            self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
+        self._readings = [self._starting_readings(run) for run in self.runs]
+        self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
+        self._simulated: dict[bytes, Simulated] = {}
+        self._room = np.empty(0)  # for segments of unlike runs side by side, one call after the other
+
+    @property
+    def learnt(self) -> bool:
+        """Whether weights stand for the equations."""
+        return self.model.learnt
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Outputs, in order."""
+        return self.model.outputs
+
+    @property
+    def sample_time(self) -> float:
+        """Usual step, s."""
+        return float(np.median([run.sample_time for run in self.runs]))
+
+    def simulate(self, P: Array) -> Array:
+        """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
+        return np.stack([own.y for own in self._simulations(P)])
+
+    def _simulations(self, P: Array) -> list[Simulated]:
+        """Simulations with each vector: those that are remembered, and new ones."""
+        P = np.ascontiguousarray(P, dtype=float)
+        keys = [p.tobytes() for p in P]
+        known = {key: self._simulated[key] for key in keys if key in self._simulated}
+        new = {key: k for k, key in enumerate(keys) if key not in known}
+        if new:
+            made = self.simulate_anew(P[list(new.values())])
+            known |= dict(zip(new, made, strict=True))
+        for key in keys:  # what was asked for last is forgotten last
+            self._simulated.pop(key, None)
+            self._simulated[key] = known[key]
+        most = max(CAL.lanes, CAL.remembered // max(self.measured.size, 1))
+        for key in list(self._simulated)[: max(len(self._simulated) - most, 0)]:
+            del self._simulated[key]
+        return [known[key] for key in keys]
+
+    def simulate_anew(self, P: Array) -> list[Simulated]:
+        """Simulations with each vector, whatever is remembered."""
+        return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
+
+    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+        """Simulations with each vector along segments that are its own."""
+        starts, count = self._starts(P)[0], len(self.runs)
+        whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
+        found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
+        return [self._simulated_by(own, found[k * count : (k + 1) * count]) for k, own in enumerate(plans)]
+
+    def _simulated_by(self, plans: Sequence[Schedule], runs: Sequence[Integrated]) -> Simulated:
+        """A simulation of runs that were integrated one by one."""
+        y = np.full(self.measured.shape, np.nan)
+        for rows, plan, own in zip(self.rows, plans, runs, strict=True):
+            y[rows] = own.readings(plan)
+        return Simulated(y, np.concatenate([own.cuts for own in runs]))
+
+    def _integrated(self, passages: Sequence[Passage], z0: Array, P: Array) -> list[Integrated]:
+        """Passages of runs, those together in a call that are about as long: it takes as long as its longest."""
+        kernel, found = self.simulator.kernel, dict[int, Integrated]()
+        order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), id(passages[k].plan)))
+        lengths = tuple(len(passages[k]) for k in order)
+        for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
+            own = order[part]
+            segments, reads = self._laid_out([passages[k] for k in own])
+            keeps = np.zeros(len(reads) + 1, dtype=bool)
+            for k in own:
+                keeps[passages[k].cuts] = keeps[len(passages[k])] = True
+            with np.errstate(all="ignore"):
+                z, y = kernel.simulate(z0[own], segments, P[own], reads, keeps)
+            place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
+            for lane, k in enumerate(own):
+                each, its = passages[k], y[lane]
+                if len(own) > 1 and segments.strides[0] != 0:  # others are read elsewhere
+                    its = its[rank[: len(each)][each.plan.reads[each.segments]]]
+                found[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
+        return [found[k] for k in range(len(passages))]
+
+    def _laid_out(self, passages: Sequence[Passage]) -> tuple[Array, NDArray[np.bool_]]:
+        """Segments of passages side by side, (L, S, segment size), and at whose starts any is read.
+
+        Shorter ones are filled up with segments of no length; where all have the same ones, they share them.
+        """
+        first, *_ = passages
+        if all(own.plan is first.plan and own.segments == first.segments for own in passages):
+            segments = first.plan.segments[first.segments]
+            return np.broadcast_to(segments, (len(passages), *segments.shape)), first.plan.reads[first.segments]
+        most, size = max(len(own) for own in passages), first.plan.segments.shape[1]
+        if len(self._room) < len(passages) * most * size:
+            self._room = np.empty(len(passages) * most * size)
+        segments, reads = self._room[: len(passages) * most * size], np.zeros(most, dtype=bool)
+        segments = segments.reshape(len(passages), most, size)
+        for lane, own in zip(segments, passages, strict=True):
+            lane[: len(own)] = own.plan.segments[own.segments]
+            lane[len(own) :] = 0.0
+            reads[: len(own)] |= own.plan.reads[own.segments]
+        return segments, reads
+
+    def _cut(self, plan: Schedule) -> Index:
+        """Segments at which the lanes of a run begin that `linearise` cuts."""
+        return plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), self._cuts)]
+
+    @property
+    def _cuts(self) -> int:
+        return max(1, CAL.lanes // len(self.runs))
+
+    def along(self, p: Array) -> Array:
+        """Parameters along the segments of `trajectory`, (S, parameters); one vector where they are the same in all."""
+        return p
+
+    def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
+        """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
+        plans, starts = self._scheduled(tuple(self.simulator.shifts(p))), self._starts(p[None])[0][0]
+        whole = [Passage(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
+        found = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
+        return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
+
+    def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
+        """A simulation and its derivatives.
+
+        Parameters
+        ----------
+        p : (parameters,).
+        columns : parameters to differentiate by.
+
+        Returns
+        -------
+        y : (N, outputs).
+        J : (N, outputs, columns).
+        S : (N, outputs, runs * loose) by the starts of every run.
+        """
+        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.size])
+        plans = self._scheduled(tuple(shifts))
+        if any(moving):
+            plans = [
+                schedule(self.simulator.trace, run, shifts, longest, moving)
+                for run, longest in zip(self.runs, self.longest, strict=True)
+            ]
+        cut, by_lane, held = self._lanes_in(plans, p)
+        by_p = self._starts(p[None])[1][0]
+        (found,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
+        chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
+        with np.errstate(all="ignore"):
+            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)
+            for lanes_held, index in held:
+                at = size + np.flatnonzero(chosen == index)
+                Z_end[np.ix_(lanes_held, np.arange(size), at)] = 0.0
+                Y[np.ix_(lanes_held, np.arange(Y.shape[1]), np.arange(Y.shape[2]), at)] = 0.0
+            G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
+            lanes, reads, outputs, _ = Y.shape
+            J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
+            J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
+        J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
+        if not np.isfinite(np.sum(J)):
+            J = np.nan_to_num(J, copy=False)
+        loose = len(self.loose)
+        S = np.zeros((*self.measured.shape, len(self.runs) * loose))
+        for k, rows in enumerate(self.rows):
+            S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
+        return found.y.copy(), J[:, :, : len(chosen)], S
+
+    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+        """Lanes that runs are cut into to be differentiated, their parameters, and in which lanes which do not act."""
+        return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], self._cuts), p, ()
+
+    def _moving(self, columns: Sequence[int]) -> list[bool]:
+        """Which shifts any of the parameters moves."""
+        timing = self.simulator.trace.timing
+        if self.simulator.trace.shift_count == 0:
+            return []
+        pattern = np.zeros((self.simulator.trace.shift_count, self.model.size), dtype=bool)
+        sparsity = timing.jac_sparsity(0, 0)
+        rows, cols = sparsity.get_triplet()
+        pattern[rows, cols] = True
+        return [bool(np.any(pattern[k, list(columns)])) for k in range(len(pattern))]
+
+    def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
+        if shifts not in self._schedules:
+            while len(self._schedules) > 2 * CAL.lanes:
+                del self._schedules[next(iter(self._schedules))]
+            still = [False] * len(shifts)
+            self._schedules[shifts] = [
+                schedule(self.simulator.trace, run, np.array(shifts), longest, still)
+                for run, longest in zip(self.runs, self.longest, strict=True)
+            ]
+        return self._schedules[shifts]
+
+    def _starts(self, P: Array) -> tuple[Array, Array]:
+        """(K, runs, nz) states at the runs' starts and their derivative by the parameters."""
+        found = [
+            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), own)
+            for run, (names, values), own in zip(self.runs, self._readings, self._at_starts(P), strict=True)
+        ]
+        return np.stack([z for z, _ in found], axis=1), np.stack([by_p for _, by_p in found], axis=1)
+
+    def _at_starts(self, P: Array) -> Sequence[Array]:
+        """Of each run, (K, parameters) vectors in force where it begins."""
+        return [P] * len(self.runs)
+
+    def _starting_readings(self, run: MotionRun) -> tuple[tuple[str, ...], Array]:
+        """States that are read and where they start: the mean of the first readings, which are noisy."""
+        names = run.states_read(self.model)
+        columns = [self.model.outputs.index(name) for name in names]
+        first = np.array([run.measured[np.flatnonzero(np.isfinite(run.measured[:, c]))[:1], c][0] for c in columns])
+        return names, first

@@ -1,0 +1,232 @@
+"""Is a magnitude the same everywhere? A true cause's is; an impostor's changes with speed, load, time and channel.
+
+Magnitudes of parts are what the recording says of each with all else refitted to first order, tolerances among it: what
+these take up differs from part to part, and is no spread of the magnitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from ...base.shorthands import Array
+from .calibration import CAL
+from .hypothesis import Hypothesis
+from .search import Search
+
+BETWEEN_CHANNELS = "between channels"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How a magnitude differs between parts of a recording.
+
+    Attributes
+    ----------
+    place : between what parts, in words: along what, or between channels.
+    relative : weighted standard deviation of the parts' magnitudes over the magnitude, beyond that of noise.
+    p_value : how often so much would come from noise.
+    parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
+    ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
+    stretch : by what the variance of the whole grows where parts have magnitudes of their own, that differ so.
+    """
+
+    place: str
+    relative: float
+    p_value: float
+    parts: tuple[float, ...]
+    ratio: float = 1.0
+    stretch: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Alone:
+    """What a recording says of one coordinate of a hypothesis, all else refitted to first order.
+
+    Attributes
+    ----------
+    does : (N, channels) what the coordinate does, whitened.
+    itself : (N, channels) the same less what all else can undo.
+    pulls : (N, channels) what residuals pull at it.
+    by_row, by_channel : (N, n), (channels, n) what it does times what all else does, summed over the others.
+    inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
+    """
+
+    does: Array
+    itself: Array
+    pulls: Array
+    by_row: Array
+    by_channel: Array
+    inverse: Array
+    slope: Array
+
+    def in_parts(self, part: Array) -> tuple[Array, Array]:
+        """Hessian and gradient by the coordinate in K parts, all else refitted.
+
+        Parameters
+        ----------
+        part : (N, K) or (channels, K), one where rows or channels belong to a part.
+        """
+        axis = 1 if len(part) == len(self.does) else 0
+        cross = (self.by_row if axis else self.by_channel).T @ part
+        undone = self.inverse @ cross
+        H = np.diag(np.sum(self.does**2, axis=axis) @ part) - cross.T @ undone
+        g = np.sum(self.pulls, axis=axis) @ part - undone.T @ self.slope
+        return H, g
+
+
+def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
+    """One coordinate of a hypothesis; None where it does nothing."""
+    shape = found.e.shape
+    both = search.weighed(np.concatenate([found.e[:, :, None], found.J], axis=2)).reshape(found.e.size, -1)
+    r, J = both[:, 0], both[:, 1:]
+    u = np.concatenate([found.theta, found.linear])
+    g = search.white.T @ r + search.precision @ (u - search.means)
+    stays = ((u <= search.low) & (g > 0)) | ((u >= search.high) & (g < 0)) | search.among({a.index for a in found.axes})
+    others = np.arange(J.shape[1]) != at
+    moves = np.concatenate([~stays, others])  # all else, nuisances first
+    own = J.T @ J
+    beside = search.white.T @ J
+    H = np.block([[search.gram + search.precision, beside], [beside.T, own]])[np.ix_(moves, moves)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    inverse = np.linalg.pinv(H * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
+    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], own[:, at]])[moves]
+    undone = np.zeros(len(moves))
+    undone[moves] = inverse @ alike
+    told = float(own[at, at] - alike @ undone[moves])
+    if not told > CAL.ridge * float(own[at, at]):
+        return None
+    itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
+    slope = np.concatenate([g, J.T @ r])[moves]
+    by_row, by_channel = zip(*(_products(does, own.reshape(*shape, -1)) for own in (search.white, J)), strict=True)
+    rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
+    return _Alone(does, itself, does * r.reshape(shape), rows, channels, inverse, slope)
+
+
+def _products(one: Array, many: Array) -> tuple[Array, Array]:
+    """(N, n), (channels, n) of (N, channels) times (N, channels, n), summed over channels and over rows."""
+    over_rows = np.array([many[:, c].T @ one[:, c] for c in range(one.shape[1])])
+    return np.asarray((one[:, None, :] @ many)[:, 0]), over_rows
+
+
+def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
+    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel.
+
+    Parameters
+    ----------
+    search, found : the hypothesis and what refitted it.
+    orders : "along ..." -> (N,) by which rows are sorted.
+    effect : which one.
+    """
+    at = found.parts[effect][1].start
+    alone = _alone(search, found, at)
+    return [] if alone is None else _spreads(alone, found, orders, at)
+
+
+def _spreads(alone: _Alone, found: Hypothesis, orders: Mapping[str, Array], at: int) -> list[Spread]:
+    informs = np.sum(alone.itself**2, axis=1)
+    cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
+    cuts[BETWEEN_CHANNELS] = np.eye(found.e.shape[1])
+    m = float(found.m[at])
+    size = abs(m - found.axes[at].null) + 1e-300
+    by_chance, result = float(np.sum(1 / np.arange(1, len(cuts) + 1))), list[Spread]()
+    for place, part in cuts.items():
+        H, g = alone.in_parts(part)
+        weight = np.diag(H)
+        told = weight > CAL.part_least * float(np.sum(weight))
+        count = int(np.sum(told))
+        offs = np.full(len(told), np.nan)
+        ratio, relative, p, wider = 1.0, 0.0, 1.0, 1.0
+        if count:
+            own, pull = H[np.ix_(told, told)], g[told]
+            offs[told] = -np.linalg.solve(own + CAL.ridge * np.diag(np.diag(own)), pull)
+        if count > 1:
+            Q = max(float(-pull @ offs[told]) - float(np.sum(pull)) ** 2 / max(float(np.sum(own)), 1e-300), 0.0)
+            ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
+            wider = _stretched(own, (count - 1) * max(ratio - by_chance, 0.0))
+            mean = float(np.average(offs[told], weights=weight[told]))
+            variance = float(np.average((offs[told] - mean) ** 2, weights=weight[told]))
+            relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
+        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio, wider))
+    return result
+
+
+def _stretched(H: Array, beyond: float) -> float:
+    """By what the variance of a magnitude grows where parts have their own, tolerances being common to all of them.
+
+    At most by what their squares exceed noise (Birge, Phys. Rev. 40, 1932): of parts that tell unequally, one that says
+    next to nothing and is off would else decide how far off those are that tell all there is.
+
+    Parameters
+    ----------
+    H : (n, n) information on the parts' magnitudes, all else refitted.
+    beyond : how much more their weighted squares about the mean are than noise and chance make them.
+    """
+    told = np.sum(H, axis=0)
+    whole = float(np.sum(told))
+    apart = float(np.trace(H)) - float(told @ told) / whole if whole > 0 else 0.0
+    if beyond <= 0 or not apart > 0:
+        return 1.0
+    between = np.eye(len(H)) + beyond / apart * H  # H (H^-1 + tau^2 I)
+    return min(max(whole / float(np.sum(np.linalg.solve(between, H))), 1.0), 1.0 + beyond / max(len(H) - 1, 1))
+
+
+def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
+    """What rows are ordered by: "along ..." -> (N,).
+
+    Parameters
+    ----------
+    seen : signals per row.
+    rows : how many there are.
+    """
+    found = {
+        "along time": np.arange(rows, dtype=float),
+        "along speed": seen.get("v_x"),
+        "along longitudinal acceleration": seen.get("a_x"),
+        "along lateral acceleration": None if "a_y" not in seen else np.abs(seen["a_y"]),
+        "from right to left": seen.get("a_y"),
+        "along steering": seen.get("steer"),
+        "along yaw rate": seen.get("yaw_rate"),
+    }
+    return {place: values for place, values in found.items() if values is not None}
+
+
+def stretch(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
+    """By what the variance of a magnitude exceeds that which noise and tolerances give it; at least one.
+
+    What equations' form leaves moves a magnitude differently in each part of a drive, and what moves the parts moves
+    the whole (random effects, DerSimonian & Laird, Control. Clin. Trials 7, 1986; tolerances are common to all parts,
+    and what these leave open of the whole does not grow with it). The largest of n ratios is about 1 + 1/2 + .. +
+    1/n where magnitudes are constant and parts three; what is beyond that counts.
+    """
+    return max((own.stretch for own in spreads(search, found, orders, effect)), default=1.0)
+
+
+def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
+    """Effect -> how its magnitude differs most: by speed, accelerations, time or channel; none where noise may do so.
+
+    Parameters
+    ----------
+    search, found : as of `spreads`.
+    seen : signals per row.
+    """
+    orders = orders_of(seen, len(found.e))
+    result = {}
+    for k, name in enumerate(found.names):
+        told = [own for own in spreads(search, found, orders, k) if own.p_value < CAL.surely_varies]
+        if told:
+            result[name] = max(told, key=lambda own: own.relative)
+    return result
+
+
+def _thirds(values: Array, informs: Array) -> NDArray[np.int_]:
+    """(N,) the part of each row: by value, of equal information."""
+    order = np.argsort(values, kind="stable")
+    filled = np.cumsum(informs[order])
+    part = np.empty(len(order), dtype=int)
+    part[order] = np.minimum((CAL.parts * filled / max(filled[-1], 1e-300)).astype(int), CAL.parts - 1)
+    return part

@@ -1,0 +1,171 @@
+"""Free runs with tolerances that do all they can for them: what is left then, no tolerance explains.
+
+Before and after an effect alike, and charged to both, so that a fitted nuisance never passes for a gap that closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Mask
+from ...base.statistics import correlation_time, robust_sd
+from ...datasets.recording import Recording
+from ...engine.simulation import Diagnosed, FreeRuns
+from ...models.effect import Effect
+from ...models.vehicle import Vehicle
+from .axes import nuisances, shifting
+from .calibration import CAL
+from .hypothesis import Hypothesis, Start, by_cost
+from .model_error import ModelError
+from .noise import sound, stated_noise, white_noise
+from .preparing import excerpt, prepare_plain
+from .refit import refit, settled
+from .search import Search
+from .variance import fresh
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Errors of a model with its tolerances refitted.
+
+    Attributes
+    ----------
+    e : (N, channels) prediction minus reading.
+    charge : what the tolerances cost, twice their negative log-belief.
+    trust : as how many readings one counted.
+    values : parameter -> where the tolerances are.
+    """
+
+    e: Array
+    charge: float
+    trust: float = 1.0
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+def refitted_tolerances(
+    model: Diagnosed,
+    recordings: Sequence[Recording],
+    vehicle: Vehicle | None,
+    effects: Mapping[str, Effect],
+    sd: Array | None = None,
+    there: Mapping[str, float] | None = None,
+    trust: float | None = None,
+) -> tuple[Misfit, FreeRuns]:
+    """Errors of a model whose tolerances are refitted to recordings.
+
+    Parameters
+    ----------
+    model : as stated, or with effects at their magnitudes.
+    recordings : on which it is simulated.
+    vehicle : what is stated: tolerances and sensor noise.
+    effects : by name, for the vehicle's tolerances.
+    sd : (channels,) noise where none is stated; None takes what is faster than motion.
+    there : values of parameters; tolerances are refitted from there, too, and the better of both counts.
+    trust : as how many readings one counts, as beside another model that this one is compared with; None: as many as
+        what is left allows. Errors that noise does not explain are alike for a while: taken for noise, they would press
+        every tolerance to where it reaches.
+    """
+    examined = excerpt(recordings)
+    prepared = prepare_plain(model, examined, effects, vehicle)
+    bench = prepared.bench(examined)
+    own = nuisances(prepared.everything, effects, shifting(prepared.everything))
+    start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
+    if not np.all(np.isfinite(start)):
+        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
+    noise, told = stated_noise(bench, vehicle, start)
+    sd = noise if told or sd is None else sd
+    good = sound(start, fresh(bench), bench.rows)
+    search = Search(bench, own, white_noise(sd, good, bench.rows), CAL.trusts[0])
+    search.about(None)
+    starts = [search.at_means(), *([search.at_values(there)] if there and search.moving else [])]
+    found, most = starts[0], 1.0
+    for step in CAL.trusts if own else CAL.trusts[-1:]:
+        search.trusting(min(step, most))
+        tried = list[Hypothesis]()
+        for begin in starts:
+            search.about(begin)
+            for each in refit(search, _about(search, begin)):
+                tried += [each, settled(search, each)]
+        if tried:  # none where derivatives leave the range of numbers
+            found = min(tried, key=by_cost)
+            starts, most = [found], _worth(found.e / sd, good) if trust is None else trust
+    if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
+        return Misfit(start, 0.0), bench
+    return replace(misfit(search, found), trust=search.trust, values=search.values(found)), bench
+
+
+def _about(search: Search, begin: Hypothesis) -> list[Start]:
+    """Where tolerances are, and the same with linear nuisances as they are believed to be.
+
+    Where the vehicle nearly spins, derivatives taken anew may say something else of these than they were found by.
+    """
+    believed = Start((), begin.m, begin.theta, search.means[len(begin.theta) :])
+    same = np.array_equal(begin.linear, believed.linear)
+    return [search.start_of(begin), *([] if same else [believed])]
+
+
+def _worth(e: Array, good: Mask) -> float:
+    """As how many readings one counts: noise is new in each, what is beyond noise is alike for its correlation time."""
+    if not np.any(good):
+        return 1.0
+    beyond = robust_sd(e[good]) ** 2 - 1.0  # spins are few, and not the rule
+    return 1.0 / (1.0 + beyond * correlation_time(np.where(good, e, 0.0))) if beyond > 0 else 1.0
+
+
+def misfit(search: Search, found: Hypothesis) -> Misfit:
+    """What a hypothesis leaves."""
+    return Misfit(found.e, search.charge(found))
+
+
+def plain(e: Array, good: Mask, bench: FreeRuns) -> Mask:
+    """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
+    return sound(e, good, bench.rows, CAL.far_reading)
+
+
+def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, good: Mask) -> list[Hypothesis]:
+    """Hypotheses with tolerances that do all they can for free runs: what is left then, no tolerance explains.
+
+    Where unknown forces whiten residuals, free runs may wander as these let them; how far a gap closes is a matter of
+    free runs themselves, with magnitudes as they were found. Tolerances then go far: they are linearised again.
+    """
+    if not isinstance(search.colour, ModelError):
+        if search.trust == 1.0:
+            return list(hypotheses)
+        trust = search.trust
+        search.trusting(1.0)
+        found = [_refitted(search, own) for own in hypotheses]
+        search.trusting(trust)
+        return found
+    before = search.colour
+    with search.elsewhere():
+        search.recoloured(white_noise(sd, good, search.bench.rows))
+        found = [_settled(search, own) for own in hypotheses]
+        search.colour = before
+    return found
+
+
+def _settled(search: Search, own: Hypothesis) -> Hypothesis:
+    """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
+    best = _refitted(search, replace(own, cost=np.inf))
+    for _ in range(CAL.freed_again if search.moving or search.shifts else 0):
+        search.about(best, delays=False)
+        again = _refitted(search, best)
+        settled = again.cost > (1 - CAL.freed_enough) * best.cost
+        best = min(best, again, key=by_cost)
+        if settled:
+            break
+    return best
+
+
+def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
+    """A hypothesis with nuisances refitted, its magnitudes held."""
+    held = []
+    for candidate, at in own.parts:
+        axes = (replace(axis, low=float(m), high=float(m)) for axis, m in zip(candidate.axes, own.m[at], strict=True))
+        held.append(replace(candidate, axes=tuple(axes)))
+    again = refit(search, [replace(search.start_of(own), candidates=tuple(held))], settle_on_rows=False)
+    return again[0] if again else own

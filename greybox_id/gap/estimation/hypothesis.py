@@ -1,0 +1,115 @@
+"""The words of a diagnosis' search: hypotheses, where refits of them start, and what projections tell."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.shorthands import Array
+from .axes import Axis, Candidate
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Some candidates at the magnitudes that explain the recording best.
+
+    Attributes
+    ----------
+    candidates : those that are present.
+    m : their coordinates, in the order of their axes.
+    theta : coordinates of the nuisances that move nonlinearly.
+    linear : of those that enter to first order.
+    cost : negative log-likelihood with beliefs, up to a constant.
+    e : (N, channels) residuals, prediction minus reading.
+    J : (N, channels, m) their derivative by m.
+    """
+
+    candidates: tuple[Candidate, ...]
+    m: Array
+    theta: Array
+    linear: Array
+    cost: float
+    e: Array
+    J: Array
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects'."""
+        return tuple(candidate.effect for candidate in self.candidates)
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Of all candidates."""
+        return tuple(axis for candidate in self.candidates for axis in candidate.axes)
+
+    @property
+    def parts(self) -> list[tuple[Candidate, slice]]:
+        """Candidates, each with the places of its coordinates."""
+        return parts_of(self.candidates)
+
+    def main(self, effect: str) -> tuple[Axis, int]:
+        """The axis of an effect's magnitude, and the place of its coordinate."""
+        return next((own.axes[0], at.start) for own, at in self.parts if own.effect == effect)
+
+    def only(self, effects: Collection[str]) -> Hypothesis:
+        """Some of its effects, where they stand in it; what that costs is not known yet."""
+        places = [k for own, at in self.parts if own.effect in effects for k in range(at.start, at.stop)]
+        candidates = tuple(own for own in self.candidates if own.effect in effects)
+        return replace(self, candidates=candidates, m=self.m[places], J=self.J[:, :, places], cost=np.inf)
+
+
+def parts_of(candidates: Sequence[Candidate]) -> list[tuple[Candidate, slice]]:
+    """Candidates, each with the places of its coordinates among those of all."""
+    ends = np.cumsum([0, *(len(own.axes) for own in candidates)]).tolist()
+    return [(own, slice(a, b)) for own, a, b in zip(candidates, ends[:-1], ends[1:], strict=True)]
+
+
+def by_cost(own: Hypothesis) -> float:
+    """What hypotheses are put in order by, best first."""
+    return own.cost
+
+
+class Projection(NamedTuple):
+    """What single columns would gain, (K,) each.
+
+    Attributes
+    ----------
+    gain : in log-likelihood.
+    step : along each.
+    curve : information on each, nuisances refitted.
+    raw : the same with nuisances held.
+    nuisances : (n, K) where nuisances would go, moving ones first, per unit of each column; from `rest`.
+    rest : (n,) where they would go without any.
+    """
+
+    gain: Array
+    step: Array
+    curve: Array
+    raw: Array
+    nuisances: Array
+    rest: Array
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a refit begins.
+
+    Attributes
+    ----------
+    candidates : of the hypothesis.
+    m, theta, linear : coordinates.
+    origin : a hypothesis without the last candidate, and the coordinates at which the whole equals it: a start that
+        explains less is drawn back towards it. None where there is no way back.
+    slopes : (N, channels, k) derivatives of residuals by the first k coordinates, from near there; zero by those by
+        which they are not known.
+    """
+
+    candidates: tuple[Candidate, ...]
+    m: Array
+    theta: Array
+    linear: Array
+    origin: tuple[Hypothesis, Array] | None = None
+    slopes: Array | None = None

@@ -1,0 +1,406 @@
+"""Model error inside the likelihood: unknown forces and coloured sensors, and the filter that whitens residuals.
+
+No equations are a vehicle's. What they leave out acts as forces on the axles and along the car: first-order
+Gauss-Markov processes xi of unit variance, as large as a share of the forces themselves, and a floor,
+
+    F_yf + s_f xi_f    F_yr + s_r xi_r    F_drag + s_x xi_x        d xi = -xi dt / tau + sqrt(2 / tau) dW
+    s_f^2 = (floor_y m / 2)^2 + (share_y F_yf)^2
+    s_x^2 = (floor_x m)^2 + (share_x (|F_drive| + |F_drag|))^2
+
+so that accelerometers see them too. About a simulation its error obeys the linearised equations, and a Kalman filter
+turns residuals into innovations that are independent and of unit variance. The same filter whitens the derivative of
+the residuals by any number. Source: Kristensen, Madsen & Jorgensen, Automatica 40, 2004; Kennedy & O'Hagan, J. R.
+Statist. Soc. B 63, 2001.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from ...base.shorthands import Array
+from ...engine.sampled import SampledFunction
+from ...models.vehicle import StatedModelError
+from .bench import Bench
+from .calibration import CAL
+from .error_filter import innovations, likelihood
+from .unknown_forces import FORCES, SCALES
+
+LEAST = 1e-12
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """How large model error and noise are.
+
+    Attributes
+    ----------
+    share_y, share_x : of the lateral force of an axle, of the longitudinal force.
+    floor_y, floor_x : m/s^2, beside that.
+    memory_y, memory_x : s, correlation times.
+    noise : (channels,) standard deviations of white noise.
+    colour : (channels,) standard deviations of the slow part of readings' errors.
+    memory : s, its correlation time.
+    """
+
+    share_y: float
+    share_x: float
+    floor_y: float
+    floor_x: float
+    memory_y: float
+    memory_x: float
+    noise: Array
+    colour: Array
+    memory: float
+
+    @property
+    def logarithms(self) -> Array:
+        """All of them, as they are estimated."""
+        six = (self.share_y, self.share_x, self.floor_y, self.floor_x, self.memory_y, self.memory_x)
+        return np.asarray(np.log(np.concatenate([six, self.noise, self.colour, [self.memory]])))
+
+    @staticmethod
+    def of(logarithms: Array) -> Amplitudes:
+        """Back from their logarithms."""
+        own = np.exp(logarithms)
+        n = (len(own) - 7) // 2
+        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in own[:6])
+        noise, colour = own[6 : 6 + n], own[6 + n : -1]
+        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(own[-1]))
+
+
+@dataclass(frozen=True)
+class Believed:
+    """Prior of the amplitudes: medians, and standard deviations of the logarithms, in the order of `logarithms`."""
+
+    median: Amplitudes
+    sd: Array
+
+    def cost(self, logarithms: Array) -> Array:
+        """(...,) negative logarithm of the prior's density, for (..., amplitudes)."""
+        return np.asarray(0.5 * np.sum(((logarithms - self.median.logarithms) / self.sd) ** 2, axis=-1))
+
+
+def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedModelError]) -> Believed:
+    """What is believed of model error before a recording was looked at.
+
+    Parameters
+    ----------
+    noise : (channels,) standard deviations, stated or estimated.
+    told : whether they were stated.
+    exact : whether the equations' numbers are stated without tolerances.
+    stated : "F_y", "F_x" -> what a vehicle file states of it; what it does not is as of any vehicle.
+    """
+    own = CAL
+    form = own.form_exact if exact else own.form
+    floor = own.floor * form / own.form
+    n = len(noise)
+    colour = (own.colour_exact if exact else own.colour) * noise
+    usual = {"share": (form, own.form_sd), "amplitude": (floor, own.form_sd)}
+    usual["correlation_time"] = (own.memory, own.memory_sd)
+    medians, sds = list[float](), list[float]()
+    for name, (middle, sd) in usual.items():
+        for force in ("F_y", "F_x"):
+            value = getattr(stated.get(force), name, None)
+            medians.append(middle if value is None else value)
+            sds.append(sd if value is None else own.form_sd_stated)
+    all_sds = np.concatenate([
+        sds, [own.noise_sd if told else own.noise_sd_estimated] * n, [own.colour_sd] * n, [own.memory_sd],
+    ])  # fmt: skip
+    share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
+    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, own.sensor_memory)
+    return Believed(median, all_sds)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Equations of errors about a simulation, S segments of all runs one behind the other.
+
+    Attributes
+    ----------
+    A, B : (S, n, n), (S, n, forces) what a segment makes of errors of the n states that matter, and of unknown forces.
+    C, D : (S, channels, n), (S, channels, forces) how readings see them.
+    length : (S,) s.
+    force : (S, forces) size of the force that each unknown one is a share of, N.
+    axis : (forces,) 0 for lateral ones, 1 for longitudinal ones.
+    mass : kg.
+    start : (n,) variance of the states where runs begin.
+    first : (S,) whether a run begins.
+    pointer : (S + 1,) where the readings of each segment begin.
+    row, channel : (R,) of each reading.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    length: Array
+    force: Array
+    axis: NDArray[np.intp]
+    mass: float
+    start: Array
+    first: NDArray[np.bool_]
+    pointer: NDArray[np.intp]
+    row: NDArray[np.intp]
+    channel: NDArray[np.intp]
+
+
+class ForceSizes:
+    """Sizes of the forces that unknown ones are shares of, along a simulation."""
+
+    def __init__(self, bench: Bench) -> None:
+        trace = bench.simulator.trace
+        self.forces = [force for force, (name, _) in FORCES.items() if name in bench.model]
+        asked = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
+        self._told = SampledFunction(trace.told(tuple(asked)))
+        self._asked = asked
+
+    def __call__(self, z: Array, segments: Array, p: Array) -> Array:
+        """(S, forces) N."""
+        told = np.abs(self._told(z, segments, p))
+        columns = [sum(told[:, self._asked.index(n)] for n in SCALES[f] if n in self._asked) for f in self.forces]
+        return np.column_stack(columns)
+
+
+def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Sequence[int] = ()) -> Linearised:
+    """Linearise errors about the simulation with these parameters.
+
+    Parameters
+    ----------
+    bench : of a model with unknown forces.
+    p : (parameters,).
+    noise : (channels,) with which the starts of runs are read.
+    sizes : of the same bench.
+    more : parameters by which segments are differentiated besides: columns of B and D behind those of forces.
+    """
+    model, simulator = bench.model, bench.simulator
+    names = [parameter.name for parameter in model.parameters]
+    columns = [*(names.index(FORCES[force][0]) for force in sizes.forces), *more]
+    trajectory = bench.trajectory(p)
+    segments = np.concatenate([own.segments for own, _ in trajectory])
+    z = np.concatenate([own for _, own in trajectory])
+    along = bench.along(p)
+    with np.errstate(all="ignore"):
+        _, Z, _, Y = simulator.kernel.linearise(z, segments[:, None, :], along, np.array([True]), np.array(columns))
+    nz = simulator.trace.size
+    Y = Y[:, 0]
+    A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
+    own = _that_matter(A, B, C)
+    counted, first, row, channel, place = bench.counted, [], [], [], []
+    offset = 0
+    for (plan, _), rows in zip(trajectory, bench.rows, strict=True):
+        read = np.where(counted[rows], plan.read_segment, -1)
+        r, c = np.nonzero(read >= 0)
+        row.append(r + rows.start)
+        channel.append(c)
+        place.append(read[r, c] + offset)
+        first.append(offset)
+        offset += len(plan.segments)
+    places = np.concatenate(place)
+    order = np.argsort(places, kind="stable")
+    begins = np.zeros(offset, dtype=bool)
+    begins[first] = True
+    start = np.zeros(nz)
+    for k, state in enumerate(model.states):
+        read_by = state.name in model.outputs and np.any(counted[:, model.outputs.index(state.name)])
+        sd = noise[model.outputs.index(state.name)] if read_by else CAL.unknown_start * state.scale
+        start[k] = 0.0 if k in bench.loose else sd**2
+    force = sizes(z, segments, along)
+    parts = (A[:, own][:, :, own], B[:, own], C[:, :, own], D, segments[:, 0], force)
+    A, B, C, D, length, force = (np.ascontiguousarray(np.nan_to_num(each)) for each in parts)
+    return Linearised(
+        A=A, B=B, C=C, D=D, length=length, force=force,
+        axis=np.array([0 if FORCES[f][1] == "y" else 1 for f in sizes.forces]),
+        mass=float(p[names.index("m")]), start=start[own], first=begins,
+        pointer=np.searchsorted(places[order], np.arange(offset + 1)),
+        row=np.concatenate(row)[order], channel=np.concatenate(channel)[order],
+    )  # fmt: skip
+
+
+def _that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
+    """States that errors reach, and from which they reach readings: others need not be followed."""
+    moves, seen = np.any(A != 0, axis=0), np.any(C != 0, axis=(0, 1))
+    reached = np.any(B != 0, axis=(0, 2))
+    reached |= np.arange(len(reached)) < min(3, len(reached))  # starts are uncertain
+    for _ in range(len(reached)):
+        reached = reached | np.any(moves & reached[None, :], axis=1)
+        seen = seen | np.any(moves & seen[:, None], axis=0)
+    return np.asarray(reached & seen)
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Model error and noise of these amplitudes, about one simulation: how residuals are whitened.
+
+    Attributes
+    ----------
+    about : errors about that simulation.
+    amplitudes : of model error and noise.
+    usable : (N, channels) readings that count.
+    gain, size : (R, n), (R,) of the filter: its gains, and standard deviations of its innovations.
+    """
+
+    about: Linearised
+    amplitudes: Amplitudes
+    usable: NDArray[np.bool_]
+    gain: Array
+    size: Array
+
+    @property
+    def readings(self) -> int:
+        """How many innovations count."""
+        return len(self.size)
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of a reading's error."""
+        return np.asarray(np.hypot(self.amplitudes.noise, self.amplitudes.colour))
+
+    @cached_property
+    def _laid(self) -> tuple[Array, Array, Array]:
+        """Scale, fade and slow of the one lane there is."""
+        scale, fade, slow, *_ = laid(self.about, [self.amplitudes])
+        return scale[..., 0].copy(), fade[..., 0].copy(), slow[..., 0].copy()
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        own, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
+        found = np.zeros((n * channels, more))
+        innovations(
+            own.A, own.B, own.C, own.D, *self._laid, own.first, own.pointer, own.channel,
+            _coloured(own, self.amplitudes), np.ascontiguousarray(values).reshape(found.shape), self.gain, self.size,
+            own.row * channels + own.channel, found,
+        )  # fmt: skip
+        return found.reshape(values.shape)
+
+
+def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
+    """The filter for these amplitudes; of the readings only those that are usable count."""
+    kept = _only(about, usable)
+    gain, size = np.empty((len(kept.row), _size(kept, amplitudes))), np.empty(len(kept.row))
+    lane = laid(kept, [amplitudes])
+    likelihood(
+        kept.A, kept.B, kept.C, kept.D, *lane[:5], kept.start, kept.first, kept.pointer, kept.channel, lane[5],
+        np.zeros(len(kept.row)), gain, size,
+    )  # fmt: skip
+    return ModelError(kept, amplitudes, usable, gain, size)
+
+
+def estimated(
+    about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = CAL.amplitude_steps
+) -> Amplitudes:
+    """The amplitudes that make residuals most probable, with their prior.
+
+    Parameters
+    ----------
+    about : errors about the simulation that left the residuals.
+    residuals : (N, channels).
+    usable : (N, channels).
+    prior : of the amplitudes.
+    steps : of the search at most.
+    """
+    kept = tuned_on(about, usable)
+    r = np.ascontiguousarray(residuals[kept.row, kept.channel])
+    none = np.empty((0, 0)), np.empty(0)
+    start = prior.median.logarithms
+    free = np.ones(len(start), dtype=bool)
+    seen = np.zeros(len(prior.median.noise), dtype=bool)
+    seen[np.unique(kept.channel)] = True
+    free[6:-1] = np.tile(seen, 2)
+
+    def cost(x: Array) -> tuple[float, Array]:
+        at = start + 0.0
+        at[free] = x
+        beside = at + CAL.amplitude_step * np.eye(len(at))[free]
+        lanes = np.vstack([at, beside])
+        lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
+        each = laid(kept, [Amplitudes.of(own) for own in lanes])
+        nll = likelihood(
+            kept.A, kept.B, kept.C, kept.D, *each[:5], kept.start, kept.first, kept.pointer, kept.channel, each[5],
+            r, *none,
+        ) + prior.cost(lanes)  # fmt: skip
+        return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
+
+    width = 4.0 * prior.sd[free]
+    bounds = list(zip(start[free] - width, start[free] + width, strict=True))
+    found = minimize(
+        cost, start[free], jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-7}
+    )
+    best = start + 0.0
+    best[free] = found.x
+    return Amplitudes.of(best)
+
+
+def tuned_on(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
+    """The beginnings of runs that amplitudes are estimated from, with the usable readings alone."""
+    return _first(_only(about, usable), CAL.segments)
+
+
+def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
+    """The same with the usable readings alone."""
+    kept = usable[about.row, about.channel]
+    places = np.repeat(np.arange(len(about.first)), np.diff(about.pointer))[kept]
+    pointer = np.searchsorted(places, np.arange(len(about.pointer)))
+    return replace(about, row=about.row[kept], channel=about.channel[kept], pointer=pointer)
+
+
+def _first(about: Linearised, most: int) -> Linearised:
+    """The beginnings of runs, so many segments in all."""
+    count = len(about.first)
+    if count <= most:
+        return about
+    begins = np.flatnonzero(about.first)
+    ends = np.append(begins[1:], count)
+    kept = np.zeros(count, dtype=bool)
+    for a, b in zip(begins, ends, strict=True):
+        kept[a : a + max(1, round((b - a) * most / count))] = True
+    readings = np.repeat(kept, np.diff(about.pointer))
+    sizes = np.diff(about.pointer)[kept]
+    return replace(
+        about, A=about.A[kept], B=about.B[kept], C=about.C[kept], D=about.D[kept], length=about.length[kept],
+        force=about.force[kept], first=about.first[kept], pointer=np.concatenate(([0], np.cumsum(sizes))),
+        row=about.row[readings], channel=about.channel[readings],
+    )  # fmt: skip
+
+
+def _size(about: Linearised, amplitudes: Amplitudes) -> int:
+    return int(about.A.shape[1]) + int(about.B.shape[2]) + int(np.count_nonzero(_coloured(about, amplitudes) >= 0))
+
+
+def _coloured(about: Linearised, amplitudes: Amplitudes) -> NDArray[np.intp]:
+    """Channels with a slow part: those that are read."""
+    read = np.zeros(len(amplitudes.noise), dtype=bool)
+    read[np.unique(about.channel)] = True
+    return np.flatnonzero(read)
+
+
+def laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
+    """Amplitudes as the filter takes them, for each of L lanes.
+
+    Returns
+    -------
+    scale : (S, forces, L) standard deviation of the unknown forces, N.
+    fade : (S, forces, L) what is left of them after a segment.
+    slow : (S, colours, L) the same of readings' slow errors.
+    white : (channels, L) variances.
+    colour : (colours, L) variances.
+    channels : (colours,) whose slow errors these are.
+    """
+    y = about.axis == 0
+    floor = np.array([[own.floor_y / 2, own.floor_x] for own in lanes]).T * about.mass
+    share = np.array([[own.share_y, own.share_x] for own in lanes]).T
+    memory = np.array([[own.memory_y, own.memory_x] for own in lanes]).T
+    place = np.where(y, 0, 1)
+    scale = np.sqrt(floor[place] ** 2 + (share[place] * about.force[:, :, None]) ** 2)
+    fade = np.exp(-about.length[:, None, None] / memory[place])
+    channels = _coloured(about, lanes[0])
+    sensor = np.array([own.memory for own in lanes])
+    slow = np.repeat(np.exp(-about.length[:, None, None] / sensor), len(channels), axis=1)
+    white = np.array([own.noise for own in lanes]).T ** 2
+    colour = np.array([own.colour[channels] for own in lanes]).T ** 2
+    return scale, fade, slow, np.ascontiguousarray(white), np.ascontiguousarray(colour), channels

@@ -1,0 +1,209 @@
+"""Noise of the channels: its size, stated or told, and how much of it carries on from row to row.
+
+Residuals of every channel are taken for an autoregressive process of low order. Whitened by it, they count as often as
+they say something new, and slow misfits of a model's form, which look like coloured noise, do not drown what is fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.shorthands import Array
+from ...base.statistics import robust_sd, white_noise_sd
+from ...engine.simulation import FreeRuns
+from ...models.vehicle import Vehicle
+from .calibration import CAL
+
+
+class Whitener(Protocol):
+    """How residuals count: what of them is new, over its standard deviation."""
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(N, channels) readings that count."""
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of a reading's error."""
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+
+
+@dataclass(frozen=True)
+class Colour:
+    """How residuals are whitened.
+
+    Attributes
+    ----------
+    sd : (channels,) standard deviation of the innovations.
+    ar : per channel, its autoregressive coefficients.
+    rows : slices of unbroken runs.
+    usable : (N, channels) whether an innovation is one: its reading and those it follows from are there and sound.
+    """
+
+    sd: Array
+    ar: tuple[Array, ...]
+    rows: tuple[slice, ...]
+    usable: NDArray[np.bool_]
+
+    def white(self, values: Array) -> Array:
+        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        found = np.empty(values.shape)
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            for c, a in enumerate(self.ar):
+                own = values[:, c]
+                if len(a) and own.size:  # without nuisances there is nothing to filter
+                    own = np.concatenate([_innovations(own[rows], a) for rows in self.rows])
+                found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
+        return found
+
+    @property
+    def stationary_sd(self) -> Array:
+        """(channels,) standard deviation of the residuals themselves, for a process that goes on for long."""
+        return np.array([s * np.sqrt(_gain(a)) for s, a in zip(self.sd, self.ar, strict=True)])
+
+    @property
+    def readings(self) -> int:
+        """How many innovations count."""
+        return int(np.sum(self.usable))
+
+
+def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Colour:
+    """Noise without memory."""
+    return Colour(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
+
+
+def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order) -> Colour:
+    """The noise that residuals are.
+
+    Parameters
+    ----------
+    residuals : (N, channels), anything where they are not good.
+    good : (N, channels).
+    rows : slices of unbroken runs.
+    most : highest order tried.
+    """
+    sd, ar, usable = [], [], np.zeros_like(good)
+    for c in range(residuals.shape[1]):
+        s, a = _fitted(np.where(good[:, c], residuals[:, c], 0.0), good[:, c], rows, most)
+        sd.append(s)
+        ar.append(a)
+        usable[:, c] = _all_there(good[:, c], rows, len(a))
+    return Colour(np.array(sd), tuple(ar), tuple(rows), usable)
+
+
+def sound(
+    residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = CAL.spike
+) -> NDArray[np.bool_]:
+    """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
+    good = counted & np.isfinite(residuals)
+    for c in range(residuals.shape[1]):
+        for own in rows:
+            e = np.where(good[own, c], residuals[own, c], np.nan)
+            if np.count_nonzero(np.isfinite(e)) <= 2 * CAL.around:
+                continue
+            filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
+            padded = np.pad(filled, CAL.around // 2, mode="reflect")
+            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, CAL.around), axis=1)
+            spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
+            good[own, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
+    return good
+
+
+def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int) -> tuple[float, Array]:
+    """Innovations' standard deviation and coefficients of the order that BIC prefers."""
+    usable = _all_there(good, rows, most)
+    count = int(np.sum(usable))
+    if count < CAL.coefficient_rows * (most + 1):
+        there = e[good]
+        return float(np.sqrt(np.mean(there**2))) if len(there) else 1.0, np.empty(0)
+    lagged = np.zeros((len(e), most + 1))
+    for own in rows:
+        for lag in range(most + 1):
+            lagged[own.start + lag : own.stop, lag] = e[own.start : own.stop - lag]
+    A = lagged[usable]
+    G = A.T @ A
+    best = (np.inf, 1.0, np.empty(0))
+    for order in range(most + 1):
+        a = np.linalg.solve(G[1 : order + 1, 1 : order + 1], G[1 : order + 1, 0]) if order else np.empty(0)
+        variance = max(float(G[0, 0] - a @ G[1 : order + 1, 0]) / count, 1e-300)
+        score = count * np.log(variance) + order * np.log(count)
+        if score < best[0] - 1e-9:
+            best = (float(score), variance, np.asarray(a))
+    return float(np.sqrt(best[1])), best[2]
+
+
+def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> NDArray[np.bool_]:
+    """Rows that are good, and so many before them."""
+    found = np.zeros_like(good)
+    for own in rows:
+        there = good[own].copy()
+        for lag in range(1, order + 1):
+            there[lag:] &= good[own][:-lag]
+            there[:lag] = False
+        found[own] = there
+    return found
+
+
+def _gain(a: Array) -> float:
+    """Variance of a process over that of its innovations; bounded, for one that hardly ever forgets."""
+    if len(a) == 0:
+        return 1.0
+    response = np.zeros(len(a) + 2001)
+    response[len(a)] = 1.0
+    for k in range(len(a) + 1, len(response)):
+        response[k] = response[k - len(a) : k] @ a[::-1]
+    return float(min(np.sum(np.minimum(response**2, CAL.colour_gain)), CAL.colour_gain))
+
+
+def _innovations(values: Array, a: Array) -> Array:
+    """Of a process with these coefficients, (n, ...) of (n, ...), zero before it begins."""
+    found = values.copy()
+    for lag, own in enumerate(a, 1):
+        found[lag:] -= own * values[:-lag]
+    return found
+
+
+def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
+    """Standard deviation of each channel's noise, (channels,), and whether all of them were stated.
+
+    Parameters
+    ----------
+    bench : whose channels.
+    vehicle : what is stated of its sensors; of a map with memory, what its training left, which holds in any case.
+    residuals : (N, channels) of any model: a slow misfit does not count as noise.
+    """
+    stated = vehicle.noise if vehicle is not None else {}
+    found, told = [], True
+    for c, channel in enumerate(bench.channels):
+        own = bench.counted[:, c]
+        if not np.any(own):
+            found.append(1.0)
+            continue
+        e = residuals[own, c]
+        spread = robust_sd(e - np.median(e))
+        held = bench.learnt or spread > CAL.too_large * stated.get(channel, 0.0)
+        if channel in stated and held:
+            found.append(stated[channel])
+            continue
+        told = told and channel in stated
+        fast = white_noise_sd([bench.measured[rows, c] for rows in bench.rows])
+        least = max(1e-9 * float(np.max(np.abs(bench.measured[own, c]))), 1e-12)
+        found.append(1.0 if np.isnan(fast) else max(fast, least))
+    return np.array(found), told
+
+
+def blocks(bench: FreeRuns, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
+    """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
+    length = max(1, round(seconds / bench.sample_time))
+    return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

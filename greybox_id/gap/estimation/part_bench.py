@@ -1,0 +1,147 @@
+"""A bench on which one parameter has a value of its own in some of the rows: an effect that begins there, or ends.
+
+Runs are cut where the rows begin and end, and the pieces are simulated one behind the other, each from where the one
+before it ended: the change is at that instant, and no equation is another one. Parameter vectors have one more number
+at their end, the value in those rows; where it is not a number, nothing differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.shorthands import Array, Index
+from ...engine.motion.lanes import Interval, Lanes, cut_rows, lay
+from ...engine.motion.schedule import Schedule
+from .bench import Bench, Integrated, Passage, Simulated
+
+
+@dataclass(frozen=True)
+class Piece:
+    """An unbroken piece of a run.
+
+    Attributes
+    ----------
+    interval : its rows.
+    inside : whether the parameter has its own value there.
+    stage : how many pieces of its run are before it.
+    """
+
+    interval: Interval
+    inside: bool
+    stage: int
+
+
+class PartBench(Bench):
+    """See the module.
+
+    Parameters
+    ----------
+    whole : the bench, which is left as it is.
+    index : of the parameter, which moves no instant.
+    rows : in which it has a value of its own, of all N.
+    """
+
+    def __init__(self, whole: Bench, index: int, rows: slice) -> None:
+        vars(self).update(vars(whole))
+        self.whole, self.index, self.part = whole, index, rows
+        self.pieces = [piece for k, run in enumerate(self.rows) for piece in _pieces(k, run, rows)]
+        self._first = np.array([piece.stage == 0 for piece in self.pieces])
+        self._inside = np.array([piece.inside for piece in self.pieces])
+        self._simulated: dict[bytes, Simulated] = {}
+
+    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+        """See `Bench`."""
+        cuts = [[self._cut_within(own[piece.interval.run], piece.interval) for piece in self.pieces] for own in plans]
+        return [
+            self._simulated_by(own, runs)
+            for own, runs in zip(plans, self._staged(plans, P, self._starts(P)[0], cuts), strict=True)
+        ]
+
+    def _cut_within(self, plan: Schedule, rows: Interval) -> Index:
+        """Segments at which the lanes of a piece begin that `linearise` cuts, from its first one on."""
+        segments = plan.row_segment[cut_rows(plan, rows.start, rows.stop, self._cuts)]
+        return np.asarray(segments - plan.row_segment[rows.start])
+
+    def along(self, p: Array) -> Array:
+        """See `Bench`."""
+        plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.size]))), self._of_pieces(p)
+        return np.repeat(by_piece, [_segments(plans[own.interval.run], own.interval) for own in self.pieces], axis=0)
+
+    def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
+        """See `Bench`."""
+        plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
+        every = [np.arange(_segments(plans[piece.interval.run], piece.interval)) for piece in self.pieces]
+        (found,) = self._staged([plans], p[None], self._starts(p[None])[0], [every])
+        return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
+
+    def _staged(
+        self, plans: Sequence[Sequence[Schedule]], P: Array, starts: Array, cuts: Sequence[Sequence[Index]]
+    ) -> list[list[Integrated]]:
+        """Runs of simulations, their pieces integrated one after the other.
+
+        Parameters
+        ----------
+        plans, P, starts : of each simulation, the last (K, runs, nz).
+        cuts : of each, by piece, segments at whose start states are wanted.
+        """
+        by_piece = np.stack([self._of_pieces(p) for p in P])
+        found: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
+        for stage in range(max(piece.stage for piece in self.pieces) + 1):
+            now = [(k, at, own) for k in range(len(P)) for at, own in enumerate(self.pieces) if own.stage == stage]
+            passages, z0 = [], []
+            for k, at, own in now:
+                run, rows = own.interval.run, own.interval
+                first = int(plans[k][run].row_segment[rows.start])
+                within = slice(first, first + _segments(plans[k][run], rows))
+                passages.append(Passage(plans[k][run], within, cuts[k][at]))
+                z0.append(found[k][run][-1].end if stage else starts[k, run])
+            p = np.array([by_piece[k, at] for k, at, _ in now])
+            for (k, _, own), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
+                found[k][own.interval.run].append(each)
+        return [[_joined(pieces) for pieces in runs] for runs in found]
+
+    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+        cut = lay(plans, [piece.interval for piece in self.pieces], self._cuts)
+        held = np.flatnonzero(self._inside[cut.interval]) if self._differs(p) else np.empty(0, dtype=np.intp)
+        first = cut.first & self._first[cut.interval]
+        return replace(cut, first=first), self._of_pieces(p)[cut.interval], [(held, self.index)]
+
+    def _at_starts(self, P: Array) -> Sequence[Array]:
+        by_piece = np.stack([self._of_pieces(p) for p in P], axis=1)
+        return list(by_piece[self._first])
+
+    def _differs(self, p: Array) -> bool:
+        return len(p) > self.size and bool(np.isfinite(p[self.size]))
+
+    def _of_pieces(self, p: Array) -> Array:
+        """(pieces, parameters) in force in each."""
+        size = self.size
+        found = np.tile(p[:size], (len(self.pieces), 1))
+        if self._differs(p):
+            found[self._inside, self.index] = p[size]
+        return found
+
+
+def _pieces(run: int, own: slice, part: slice) -> list[Piece]:
+    """A run, cut where the part begins and ends."""
+    rows = own.stop - own.start
+    edges = [0, *sorted({cut - own.start for cut in (part.start, part.stop) if 0 < cut - own.start < rows}), rows]
+    return [
+        Piece(Interval(run, a, b), part.start <= own.start + a < part.stop, stage)
+        for stage, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
+    ]
+
+
+def _joined(pieces: Sequence[Integrated]) -> Integrated:
+    """A run of which these are the pieces."""
+    cuts, y = (np.concatenate([getattr(own, name) for own in pieces]) for name in ("cuts", "y"))
+    return Integrated(cuts, pieces[-1].end, y)
+
+
+def _segments(plan: Schedule, rows: Interval) -> int:
+    """How many there are in some rows of a run."""
+    last = plan.row_segment[rows.stop] if rows.stop < len(plan.row_segment) else len(plan.segments)
+    return int(last - plan.row_segment[rows.start])

@@ -1,0 +1,240 @@
+"""What a diagnosis starts from: the model with its tolerances, and with everything that it may lack at its null."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...datasets.recording import Recording
+from ...engine.simulation import Diagnosed, FreeRuns
+from ...models.effect import AnyModel, Effect
+from ...models.memory_model import MemoryModel
+from ...models.model import Model
+from ...models.motion_model import MotionModel
+from ...models.parameter import Parameter, Prior
+from ...models.roughness import with_roughness
+from ...models.single_track import G
+from ...models.vehicle import Stated, Vehicle
+from ...models.vehicles import stated_effect, with_tolerances
+from .axes import ZONE
+from .bench import Bench
+from .calibration import CAL
+from .memory_bench import MemoryBench
+from .observer import SEEN, observed, with_seen
+from .unknown_forces import with_unknown_forces
+
+OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
+"""States that an observer keeps near their readings, and its rate, 1/s. That of the yaw rate is raised only where
+simulations would spin otherwise."""
+OF_VARIANCE = ("timestamp_jitter", "dropped_samples")
+"""Effects that change no expected reading: what tells them is how readings scatter (variance.py)."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What is diagnosed.
+
+    Attributes
+    ----------
+    nominal : the model with its tolerances; what is not believed is held.
+    everything : the same with all candidates at their null; equations of motion with an observer.
+    effects : candidates by name.
+    """
+
+    nominal: Diagnosed
+    everything: Diagnosed
+    effects: Mapping[str, Effect]
+
+    def bench(self, recordings: Sequence[Recording]) -> FreeRuns:
+        """What simulates everything over recordings."""
+        if isinstance(self.everything, MemoryModel):
+            return MemoryBench(self.everything, recordings)
+        return Bench(self.everything, self.seen(recordings))
+
+    def seen(self, recordings: Sequence[Recording]) -> list[Recording]:
+        """Recordings with what the observer reads."""
+        found = list(recordings)
+        for state in OBSERVED:
+            if SEEN.format(state) in self.everything.inputs:
+                found = [with_seen(recording, state) for recording in found]
+        return found
+
+
+def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
+    """Recordings of no more than so many rows in all: blocks of them, spread evenly.
+
+    Parameters
+    ----------
+    recordings : any.
+    most : rows.
+    """
+    total = sum(len(own) for own in recordings)
+    if total <= most:
+        return list(recordings)
+    blocks = list[tuple[Recording, int, int]]()
+    for own in recordings:
+        length = max(1, round(CAL.excerpt_block / own.sample_time))
+        for start, stop in own.runs:
+            edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int)
+            blocks += [(own, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    count = max(1, int(len(blocks) * most / total))
+    chosen = np.unique(np.linspace(0, len(blocks) - 1, count).round().astype(int))
+    return [own.rows(start, stop) for own, start, stop in (blocks[k] for k in chosen)]
+
+
+def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
+    """Recordings of which rows are left out evenly, so that no more than so many remain, but no motion is missed.
+
+    A free run is told as well by 20 rows a second as by 200, and by all drives better than by some of them. Where
+    commands are held from row to row none can be left out.
+
+    Parameters
+    ----------
+    recordings : any.
+    most : rows.
+    """
+    each, found = -(-sum(len(own) for own in recordings) // most), list[Recording]()
+    for own in recordings:
+        step = min(each, int(CAL.thinnest / own.sample_time + CAL.on_a_row)) if own.hold == "linear" else 1
+        if step <= 1:
+            found.append(own)
+            continue
+        kept = [np.arange(start, stop, step) for start, stop in own.runs]
+        edges, rows = np.cumsum([0, *(len(run) for run in kept)]), np.concatenate(kept)
+        signals = {name: values[rows] for name, values in own.signals.items()}
+        runs = tuple((int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        found.append(replace(own, time=own.time[rows], signals=signals, runs=runs))
+    return found
+
+
+def prepare(
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+) -> Prepared:
+    """Put everything a model may lack on it.
+
+    Parameters
+    ----------
+    model : to be diagnosed, at its nominal values.
+    recordings : of the vehicle.
+    effects : what may be the cause, by name.
+    vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of equations of
+        motion count; those of what was learnt do not, for they are about it as it was before a fit.
+    """
+    nominal = _rough(model, recordings, effects, vehicle)
+    step = min((float(np.median(np.diff(own.time))) for own in recordings if len(own) > 1), default=0.0)
+    nominal = _indifferent(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
+    everything, concerned = nominal, {}
+    for name, effect in effects.items():
+        if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
+            continue
+        concerned[name] = effect
+        if effect.parameter.name not in nominal:  # else it is there, as an effect or as a number of the equations
+            everything = everything + effect.at(float(effect.parameter.array))
+    if not concerned:
+        raise BadInput(f"Nothing is known that {model.name} may lack: no effect acts on it.")
+    return Prepared(nominal, _observed(everything, recordings), concerned)
+
+
+def prepare_plain(
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+) -> Prepared:
+    """The same without candidates, for a model that is not diagnosed any further."""
+    nominal = _rough(model, recordings, effects, vehicle)
+    return Prepared(nominal, _observed(nominal, recordings), {})
+
+
+def _rough(
+    model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
+) -> Diagnosed:
+    if vehicle is None and model.learnt:
+        vehicle = Vehicle(model.name)
+    nominal = with_beliefs(model, effects, vehicle)
+    return nominal if vehicle is None else with_roughness(nominal, vehicle, _usual(nominal, recordings))
+
+
+def with_beliefs(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
+    """The model with what is believed of it free, and all else held; arguments as of `prepare`."""
+    nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
+    return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
+
+
+def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float]:
+    """Median speed, m/s, root mean squares of steering and drive; 1 where there is none."""
+    found = {}
+    for name, signals in (("speed", ("v_x",)), ("steer", ("steer",)), ("drive", _signals(model, "drive"))):
+        held = [own[signal][np.isfinite(own[signal])] for own in recordings for signal in signals if signal in own]
+        values = np.abs(np.concatenate(held)) if held else np.empty(0)
+        size = 0.0
+        if len(values):
+            size = float(np.median(values) if name == "speed" else np.sqrt(np.mean(values**2)))
+        found[name] = size if size > 0 else 1.0
+    return found
+
+
+def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
+    """Signals that may be an input of the model."""
+    return model.aliases.get(name, (name,))
+
+
+def _indifferent(
+    model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float, usual: float
+) -> Diagnosed:
+    """The model with a narrow zone about every effect's null in which nobody cares whether it is there.
+
+    Where a vehicle's file states tolerances of its equations, effects that it says nothing of may be there a little
+    all the same: a tenth of what is usually meant by them, and what is less than a row's fraction for timing.
+    """
+    own = [own for own in model.parameters if not own.fixed and own.prior is not None]
+    if vehicle is None or isinstance(model, MemoryModel) or not own:
+        return model
+    scale = CAL.indifference
+    size = {unit: scale * by for unit, by in _sizes(model).items()}
+    for name, effect in effects.items():
+        magnitude, timing = effect.parameter, effect.parameter.unit == "s" or not effect.gradual
+        if name in OF_VARIANCE or name in model.effects or not effect.concerns(model):
+            continue
+        if not effect.gradual and magnitude.unit not in ("s", "m"):  # what acts with its square needs no zone
+            continue
+        sd = size.get(magnitude.unit, scale * abs(effect.typical - float(magnitude.array)))
+        row = CAL.timing * step if magnitude.unit == "s" else 0.0
+        model = model + stated_effect(effect, Stated(sd=max(sd, row) if timing else sd, source=ZONE))
+    return model
+
+
+def _sizes(model: MotionModel) -> dict[str, float]:
+    """By unit, what is usually meant by an effect here: lengths go with the wheelbase, forces with the weight."""
+    held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
+    found = {}
+    if {"l_f", "l_r"} <= held.keys():
+        found["m"] = CAL.of_wheelbase * (held["l_f"] + held["l_r"])
+    if "m" in held:
+        found["N"] = CAL.of_weight * held["m"] * G
+    if held.get("c_2", 0.0) > 0:
+        found["N s^2/m^2"] = CAL.of_drag * held["c_2"]
+    return found
+
+
+def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
+    if not isinstance(model, MotionModel):
+        return model
+    states = [state.name for state in model.states]
+    for state, rate in OBSERVED.items():
+        if state in states and state in model.outputs and all(state in own for own in recordings):
+            model = observed(model, state, rate)
+    model = replace(model, passes=min(model.passes, CAL.passes))
+    return model if model.learnt else with_unknown_forces(model)  # its network took up what forces lack
+
+
+def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
+    """A parameter, held unless something is believed of it, whether it is of the equations or of an effect on them."""
+    if vehicle is None:
+        return replace(parameter, fixed=parameter.fixed or parameter.prior is None)
+    own = vehicle.model.effects if vehicle.model is not None else {}
+    stated = vehicle.values.get(parameter.name, own.get(parameter.name))
+    if stated is None or stated.sd is None:
+        return replace(parameter, fixed=True)
+    value = float(parameter.array) if stated.value is None else stated.value
+    return replace(parameter, value=value, prior=Prior(stated.sd, mean=value), fixed=False)

@@ -1,0 +1,385 @@
+"""Refitting of hypotheses side by side: Gauss-Newton steps in nuisances and magnitudes, shortened if too long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...engine.motion.lanes import WIDTHS
+from ...engine.solvers.box import least_within
+from .axes import Axis
+from .calibration import CAL
+from .hypothesis import Hypothesis, Start, parts_of
+from .search import Search
+
+CALL = min(WIDTHS)
+"""Simulations that a call makes in the time of one, where there is one run."""
+
+
+def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
+    """Refit hypotheses side by side, in their order; those that have no finite residuals are left out.
+
+    Parameters
+    ----------
+    search : what they are refitted on.
+    starts : where they begin.
+    settle_on_rows : whether delays of whole rows are tried too.
+    """
+    work = [_Work(search, start) for start in starts]
+    _walk(search, work, CAL.iterations)
+    found = [own.best for own in work if own.best is not None]
+    return _on_rows(search, found) if settle_on_rows else found
+
+
+def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
+    """So many steps of hypotheses, side by side."""
+    for own in work:
+        own.left = steps
+    while active := [own for own in work if own.left > 0 and not own.done]:
+        wanted = [own.wanted() for own in active]
+        room = -sum(len(each) for each in wanted) % CALL if len(search.bench.runs) == 1 else 0
+        for k, own in enumerate(active):  # a call takes as long for fewer
+            if own.looks_beside(room):
+                wanted[k] = own.wanted()
+                room -= len(wanted[k]) - 1
+        edges = np.cumsum([0, *(len(each) for each in wanted)])
+        e = search.residuals([p for each in wanted for p in each])
+        more = search.first_orders([own.at[2] for own in active])
+        values = [
+            own.values(e[a:b], more[:, :, k])
+            for k, (own, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))
+        ]
+        edges = np.cumsum([0, *(each.shape[2] for each in values)])
+        white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
+        white = white.reshape(-1, white.shape[2])
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            cross = (white.T @ search.white).T  # several times as fast as the product the other way round
+        for own, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
+            own.take(each, white[:, a:b], cross[:, a:b])
+
+
+def with_slopes(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses with derivatives taken where they are: what their magnitudes' spreads and widths are told by."""
+    work = [_Work(search, replace(search.start_of(own), slopes=None)) for own in found]
+    wanted = [own.wanted() for own in work]
+    edges = np.cumsum([0, *(len(each) for each in wanted)])
+    e, nothing = search.residuals([p for each in wanted for p in each]), np.zeros(search.bench.measured.shape)
+    new = []
+    for own, each, a, b in zip(found, work, edges[:-1], edges[1:], strict=True):
+        J = each.values(e[a:b], nothing)[:, :, 1:]
+        new.append(replace(own, J=each.over_axes(J)) if np.all(np.isfinite(J)) else own)
+    return new
+
+
+def settled(search: Search, found: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
+    """A hypothesis whose nuisances are linearised about where they are until they move no more.
+
+    They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
+    derivatives taken there: what they then miss would pass for a gap.
+    """
+    for _ in range(again_at_most if search.moving or search.shifts else 0):
+        search.about(found, delays=False)
+        again = refit(search, [search.start_of(found)])
+        if not again:
+            break
+        before, found = found, again[0]  # the later one even where it costs more: the others will stand beside it
+        if found.cost > before.cost - CAL.enough:
+            break
+    return found
+
+
+def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, or better ones with a delay of whole rows: there likelihoods have steps, which stop refits."""
+    better, owners, work = list(found), [], []
+    for at, own in enumerate(found):
+        for start in _whole_rows(search, own):
+            owners.append(at)
+            work.append(_Work(search, start))
+    _walk(search, work, CAL.glance)
+    likely = [each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < found[at].cost]
+    _walk(search, likely, CAL.iterations - CAL.glance)
+    for at, each in zip(owners, work, strict=True):
+        if each.best is not None and each.best.cost < better[at].cost:
+            better[at] = each.best
+    return better
+
+
+def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
+    """A hypothesis with a delay of it at the whole rows that are nearest, and just beyond them if it is below."""
+    starts, step = [], search.bench.sample_time
+    for k, axis in enumerate(found.axes):
+        whole = step * float(np.round(found.m[k] / step))
+        for at in (whole, whole + CAL.shifted) if found.m[k] < whole else (whole,):
+            if axis.shift and whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
+                m = found.m.copy()
+                m[k] = at
+                starts.append(Start(found.candidates, m, found.theta, found.linear))
+    return starts
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Derivatives of residuals by the coordinates that move, and where they were taken.
+
+    The same whitened, and the products of that with itself and with what nuisances do.
+    """
+
+    m: Array
+    plain: Array
+    white: Array
+    gram: Array
+    cross: Array
+
+
+class _Work:
+    """One hypothesis on its way.
+
+    What a simulation beside it tells of a coordinate is kept as long as that moves little, and steps gain what it
+    foretells; delays, whose readings jump with rows, are looked at everywhere.
+    """
+
+    def __init__(self, search: Search, start: Start) -> None:
+        self.search, self.candidates = search, start.candidates
+        self.axes = tuple(axis for candidate in start.candidates for axis in candidate.axes)
+        self._own = {axis.index for axis in self.axes}
+        self._moving = [k for k, axis in enumerate(self.axes) if axis.low < axis.high]
+        linear = search.released(np.array(start.linear, dtype=float), self.axes)
+        self.at = (np.array(start.m, dtype=float), np.array(start.theta, dtype=float), linear)
+        self.best: Hypothesis | None = None
+        self._step: Array | None = None
+        self._origin: Array | None = None
+        self._stride = 1.0
+        self._here: tuple[Array, Array, Array] | None = None
+        self.done, self._share, self._least, self.left = False, 1.0, 0.0, 0
+        self._everywhere = any(axis.shift for axis in self.axes)
+        self._slopes: _Slopes | None = None
+        self._given = start.slopes
+        self._beside_too, self._renews = True, False
+        self._asked = [k for k in self._moving if self._everywhere or not self._knows(k)]
+        self._gained, self._foretold = np.inf, 0.0
+        if start.origin is not None and np.array_equal(linear, start.linear):
+            self._begin_at(*start.origin)
+
+    def _begin_at(self, origin: Hypothesis, m: Array) -> None:
+        """Take the start for a step from the origin, which may be shortened."""
+        nothing = np.zeros((*origin.e.shape, len(m)))
+        self.best = Hypothesis(self.candidates, m, origin.theta, origin.linear, origin.cost, origin.e, nothing)
+        self._origin = m
+        there = np.concatenate([self.at[1], self.at[2], self.at[0]])
+        self._step = there - np.concatenate([origin.theta, origin.linear, m])
+
+    def _knows(self, k: int) -> bool:
+        """Whether a derivative was given with the start."""
+        return self._given is not None and k < self._given.shape[2] and bool(np.any(self._given[:, :, k]))
+
+    def looks_beside(self, room: int) -> bool:
+        """Whether it has derivatives taken where it stands although it need not, by no more simulations than that."""
+        if self._beside_too or not 0 < len(self._moving) <= room:
+            return False
+        self._beside_too, self._asked = True, self._moving
+        return True
+
+    def wanted(self) -> list[Array]:
+        """Parameter vectors to simulate: where it stands, and beside it if derivatives are wanted."""
+        m, theta, _ = self.at
+        search = self.search
+        p = search.placed(search.moved(theta), self.axes, m)
+        found = [p]
+        for k in self._asked if self._beside_too else ():
+            beside = m.copy()
+            beside[k] += self._beside(self.axes[k], m[k])
+            found.append(search.placed(p, self.axes, beside))
+        return found
+
+    def _beside(self, axis: Axis, at: float) -> float:
+        """How far beside; a shift does not cross a row, where readings jump."""
+        if not axis.shift:
+            step = max(CAL.beside * axis.scale, CAL.beside * abs(at))
+            return step if at + step <= axis.high else -step
+        rows = at / self.search.bench.sample_time
+        crosses = np.floor(rows + CAL.shifted / self.search.bench.sample_time) > np.floor(rows - CAL.on_a_row)
+        return -CAL.shifted if crosses and at >= CAL.shifted else CAL.shifted
+
+    def values(self, e: Array, more: Array) -> Array:
+        """(N, channels, 1 or 1 + moving) residuals where it stands, and their derivatives by what moves if wanted.
+
+        Parameters
+        ----------
+        e : (K, N, channels) of what was wanted.
+        more : (N, channels) that linear nuisances add.
+        """
+        m = self.at[0]
+        found = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._beside_too else 0)))
+        found[:, :, 0] = e[0] + more
+        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off
+            for at, k in enumerate(self._moving if self._beside_too else (), 1):
+                if k in self._asked:
+                    found[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
+                else:
+                    assert self._given is not None
+                    found[:, :, at] = self._given[:, :, k]
+        return found
+
+    def take(self, values: Array, white: Array, cross: Array) -> None:
+        """Simulations have come back: `values` of them, the same whitened, and times what nuisances do."""
+        slopes = values[:, :, 1:]
+        sane = bool(np.all(np.isfinite(slopes)))
+        fresh = None
+        if self._beside_too and sane:
+            own = white[:, 1:].copy()
+            fresh = _Slopes(self.at[0], slopes.copy(), own, own.T @ own, cross[:, 1:].copy())
+        if self._renews:
+            self._renews = False
+            if fresh is None or self.best is None:  # beside it, it spins: no step leads on
+                self.done = True
+                return
+            self._slopes = fresh
+            self.best = replace(self.best, J=self._derivatives(self.best.e.shape))
+        else:
+            self.left -= 1
+            if not self._improves(values[:, :, 0], white[:, 0], sane, fresh):
+                return
+            if self._worn():
+                self._renew()
+                return
+        self._beside_too = self._everywhere
+        self._lead_on(white[:, 0], cross[:, 0])
+
+    def _derivatives(self, shape: tuple[int, ...]) -> Array:
+        """(N, channels, axes) derivatives as they are known."""
+        return np.zeros((*shape, len(self.axes))) if self._slopes is None else self.over_axes(self._slopes.plain)
+
+    def over_axes(self, moving: Array) -> Array:
+        """(N, channels, axes) of what belongs to the coordinates that move; zero by those that do not."""
+        J = np.zeros((*moving.shape[:2], len(self.axes)))
+        J[:, :, self._moving] = moving
+        return J
+
+    def _worn(self) -> bool:
+        """Whether derivatives are to be taken anew where it stands: they are of elsewhere, or foretold otherwise."""
+        if not self._moving:
+            return False
+        if self._slopes is None:
+            return True
+        old, m = self._slopes.m, self.at[0]
+        if np.array_equal(old, m):
+            return False
+        null = np.array([axis.null for axis in self.axes])
+        size = np.abs(old - null)
+        for own, at in parts_of(self.candidates):
+            if own.gradual:
+                size[at] = np.maximum(size[at], [axis.scale for axis in own.axes])
+        off = abs(self._gained - self._foretold)
+        return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._foretold
+
+    def _renew(self) -> None:
+        """Have derivatives taken where the best so far is."""
+        assert self.best is not None
+        self.at = (self.best.m, self.best.theta, self.best.linear)
+        self._beside_too, self._renews, self._asked = True, True, self._moving
+
+    def _improves(self, e: Array, r: Array, sane: bool, fresh: _Slopes | None) -> bool:
+        """Whether this is the best so far, and better by enough to go on; else it steps less far, or ends."""
+        search, (m, theta, linear) = self.search, self.at
+        off = np.concatenate([theta, linear]) - search.means
+        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin cost accordingly
+            cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.beliefs(self._own) @ off)
+        if not (np.isfinite(cost) and sane):  # it spins: no place to stay
+            cost = np.inf
+        if self.best is not None and not cost <= self.best.cost:
+            self._beside_too = self._everywhere or self._slopes is None
+            known = self._slopes is None or self._here is None or np.array_equal(self._slopes.m, self.best.m)
+            if known or not self._moving:
+                self._back(cost - self.best.cost)
+            else:
+                self._renew()
+            return False
+        if not np.isfinite(cost):
+            self.done = True
+            return False
+        self._gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
+        self._origin, self._slopes = None, fresh or self._slopes
+        self.best = Hypothesis(self.candidates, m, theta, linear, cost, e.copy(), self._derivatives(e.shape))
+        least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
+        self._least = CAL.expected * least
+        self.done = self._gained < least
+        return not self.done
+
+    def _lead_on(self, r: Array, pull: Array) -> None:
+        """Step from the best so far.
+
+        Parameters
+        ----------
+        r, pull : its residuals, whitened, and times what nuisances do.
+        """
+        search, (_, theta, linear) = self.search, self.at
+        u, precision = np.concatenate([theta, linear]), search.beliefs(self._own)
+        count = len(u)
+        whole = np.zeros((1 + count + len(self.axes), 1 + count + len(self.axes)))  # residuals before coordinates
+        whole[1 : 1 + count, 0] = pull + precision @ (u - search.means)
+        whole[1 : 1 + count, 1 : 1 + count] = search.gram + precision
+        if self._slopes is not None:
+            places = [1 + count + k for k in self._moving]
+            whole[places, 0] = self._slopes.white.T @ r
+            whole[np.ix_(places, places)] = self._slopes.gram
+            whole[1 : 1 + count, places], whole[places, 1 : 1 + count] = self._slopes.cross, self._slopes.cross.T
+        if not np.all(np.isfinite(whole)):  # beside it, it spins: no step leads on
+            self.done = True
+            return
+        self._share, self._here = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
+        self._step = self._solve(*self._here)
+        self._go()
+
+    def _solve(self, H: Array, g: Array, u: Array) -> Array:
+        """The Gauss-Newton step within the bounds."""
+        assert self.best is not None
+        search, m = self.search, self.best.m
+        stride = self._stride * search.stride
+        low = np.concatenate([np.maximum(search.low - u, -stride), [a.low for a in self.axes] - m])
+        high = np.concatenate([np.minimum(search.high - u, stride), [a.high for a in self.axes] - m])
+        free = np.append(~search.among(self._own), np.ones(len(m), dtype=bool))
+        return least_within(H, g, low, high, free, CAL.ridge)
+
+    def _go(self) -> None:
+        """Step from the best so far, if that is expected to gain anything."""
+        assert self.best is not None
+        assert self._step is not None
+        n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
+        step = self._share * self._step
+        if self._here is not None:
+            self._foretold = -float(self._here[1] @ step + 0.5 * step @ self._here[0] @ step)
+            if self._foretold < self._least:
+                self.done = True
+                return
+        self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
+
+    def _back(self, rise: float) -> None:
+        """The step was too long: the cost rose by so much.
+
+        Where it led away from the origin, another one is taken from there. Elsewhere what shapes curves goes less far
+        first, and everything else as far as it then would.
+        """
+        if self._here is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
+            self._stride = CAL.shy
+            self._step = self._solve(*self._here)
+            self._go()
+            return
+        shorter = self._share / 3
+        steps = self._everywhere  # likelihoods of delays have them at rows: no parabolas
+        if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
+            slope = -self._share * float(self._here[1] @ self._step)
+            least = slope / (2 * (rise + slope))  # share of it where a parabola has its least
+            if least >= CAL.shortened and 0.5 * least * slope < self._least:
+                self.done = True
+                return
+            shorter = self._share * min(max(least, CAL.shortened), 1 / 3)
+        self._share = shorter
+        if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
+            self._go()
+        elif self._origin is not None and self.best is not None:
+            self.at, self.best, self._origin = (self._origin, self.best.theta, self.best.linear), None, None
+        else:
+            self.done = True

@@ -1,0 +1,341 @@
+"""What hypotheses are refitted on: a bench, nuisances with their derivatives, and noise that whitens residuals.
+
+Nuisances move little: their derivatives are taken once, about the best model so far, and kept (chords). A hypothesis
+then costs a few simulations: one where it stands, and one beside it for each magnitude where these have moved. What
+shifts nuisances move in time, abrupt ones and starts enter to first order only: about where none of them is, lags about
+where they were found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.shorthands import Array
+from ...engine.simulation import FreeRuns
+from .axes import Axis
+from .calibration import CAL
+from .form import rough_curves
+from .hypothesis import Hypothesis, Projection, Start
+from .noise import Whitener, blocks
+
+
+class Search:
+    """What hypotheses about one bench are weighed by.
+
+    Parameters
+    ----------
+    bench : what simulates.
+    nuisances : what is believed.
+    colour : how residuals count.
+    trust : as how many readings one counts: less than one where equations are rough, whatever noise says.
+
+    Attributes
+    ----------
+    nominal : the parameter vector everything is about.
+    expanded : (shifts,) coordinates about which abrupt nuisances are linearised.
+    simulations : how many were asked for; the bench remembers some.
+    """
+
+    def __init__(self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0) -> None:
+        self.bench = bench
+        self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
+        self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
+        self.nominal = np.array(bench.model.values)
+        sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
+        shaped = np.append(np.any(self._mix != np.diag(np.diag(self._mix)), axis=0), [False] * len(self.shifts))
+        self._reach = CAL.reach_sd * sds
+        self._stride = np.where(shaped, CAL.stride * sds, np.inf)
+        self.expanded = np.array([axis.null for axis in self.shifts])
+        self.simulations = 0
+        self.colour, self.trust = colour, trust
+        self._by = np.zeros((*bench.measured.shape, len(self.moving)))
+
+    # ---- what everything is about
+
+    def about(self, hypothesis: Hypothesis | None, delays: bool = True) -> None:
+        """Take the nuisances' derivatives about this hypothesis; None: about their beliefs.
+
+        Parameters
+        ----------
+        hypothesis : where everything is.
+        delays : whether what delays do is simulated anew; else it stays as it was about the hypothesis before.
+        """
+        self._expand(hypothesis)
+        p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
+        _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
+        before, first, count = self._by, len(self.moving), len(self.shifts)
+        self._by = np.empty((*J.shape[:2], first + 2 * count + S.shape[2]))
+        by_coordinate = self._mix * np.array([p[axis.index] if axis.relative else 1.0 for axis in self.moving])[:, None]
+        self._by[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ by_coordinate).reshape(J.shape)
+        self._by[:, :, first + 2 * count :] = S
+        self._secants(p, [delays or not axis.shift for axis in self.shifts], self._by[:, :, first : first + 2 * count])
+        for k, axis in enumerate(self.shifts):
+            if axis.shift and not delays:
+                same = [first + k, first + count + k]
+                self._by[:, :, same] = before[:, :, same]
+        if not abs(np.sum(self._by)) < CAL.far:  # where the vehicle spins, derivatives grow beyond all numbers
+            np.clip(np.nan_to_num(self._by, copy=False), -CAL.far, CAL.far, out=self._by)
+        self._whiten()
+
+    @contextmanager
+    def elsewhere(self) -> Iterator[None]:
+        """Linearise elsewhere within, and be about what everything was about before afterwards."""
+        before = {**vars(self), "nominal": self.nominal.copy(), "expanded": self.expanded.copy()}
+        try:
+            yield
+        finally:
+            now, counted = self.colour, self.simulations
+            vars(self).update(before)
+            self.simulations = counted
+            if now is not self.colour:
+                self.recoloured(now)
+
+    def _expand(self, hypothesis: Hypothesis | None) -> None:
+        """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""
+        for k, axis in enumerate(self.shifts):
+            at = axis.null
+            if hypothesis is not None and not axis.shift and not axis.narrow:
+                at = float(hypothesis.linear[k])
+            self.expanded[k] = at if abs(at - axis.null) > CAL.shift_beside * axis.sd else axis.null
+            self.nominal[axis.index] = axis.value(float(self.expanded[k]))
+
+    def _secants(self, p: Array, wanted: Sequence[bool], found: Array) -> None:
+        """What abrupt nuisances do: per unit, then at once, put into (N, channels, 2 shifts), from where they are.
+
+        Zero for those that are not wanted.
+        """
+        found[:] = 0.0
+        p = self.placed(p, self.shifts, self.expanded)
+        asked = [k for k, want in enumerate(wanted) if want]
+        spans = []
+        for k in asked:
+            axis, at = self.shifts[k], float(self.expanded[k])
+            near, far = (CAL.at_once, 1.0) if at == axis.null else (-CAL.shift_beside, CAL.shift_beside)
+            spans.append((at + near * axis.sd, at + far * axis.sd))
+        sides = [self.placed(p, [self.shifts[k]], [end]) for k, span in zip(asked, spans, strict=True) for end in span]
+        e = self.residuals([p, *sides] if asked else [])
+        for k, (start, end), one, other in zip(asked, spans, e[1::2], e[2::2], strict=True):
+            found[:, :, k] = (other - one) / (end - start)
+            if self.expanded[k] == self.shifts[k].null:
+                found[:, :, len(self.shifts) + k] = one - e[0]
+
+    def recoloured(self, colour: Whitener) -> None:
+        """Count residuals otherwise."""
+        self.colour = colour
+        self._whiten()
+
+    def trusting(self, trust: float) -> None:
+        """Let every reading count as so many."""
+        self.trust = trust
+        self._whiten()
+
+    def weighed(self, values: Array) -> Array:
+        """Residuals or their derivatives, (N, channels, ...), as they count: half their squares are log-likelihood."""
+        found: Array = self.colour.white(values)
+        return found if self.trust == 1.0 else found * np.sqrt(self.trust)
+
+    def _whiten(self) -> None:
+        self.white = self.weighed(self._by).reshape(self.bench.measured.size, self._by.shape[2])
+        starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
+        axes, count = (*self.moving, *self.shifts), len(self.shifts)
+        sds = [*(axis.sd for axis in self.shifts), *[CAL.jumps_sd] * count, *starts]
+        self.precision = np.diag(1 / np.array([*(axis.sd for axis in self.moving), *sds]) ** 2)
+        self.means = np.array([*(axis.mean for axis in axes), *np.zeros(count + len(starts))])
+        means = self.means[: len(axes)]
+        low = np.maximum([axis.low for axis in axes], means - self._reach)
+        high = np.minimum([axis.high for axis in axes], means + self._reach)
+        self.stride = np.array([*self._stride, *np.full(count + len(starts), np.inf)])
+        self.low = np.array([*low, *np.zeros(count), *np.full(len(starts), -np.inf)])
+        self.high = np.array([*high, *np.ones(count), *np.full(len(starts), np.inf)])
+        self.null_linear = np.array([*self.expanded, *np.zeros(count + len(starts))])
+        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
+            self.gram = self.white.T @ self.white
+
+    def among(self, indices: set[int]) -> NDArray[np.bool_]:
+        """Which nuisances, moving and linear, are the parameters of these indices."""
+        moving = [axis.index in indices for axis in self.moving]
+        shifts = [axis.index in indices for axis in self.shifts]
+        starts = len(self.means) - len(moving) - 2 * len(shifts)
+        return np.array([*moving, *shifts, *shifts, *[False] * starts], dtype=bool)
+
+    def _channel(self, state: int) -> int:
+        return self.bench.channels.index(self.bench.model.states[state].name)
+
+    def at_means(self) -> Hypothesis:
+        """Nothing but nuisances, where they are believed to be; not simulated yet."""
+        count, shape = len(self.moving), self.bench.measured.shape
+        nothing, empty = np.zeros(shape), np.zeros((*shape, 0))
+        return Hypothesis((), np.empty(0), self.means[:count], self.means[count:], np.inf, nothing, empty)
+
+    def at_values(self, values: Mapping[str, float]) -> Hypothesis:
+        """The same with moving nuisances where parameters have these values, as far as they reach."""
+        believed = self.at_means()
+        means = believed.theta
+        there = [
+            axis.coordinate(values[axis.name]) if axis.name in values else mean
+            for axis, mean in zip(self.moving, means, strict=True)
+        ]
+        count = len(means)
+        theta = means + np.linalg.solve(self._mix, np.array(there) - means) if count else means
+        return replace(believed, theta=np.clip(theta, self.low[:count], self.high[:count]))
+
+    def values(self, hypothesis: Hypothesis) -> dict[str, float]:
+        """Where parameters are that moving nuisances move."""
+        p = self.vector(hypothesis)
+        return {axis.name: float(p[axis.index]) for axis in self.moving}
+
+    # ---- vectors
+
+    def vector(self, hypothesis: Hypothesis) -> Array:
+        """The parameter vector of a hypothesis; first-order nuisances stay where they are expanded."""
+        return self.placed(self.moved(hypothesis.theta), hypothesis.axes, hypothesis.m)
+
+    def moved(self, theta: Array) -> Array:
+        """The nominal parameter vector with nuisances moved."""
+        means = np.array([axis.mean for axis in self.moving])
+        return self.placed(self.nominal, self.moving, means + self._mix @ (theta - means))
+
+    @staticmethod
+    def placed(p: Array, axes: Sequence[Axis], coordinates: Sequence[float] | Array) -> Array:
+        """A parameter vector with some axes elsewhere."""
+        found = p.copy()
+        for axis, coordinate in zip(axes, coordinates, strict=True):
+            found[axis.index] = axis.value(float(coordinate))
+        return found
+
+    def where(self, hypothesis: Hypothesis, axis: Axis) -> float:
+        """The coordinate at which a hypothesis has an axis."""
+        for own, coordinate in zip(self.moving, hypothesis.theta, strict=True):
+            if own.index == axis.index:
+                return axis.coordinate(own.value(float(coordinate)))
+        for own, at in zip(self.shifts, self.expanded, strict=True):
+            if own.index == axis.index:
+                return float(at)
+        return axis.null
+
+    def first_order(self, hypothesis: Hypothesis) -> Array:
+        """(N, channels) what the linear nuisances add to a simulation."""
+        return self.first_orders([hypothesis.linear])[:, :, 0]
+
+    def first_orders(self, linear: Sequence[Array]) -> Array:
+        """(N, channels, K) what K sets of linear nuisances add to simulations."""
+        by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
+        return np.asarray(by @ (np.array(linear) - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
+
+    def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
+        """Linear nuisances, those that are candidates now at their null: they move as candidates."""
+        own = self.among({axis.index for axis in axes})[len(self.moving) :]
+        return np.where(own, self.null_linear, linear)
+
+    def tolerated(self, hypothesis: Hypothesis) -> bool:
+        """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
+        believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
+        return any(
+            abs(own.coordinate(axis.value(float(at))) - own.mean) <= CAL.tolerated_sd * own.sd
+            for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
+            for own in [believed.get(axis.index)]
+            if own is not None
+        )
+
+    def reached(self, here: Array, there: Array) -> Array:
+        """Where nuisances get to from here in one step, moving ones first, within their bounds."""
+        return np.clip(np.clip(there, here - self.stride, here + self.stride), self.low, self.high)
+
+    @staticmethod
+    def start_of(hypothesis: Hypothesis) -> Start:
+        """A start where a hypothesis stands."""
+        return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear, slopes=hypothesis.J)
+
+    def charge(self, hypothesis: Hypothesis) -> float:
+        """What nuisances cost, twice their negative log-belief; those that are candidates cost nothing."""
+        off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
+        return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
+
+    def expected_charge(self, hypothesis: Hypothesis) -> float:
+        """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell."""
+        held = ~self.among({axis.index for axis in hypothesis.axes})
+        told = self.gram[np.ix_(held, held)]
+        return float(np.trace(np.linalg.solve(told + self.precision[np.ix_(held, held)], told)))
+
+    def far(self, hypothesis: Hypothesis) -> Array:
+        """How far a hypothesis has moving and abrupt nuisances from where they are believed to be, in their sds."""
+        axes = (*self.moving, *self.shifts)
+        at = np.concatenate([hypothesis.theta, hypothesis.linear])[: len(axes)]
+        found: Array = np.abs(at - self.means[: len(axes)]) / np.array([axis.sd for axis in axes])
+        return found
+
+    def beliefs(self, released: set[int]) -> Array:
+        """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
+        held = np.where(self.among(released), 0.0, 1.0)
+        found: Array = held[:, None] * self.precision * held
+        return found
+
+    def residuals(self, P: Sequence[Array]) -> Array:
+        """(K, N, channels) predictions minus readings; zero where there is none."""
+        if not len(P):
+            return np.zeros((0, *self.bench.measured.shape))
+        self.simulations += len(P)
+        y = self.bench.simulate(np.array(P))
+        return np.where(self.bench.counted, y - self.bench.measured, 0.0)
+
+    # ---- to first order
+
+    def project(self, e: Array, columns: Array, theta: Array, linear: Array) -> Projection:
+        """What single columns would gain, nuisances refitted to first order.
+
+        Parameters
+        ----------
+        e : (N, channels) residuals.
+        columns : (N, channels, K) their derivatives by K coordinates.
+        theta, linear : where nuisances stand.
+        """
+        W = self.weighed(columns).reshape(-1, columns.shape[2])
+        r = self.weighed(e[:, :, None]).ravel()
+        u = np.concatenate([theta, linear])
+        H = self.gram + self.precision
+        g = self.white.T @ r + self.precision @ (u - self.means)
+        C = (W.T @ self.white).T
+        free = ~(((u <= self.low) & (g > 0)) | ((u >= self.high) & (g < 0)))  # the others would leave their bounds
+        solved = np.zeros((len(g), 1 + W.shape[1]))
+        solved[free] = np.linalg.solve(H[np.ix_(free, free)], np.column_stack([g, C])[free])
+        slope, raw = W.T @ r - C.T @ solved[:, 0], np.sum(W**2, axis=0)
+        curve = np.maximum(raw - np.sum(C * solved[:, 1:], axis=0), 1e-12 * raw + 1e-300)
+        rest = u - solved[:, 0]
+        return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw, -solved[:, 1:], rest)
+
+    def covariance(self, hypothesis: Hypothesis) -> Array:
+        """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""
+        return self._told(hypothesis)[2]
+
+    def widening(self, hypothesis: Hypothesis) -> Array:
+        """(m,) factors by which coordinates scatter more than noise has it, at least one.
+
+        Where the model is rough, residuals are no noise, and stay alike for seconds: what blocks of them pull at the
+        coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
+        """
+        W, undone, told = self._told(hypothesis)
+        W = W - self.white @ undone  # what coordinates do that nuisances cannot undo
+        r = self.weighed(hypothesis.e[:, :, None])
+        pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
+        own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
+        own -= np.mean(own, axis=0)
+        seen = told @ (own.T @ own) @ told
+        found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))
+        return found
+
+    def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
+        """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
+        plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
+        own = ~self.among({axis.index for axis in hypothesis.axes})
+        H, cross = (self.gram + self.precision)[np.ix_(own, own)], (plain.T @ self.white).T
+        undone = np.zeros(cross.shape)
+        undone[own] = np.linalg.solve(H, cross[own]) if len(H) else cross[own]
+        S = plain.T @ plain - cross.T @ undone
+        scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
+        covariance = np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+        return plain, undone, np.asarray(covariance)

@@ -1,0 +1,117 @@
+"""What the picture of a gap is drawn from: time and path, spectrum, and the map of speed and lateral acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.shorthands import Array
+from ...base.statistics import welch
+from ...engine.simulation import FreeRuns
+from .calibration import CAL
+from .noise import blocks
+
+
+@dataclass(frozen=True)
+class Strip:
+    """What a picture of a gap along time and path is drawn from, per block of time.
+
+    Attributes
+    ----------
+    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
+    before, after : (n,) mean square of the errors over the noise's.
+    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
+    frequency : (k,) Hz.
+    spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
+    map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
+        the first NaN where never driven.
+    """
+
+    time: Array
+    before: Array
+    after: Array
+    x: Array
+    y: Array
+    frequency: Array
+    spectrum_before: Mapping[str, Array]
+    spectrum_after: Mapping[str, Array]
+    map: Mapping[str, Array]
+
+
+def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array], excess: Array) -> Strip:
+    """The picture's data.
+
+    Parameters
+    ----------
+    bench : whose rows.
+    before, after : (N, channels) residuals, zero where nothing counts.
+    sd : (channels,) of noise.
+    seen : signals per row.
+    excess : (N,) what the map is of: squares of errors over noise that count as the gap.
+    """
+    channels = np.maximum(np.sum(bench.counted, axis=1), 1)
+    first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
+    parts = [slice(*ends) for ends in blocks(bench, CAL.strip_block)]
+    time = running(bench.time)
+    x, y = _path(bench, seen)
+    frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
+    longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
+    window = min(256, longest.stop - longest.start)
+    for c, channel in enumerate(bench.channels):
+        if not np.any(bench.counted[longest, c]):
+            continue
+        for own, spectrum in zip((before, after), spectra, strict=True):
+            frequency, density = welch(own[longest, c] / sd[c], 1 / bench.sample_time, window)
+            spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
+    return Strip(
+        time=np.array([float(np.mean(time[own])) for own in parts]),
+        before=np.array([float(np.mean(first[own])) for own in parts]),
+        after=np.array([float(np.mean(then[own])) for own in parts]),
+        x=np.array([float(np.mean(x[own])) for own in parts]) if len(x) else x,
+        y=np.array([float(np.mean(y[own])) for own in parts]) if len(y) else y,
+        frequency=frequency,
+        spectrum_before=spectra[0],
+        spectrum_after=spectra[1],
+        map=_map(excess, seen),
+    )
+
+
+def _path(bench: FreeRuns, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+    if "v_x" not in seen or "yaw_rate" not in seen:
+        return np.empty(0), np.empty(0)
+    x, y = np.zeros(len(bench.measured)), np.zeros(len(bench.measured))
+    for run, rows in zip(bench.runs, bench.rows, strict=True):
+        steps = np.append(np.diff(run.time), 0.0)
+        yaw = np.cumsum(seen["yaw_rate"][rows] * steps)
+        x[rows] = np.cumsum(seen["v_x"][rows] * np.cos(yaw) * steps)
+        y[rows] = np.cumsum(seen["v_x"][rows] * np.sin(yaw) * steps)
+    return x, y
+
+
+def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
+    if "v_x" not in seen or "a_y" not in seen:
+        return {}
+    v, a = seen["v_x"], seen["a_y"]
+    edges = [_edges(own) for own in (v, a)]
+    if any(own[-1] <= own[0] for own in edges):
+        return {}
+    rows, _, _ = np.histogram2d(v, a, edges)
+    total, _, _ = np.histogram2d(v, a, edges, weights=gap)
+    share = np.where(rows > 0, total / max(float(np.sum(np.abs(total))), 1e-12), np.nan)
+    return {"v_x": edges[0], "a_y": edges[1], "gap": share, "time": rows / max(len(v), 1)}
+
+
+def _edges(values: Array) -> Array:
+    low, high = (float(end) for end in np.quantile(values, [0.001, 0.999]))
+    return np.linspace(low, high, CAL.strip_cells + 1)
+
+
+def running(time: Array) -> Array:
+    """Time that goes on where it starts again, as it does between recordings."""
+    steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+    if np.all(steps >= 0):
+        return time
+    return np.asarray(time[0] + np.cumsum(np.where(steps < 0, usual, steps)))

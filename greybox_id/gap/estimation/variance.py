@@ -1,0 +1,302 @@
+"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants.
+
+Jitter moves readings along their rates, and where commands are held, past them: accelerations then jump, or do not, as
+a coin falls.
+
+They are not looked for under a map with memory, whose training left the same scatter, and which knows no instants
+between its samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import minimize_scalar
+from scipy.special import expit
+
+from ...base.shorthands import Array
+from ...engine.simulation import FreeRuns
+from ...models.effect import Effect
+from .calibration import CAL
+
+AT_ONCE = "sensor_latency_imu"
+"""What makes readings of accelerations late."""
+VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
+"""Least and greatest logarithm of jitter's variance that is tried."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What readings' scatter tells.
+
+    Attributes
+    ----------
+    magnitude : share of rows, or seconds.
+    sd : of it.
+    gain : in log-likelihood.
+    left : mean square of residuals over that of noise, once it is taken into account.
+    """
+
+    magnitude: float
+    sd: float
+    gain: float
+    left: float = 1.0
+
+
+def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
+    """(N,) rows at which all sensors repeat the row before exactly."""
+    found = np.zeros(len(bench.measured), dtype=bool)
+    read = np.any(np.isfinite(bench.measured), axis=0)
+    if np.count_nonzero(read) < CAL.fewest_channels or bench.learnt:
+        return found
+    for rows in bench.rows:
+        own = bench.measured[rows][:, read]
+        same = np.all((own[1:] == own[:-1]) | ~np.isfinite(own[1:]), axis=1) & np.any(np.isfinite(own[1:]), axis=1)
+        moving = np.any(own[1:] != 0, axis=1)
+        found[rows.start + 1 : rows.stop] = same & moving
+    return found
+
+
+def dropped(held: NDArray[np.bool_]) -> Scatter | None:
+    """Rows held stale; None where there are none."""
+    count = int(np.sum(held))
+    if count < CAL.some_repeats:
+        return None
+    share = count / len(held)
+    return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
+
+
+def fresh(bench: FreeRuns) -> NDArray[np.bool_]:
+    """(N, channels) readings that count, but for rows held stale, where these are no accident."""
+    held = repeats(bench)
+    return bench.counted & ~held[:, None] if dropped(held) is not None else bench.counted
+
+
+def steady(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
+
+    Where commands are held, accelerations jump with them at every row: a reading that comes early by however little
+    sees the whole jump. What states read does not.
+
+    Parameters
+    ----------
+    bench, y, sd, good : as of `jitter`.
+    """
+    rates, known = np.zeros_like(y), np.zeros_like(good)
+    states = {state.name for state in bench.model.states}
+    smooth = np.array([channel in states for channel in bench.channels])
+    for run, rows in zip(bench.runs, bench.rows, strict=True):
+        if rows.stop - rows.start < 3:
+            continue
+        forward = np.diff(y[rows], axis=0) / np.diff(run.time)[:, None]
+        rates[rows.start + 1 : rows.stop - 1] = (forward[1:] + forward[:-1]) / 2
+        bend = np.abs(np.diff(y[rows], 2, axis=0))
+        known[rows.start + 1 : rows.stop - 1] = (bend < CAL.steady_step * sd) & (smooth | ~np.any(run.held))
+    return rates, good & known
+
+
+def jitter(
+    bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jumps: Array | None = None
+) -> Scatter | None:
+    """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
+
+    Looked for in what is left of residuals without the mean of those around, for what lasts is none.
+
+    Parameters
+    ----------
+    bench : whose rows.
+    e, y : (N, channels) residuals of the best model, and its readings.
+    sd : (channels,) of noise where nothing changes.
+    good : (N, channels) readings that count.
+    jumps : (N, channels) by which readings would differ had they been taken before their row's command; None where no
+        command is held.
+    """
+    if bench.learnt:
+        return None
+    rates, use = steady(bench, y, sd, good)
+    a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
+    brief, z = (np.where(use, own, 0.0) for own in (_brief(z, good, bench.rows), z))
+    h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
+
+    def squares(v: float, of: Array) -> Array:
+        """(N,) squares of residuals without what jitter of v times their variance makes likely."""
+        found: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
+        return found
+
+    def left(v: float, of: Array) -> float:
+        """Their mean."""
+        return max(float(np.sum(squares(v, of))) / max(int(np.sum(count)), 1), 1e-300)
+
+    def scale(v: float) -> float:
+        """Noise is as large as it must be beside it."""
+        return left(v, brief)
+
+    def losses(v: float) -> Array:
+        """(N,) negative log-likelihoods of rows."""
+        own = scale(v)
+        found: Array = 0.5 * (np.log1p(v * h) + count * np.log(own) + squares(v, brief) / own)
+        return found
+
+    def loss(log_variance: float) -> float:
+        return float(np.sum(losses(float(np.exp(log_variance)))))
+
+    if not np.any(h > 0):
+        return None
+    best = minimize_scalar(loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
+    gains = losses(0.0) - losses(float(np.exp(best.x)))
+    gain = float(np.sum(np.minimum(gains, CAL.row_gain)))
+    if _at_odds(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
+        gain = 0.0
+    if _carries_on(a, brief, float(np.exp(best.x)), bench.rows) > CAL.surely:
+        gain = 0.0
+    tossed = 0.0
+    if jumps is not None:
+        tossed = coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
+    if gain + tossed <= 0:
+        return None
+    at, step = float(best.x), 0.05
+    curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
+    variance = float(np.exp(at))
+    rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of it is left by a mean that is taken off
+    tau = float(np.sqrt(variance * scale(variance) / rest))
+    ends = [variance * float(np.exp(side)) for side in (-step, step)]
+    follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
+    spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
+    explained = 2.0 * tossed / max(int(np.sum(good)), 1)
+    return Scatter(tau, spread, max(gain, 0.0) + tossed, max(left(variance, z) - explained, 0.0))
+
+
+def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
+    """Log-likelihood that channels gain if each scatters by itself, over what they gain from one jitter of all.
+
+    Parameters
+    ----------
+    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    use : (N, channels) where rates are known.
+    v : variance of the jitter of all over that of noise.
+    """
+    apart = 0.0
+    for c in range(a.shape[1]):
+        own = use[:, c] & (a[:, c] != 0)
+        if np.count_nonzero(own) < CAL.fewest_jumps:
+            continue
+        h, squares = a[own, c] ** 2, z[own, c] ** 2
+
+        def loss(log_variance: float, h: Array = h, squares: Array = squares) -> float:
+            spread = 1 + np.exp(log_variance) * h
+            return float(0.5 * (np.sum(np.log(spread)) + len(h) * np.log(max(np.mean(squares / spread), 1e-300))))
+
+        alone = minimize_scalar(loss, bounds=VARIANCES, method="bounded")
+        apart += max(loss(np.log(v)) - float(alone.fun), 0.0)
+    return apart
+
+
+def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
+    """By how many sds the instants that neighbouring rows tell are alike: jitter is another one in every row.
+
+    Parameters
+    ----------
+    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    v : variance of jitter over that of noise; rows count where it would exceed the noise.
+    runs : rows of each.
+    """
+    h = np.sum(a**2, axis=1)
+    told = v * h > 1.0
+    t = np.where(told, np.sum(a * z, axis=1) / np.sqrt(np.maximum(h, 1e-300)), 0.0)
+    pairs = np.concatenate([np.arange(own.start, own.stop - 1) for own in runs if own.stop > own.start + 1])
+    pairs = pairs[told[pairs] & told[pairs + 1]]
+    if len(pairs) < CAL.fewest_jumps:
+        return 0.0
+    one, other = t[pairs], t[pairs + 1]
+    K = 2 * CAL.rows_beside + 1
+    by_chance = -(K + 1) / (K * (K - 1))  # of white noise without the mean of K rows
+    alike = float(np.sum(one * other) / np.sqrt(np.sum(one**2) * np.sum(other**2)))
+    return (alike - by_chance) * float(np.sqrt(len(pairs)))
+
+
+def coin(jumps: Array, z: Array) -> float:
+    """Log-likelihood gained if rows come before or after their command as a coin falls, over all of them alike.
+
+    Parameters
+    ----------
+    jumps : (N, channels) by which readings before and after differ, over their noise.
+    z : (N, channels) residuals without what lasts, over the noise; its size is refitted in both.
+    """
+    own = np.any(jumps != 0, axis=1)
+    j, z = jumps[own], z[own]
+    count = np.count_nonzero(j)
+    if count < CAL.fewest_jumps:
+        return 0.0
+    z = np.where(j != 0, z, 0.0)
+    across, along, length = np.sum(z**2, axis=1), np.sum(z * j, axis=1), np.sum(j**2, axis=1)
+    alike = float(np.sum(across) - np.sum(along) ** 2 / np.sum(length)) / count
+    best = -np.inf
+    for share in CAL.jump_shares:  # what the best model takes up of all jumps alike
+        ends = [across - 2 * c * along + c**2 * length for c in (share, share - 1.0)]
+
+        def loss(log_variance: float, ends: Sequence[Array] = ends) -> float:
+            halves = np.logaddexp(*(-0.5 * own * np.exp(-log_variance) for own in ends)) - np.log(2.0)
+            return float(0.5 * count * log_variance - np.sum(halves))
+
+        at = np.log(max(alike, 1e-300))
+        best = max(best, -float(minimize_scalar(loss, bounds=(at - 3.0, at + 0.1), method="bounded").fun))
+    without = -0.5 * count * (np.log(max(alike, 1e-300)) + 1.0)
+    return max(float(best - without - np.log(len(CAL.jump_shares))), 0.0)
+
+
+def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
+    """(N, channels) residuals that count, without the mean of those beside them."""
+    found = z.copy()
+    for rows in runs:
+        around = [uniform_filter1d(own[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for own in (z, good)]
+        found[rows] -= around[0] / np.maximum(around[1], 1e-9)
+    return found
+
+
+def jumps_by_commands(bench: FreeRuns, p: Array, effects: Mapping[str, Effect]) -> Array | None:
+    """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
+    if bench.learnt or AT_ONCE not in effects or not any(np.any(own.held) for own in bench.runs):
+        return None
+    name, names = effects[AT_ONCE].parameter.name, [own.name for own in bench.model.parameters]
+    if name not in names or p[index := names.index(name)] != 0:
+        return None
+    early = p.copy()
+    early[index] = CAL.early
+    after, before = bench.simulate(np.array([p, early]))
+    return np.where(bench.counted & (np.abs(before - after) > 0), before - after, 0.0)
+
+
+def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None) -> bool:
+    """Whether jitter alone explains more than the best hypothesis does.
+
+    Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
+    little: where it is not known by how much they jump, only the others count.
+
+    Parameters
+    ----------
+    bench, sd, good, jump : as for `jitter`.
+    base, best : (N, channels) residuals without any effect, and with the best explanation's.
+    """
+    y = np.where(bench.counted, base + bench.measured, 0.0)
+    own = sole_jitter(bench, base, y, sd, good, jump)
+    told = good if jump is not None else steady(bench, y, sd, good)[1]
+    gain = 0.5 * float(np.sum(np.where(told, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
+    return own is not None and own.gain >= gain and surely(own.gain) > CAL.present
+
+
+def sole_jitter(
+    bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None
+) -> Scatter | None:
+    """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
+    own = jitter(bench, e, y, sd, good, jump)
+    return own if own is not None and own.left <= CAL.unnamed_noise**2 else None
+
+
+def surely(gain: float) -> float:
+    """The probability of an effect of variance, by its log-likelihood."""
+    return float(expit(gain - CAL.cost_without_forces))

@@ -1,0 +1,166 @@
+"""An effect: something a model may lack, as a named transform from model to model.
+
+At its null value an effect leaves the model's predictions unchanged. `model + effect` is a model, and so
+are its parts; the effect's parameters are appended to the model's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar, cast
+
+from ..base.declared import understood
+from ..base.errors import BadModel
+from ..base.numbers import pretty_unit
+from ..base.origin import origin_of
+from .kinds import by_kind
+from .memory_model import MemoryModel
+from .model import Model
+from .motion_model import MotionModel
+from .parameter import Parameter
+
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+@dataclass(frozen=True, repr=False)
+class Effect:
+    """A named transform from model to model.
+
+    Attributes
+    ----------
+    name : the word it is called by.
+    parameter : its magnitude, at its null value.
+    touches : what it acts on, signals, parameters or quantities; a model (or part) that has none of them is left
+        as it is.
+    needs : what it reads besides, all of which a model must have for the effect to make sense there.
+    apply : equations of motion that already have the parameters -> the same with the effect.
+    apply_to_memory : the same for maps with memory; None where the effect is not known for them.
+    memory_parameter : its magnitude in maps with memory, where that is known or stated differently there.
+    others : parameters it needs besides its magnitude, usually held.
+    typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
+    gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
+    instead_of : effects of which it is another form: where one is there, the other is not.
+    group : steering, drive, tyres, body, road, sensors or timing.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> delay = gb.effects.steering_delay
+    >>> delay
+    Effect steering_delay: pure delay of the steering command [s], nothing changes at 0
+    >>> (gb.models.lateral() + delay.at(0.03)).effects
+    ('steering_delay',)
+    """
+
+    name: str
+    parameter: Parameter
+    touches: tuple[str, ...]
+    apply: Callable[[MotionModel], MotionModel] | None = None
+    apply_to_memory: Callable[[MemoryModel], MemoryModel] | None = None
+    memory_parameter: Parameter | None = None
+    needs: tuple[str, ...] = ()
+    others: tuple[Parameter, ...] = ()
+    typical: float = 1.0
+    gradual: bool = True
+    instead_of: tuple[str, ...] = ()
+    group: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("parameter", "memory_parameter"):
+            own = getattr(self, name)
+            if own is not None and own.null is None and own.shape == ():
+                object.__setattr__(self, name, replace(own, null=float(own.array)))
+
+    def __repr__(self) -> str:
+        own = self.parameter
+        unit = "" if own.unit == "1" else f" [{pretty_unit(own.unit)}]"
+        null = "" if own.null is None else f", nothing changes at {own.null:g}"
+        at = "" if own.null is None or float(own.array) == own.null else f"; here {float(own.array):g}"
+        return f"Effect {self.name}: {own.about}{unit}{null}{at}{' (fixed)' if own.fixed else ''}"
+
+    def __call__(self, model: AnyModel) -> AnyModel:
+        """Put the effect on a model and on those of its parts that it concerns."""
+        if not self.concerns(model):
+            raise BadModel(
+                f"Effect {self.name} acts on {' and '.join(self.touches)}{self._needing()}, "
+                f"but model {model.name} has inputs {', '.join(model.inputs)} and outputs {', '.join(model.outputs)}."
+            )
+        if self.name in model.effects:
+            raise BadModel(f"Model {model.name} already has the effect {self.name}.")
+        return self._on(replace(model, parts=tuple(self._on(part) for part in model.parts)))
+
+    def at(self, value: float) -> Effect:
+        """The same effect at another magnitude, held there when fitting."""
+        return self._with(lambda parameter: replace(parameter.with_value(value), fixed=True))
+
+    @understood
+    def free(self, start: float | None = None) -> Effect:
+        """The same effect, estimated when fitting.
+
+        Parameters
+        ----------
+        start : magnitude that estimation starts from, in the unit of `parameter`; `typical` unless given, since at
+            their null many effects have no derivative to follow.
+
+        Raises
+        ------
+        BadInput : `start` lies outside the bounds.
+
+        Examples
+        --------
+        >>> import greybox_id as gb
+        >>> (gb.models.lateral() + gb.effects.steering_delay.free(start=0.03))["steering_delay"].fixed
+        False
+        """
+        value = self.typical if start is None else start
+        return self._with(lambda parameter: replace(parameter.with_value(value), fixed=False))
+
+    def starting_at(self, value: float) -> Effect:
+        """The same effect with another magnitude to start a fit from."""
+        return self._with(lambda parameter: parameter.with_value(value))
+
+    def concerns(self, model: Model) -> bool:
+        """Whether the model has anything for the effect to act on."""
+        return acting(model, self) is not None
+
+    def _needing(self) -> str:
+        return f" and needs {' and '.join(self.needs)}" if self.needs else ""
+
+    def _with(self, change: Callable[[Parameter], Parameter]) -> Effect:
+        in_memory = self.memory_parameter and change(self.memory_parameter)
+        return replace(self, parameter=change(self.parameter), memory_parameter=in_memory)
+
+    def _on(self, model: AnyModel) -> AnyModel:
+        acts = acting(model, self)
+        if acts is None:
+            return model
+        magnitude, apply = acts
+        own = tuple(parameter for parameter in self.others if parameter.name not in model)
+        changed = apply(model.with_parameters(magnitude, *own))
+        origin = origin_of(self.apply, self.apply_to_memory)
+        origins = {**model.origins, self.name: origin} if origin is not None else model.origins
+        return cast(AnyModel, replace(changed, effects=(*model.effects, self.name), origins=origins))
+
+
+Acting = tuple[Parameter, Callable[[Any], Model]]
+"""An effect's magnitude, and what it does to a model that has it."""
+
+
+@by_kind
+def acting(model: Model, effect: Effect) -> Acting | None:
+    """How an effect acts on a kind of model; None where there is nothing for it to act on."""
+    return None
+
+
+@acting.register(MotionModel)
+def _on_motion(model: MotionModel, effect: Effect) -> Acting | None:
+    there = not model.names.isdisjoint(effect.touches) and model.names.issuperset(effect.needs)
+    return None if effect.apply is None or not there else (effect.parameter, effect.apply)
+
+
+@acting.register(MemoryModel)
+def _on_memory(model: MemoryModel, effect: Effect) -> Acting | None:
+    if effect.apply_to_memory is None or {*model.inputs, *model.outputs}.isdisjoint(effect.touches):
+        return None
+    return effect.memory_parameter or effect.parameter, effect.apply_to_memory

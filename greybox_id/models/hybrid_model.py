@@ -1,0 +1,182 @@
+"""Known physics, and a network in place of what is not known.
+
+    def physics(x, u, p, z):
+        F_yf = stiffness(z[0]) * alpha_f                  # z: what the network says, of order one
+        ...
+        return {"v_y": a_y - u.v_x * x.yaw_rate, ...}, {"F_yf": F_yf, "a_y": a_y, ...}
+
+At every sample the network reads features of states and inputs, a recurrent one remembers what it has read before, and
+says z; the physics make states' derivatives and named quantities of it. Only outputs of the physics are compared with a
+recording: what the network says, the tyres' forces for example, is never measured.
+
+Source: "Tire cornering stiffness estimation using hybrid modeling", Sec. 2 and 3.2, Fig. 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import ClassVar, Literal
+
+from ..base.errors import BadModel
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from .model import Model, Namespace, Symbol
+
+Physics = Callable[
+    [Namespace, Namespace, Namespace, Sequence[Symbol]], tuple[Mapping[str, Symbol], Mapping[str, Symbol]]
+]
+"""(x, u, p, z) -> derivatives by state, quantities by name. Symbols are rows of numbers, one for each window."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A state of the physics: a signal that recordings may hold, and its SI unit."""
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class RecurrentNetwork:
+    """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
+
+        h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
+
+    Attributes
+    ----------
+    features : numbers it reads.
+    hidden : units of each hidden layer.
+    outputs : numbers it says.
+    skip : whether features also go straight to the output, W_skip.
+    """
+
+    features: int
+    hidden: tuple[int, ...]
+    outputs: int
+    skip: bool = False
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Parameter name -> its shape."""
+        found: dict[str, tuple[int, ...]] = {}
+        before = self.features
+        for number, units in enumerate(self.hidden, 1):
+            found |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
+            before = units
+        found |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
+
+
+@dataclass(frozen=True)
+class FeedForwardNetwork:
+    """Layers without a memory, and a linear one on top.
+
+        h_l = activation(W_l h_(l-1) + b_l),    z = W_out h_last + b_out
+
+    Attributes
+    ----------
+    features : numbers it reads.
+    hidden : units of each hidden layer.
+    outputs : numbers it says.
+    activation : of the hidden layers.
+    mirrored : for each feature, whether it changes its sign in a mirror. Where that is given, z(f) - z(mirrored f) is
+        what the network says: what it learns of a left turn holds of a right one.
+    """
+
+    features: int
+    hidden: tuple[int, ...]
+    outputs: int
+    activation: Literal["tanh", "relu"] = "tanh"
+    mirrored: tuple[bool, ...] = ()
+    skip: bool = False
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Parameter name -> its shape."""
+        found: dict[str, tuple[int, ...]] = {}
+        before = self.features
+        for number, units in enumerate(self.hidden, 1):
+            found |= {f"W_{number}": (units, before), f"b_{number}": (units,)}
+            before = units
+        return found | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+
+
+Integrator = Literal["euler", "ab2", "rk4"]
+"""How states follow from one sample to the next: Euler's step, Adams and Bashforth's of second order, or the classical
+Runge-Kutta step, which asks the network four times."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class HybridModel(Model):
+    """Physics with a network inside.
+
+    Attributes
+    ----------
+    states : in order.
+    commands : inputs that are held between rows where a recording says that commands are.
+    network : its size; its weights are parameters by the names of its `shapes`.
+    features : (x, u, p) -> what the network reads, each of order one.
+    physics : see `Physics`. Outputs are states or quantities by name.
+    estimates : quantities that an estimator is asked for, name -> SI unit.
+    untold : estimate -> (quantity, least size of it): where that is smaller, the estimate means nothing.
+    readings : state or output -> what it follows from where a recording does not hold it; None where it cannot.
+    told_by : estimate -> (recording, errors of outputs, physical parameters) -> how far it is off by what is known of
+        the physics, noise of readings and all, (n,); None where the outputs do not tell it. How wide an ensemble's
+        bands have to be is told by it.
+    least : input -> its smallest value at which the physics hold.
+    carried_on : parameters that are free where training is carried on for a vehicle that has changed.
+    sample_time : s; recordings must have it.
+    substeps : of each sample, that time is cut into.
+    integrator : how states follow; a recurrent network goes with "ab2".
+    window, warm_up : rows that are predicted from one start in training, and how many of them are not compared: until
+        the network has something to remember and the start is forgotten.
+    """
+
+    kind: ClassVar[str] = "hybrid"
+    called: ClassVar[str] = "a hybrid model"
+
+    states: tuple[Carried, ...]
+    commands: tuple[str, ...] = ()
+    network: RecurrentNetwork | FeedForwardNetwork
+    features: Callable[[Namespace, Namespace, Namespace], Sequence[Symbol]]
+    physics: Physics
+    estimates: Mapping[str, str]
+    untold: Mapping[str, tuple[str, float]] = field(default_factory=lambda: MappingProxyType({}))
+    readings: Mapping[str, Callable[[Recording], Array | None]] = field(default_factory=lambda: MappingProxyType({}))
+    told_by: Mapping[str, Callable[[Recording, Mapping[str, Array], Namespace], Array | None]] = field(
+        default_factory=lambda: MappingProxyType({})
+    )
+    least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    carried_on: tuple[str, ...] = ()
+    sample_time: float
+    substeps: int = 1
+    integrator: Integrator = "ab2"
+    window: int = 60
+    warm_up: int = 20
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sample_time > 0:
+            raise BadModel(f"Model {self.name} needs a sample time above zero; {self.sample_time} s was given.")
+        if not 0 <= self.warm_up < self.window:
+            raise BadModel(
+                f"Model {self.name}: of a window of {self.window} rows {self.warm_up} to warm up leave none to compare."
+            )
+
+    @property
+    def recurrent(self) -> bool:
+        """Whether the network has a memory."""
+        return isinstance(self.network, RecurrentNetwork)
+
+    @property
+    def remembered(self) -> int:
+        """Numbers that the network's layers carry from row to row."""
+        return sum(self.network.hidden) if self.recurrent else 0
+
+    def read(self, name: str, recording: Recording) -> Array | None:
+        """A state or output as recorded, or as it follows from what is; None where it cannot."""
+        if name in recording:
+            return recording[name]
+        return self.readings[name](recording) if name in self.readings else None

@@ -1,0 +1,234 @@
+"""Equations of motion: states, their derivatives, and what sensors read of them.
+
+    def dynamics(x, u, p, q):
+        q.alpha_f = u.steer - atan2(x.v_y + p.l_f * x.yaw_rate, x.v_x)
+        q.F_yf = tyre.force(q.alpha_f, ...)
+        q.a_y = (q.F_yf * cos(u.steer) + q.F_yr) / p.m
+        return {"v_y": q.a_y - x.v_x * x.yaw_rate, ...}
+
+`q` takes the named quantities on the way from states to derivatives. Assigning one lets the effects that alter it act
+before anything reads it back, so that an effect needs no copy of the equations. Outputs are states or quantities by
+their names.
+
+Between command and vehicle stand delays and actuators, between vehicle and recording sensors and latencies, in the
+order
+
+    command -> delay -> actuators -> altered inputs and parameters -> dynamics with altered quantities -> outputs ->
+    sensors -> latency -> recording
+
+Within each of these, effects act in the order in which they were added. Delays and latencies are pure shifts in time
+and commute with everything that does not change with time, so their place costs no generality.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from ..base.errors import BadModel
+from .model import Model, Namespace, Symbol
+
+Quantities = Any
+"""q: named quantities as attributes; q.x, q.u, q.p are the states, inputs and parameters they are made of, q.before the
+quantities of the pass before, all zero in the first one."""
+
+
+@dataclass(frozen=True)
+class State:
+    """One state.
+
+    Attributes
+    ----------
+    name : a signal's name where the state is one that may be recorded.
+    unit : SI unit.
+    scale : how large it typically is; how loosely an unmeasured start is known.
+    start : what it is taken to be when a run starts and it is not measured: a number, or a function of
+        (x, u, p), where x holds the states that were measured (others at zero).
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.State("yaw_rate", "rad/s", scale=0.5).start
+    0.0
+    """
+
+    name: str
+    unit: str
+    scale: float = 1.0
+    start: float | Callable[[Namespace, Namespace, Namespace], Symbol] = 0.0
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A dynamic element between a recorded command and the vehicle, with one state: where it stands.
+
+    Attributes
+    ----------
+    signal : the input it stands before.
+    name : of its state.
+    segment : (state, (begin, end) of the command, p, h) -> (state after h, (begin, end) of what the vehicle sees).
+        Commands are straight lines over a segment of h seconds, and so is what the vehicle sees: the line of the same
+        mean and first moment as the element's true response.
+    after : (state, command, p, time) -> what is seen so long after the command took this value.
+    moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
+    beside : name of another actuator, whose state it reads too: `state` is then both of them, its own first. At rest
+        both stand at the command.
+    """
+
+    signal: str
+    name: str
+    segment: Callable[[Symbol, tuple[Symbol, Symbol], Namespace, Symbol], tuple[Symbol, tuple[Symbol, Symbol]]]
+    after: Callable[[Symbol, Symbol, Namespace, float], Symbol]
+    moves: Callable[[Symbol, Symbol, Namespace, float], Symbol]
+    beside: str = ""
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """A quantity that follows its instantaneous value with a first-order lag.
+
+    Attributes
+    ----------
+    quantity : its name.
+    time_constant : q -> s; zero means no lag.
+    """
+
+    quantity: str
+    time_constant: Callable[[Quantities], Symbol]
+
+
+@dataclass(frozen=True)
+class Validity:
+    """Where equations hold; elsewhere they only stay finite, and readings tell nothing of their parameters.
+
+    Attributes
+    ----------
+    signal : an input or an output.
+    least : they hold where its absolute value is at least so much, in its unit.
+    outputs : of which this is so.
+    """
+
+    signal: str
+    least: float
+    outputs: tuple[str, ...]
+
+
+Alteration = tuple[str, Callable[[Symbol, Quantities], Symbol]]
+"""Name of a parameter, input or quantity, and (its value, q) -> its altered value."""
+
+Sensor = Callable[[Namespace, Quantities], Mapping[str, Symbol]]
+"""(readings so far, q) -> the readings that change; q.rates holds the derivatives of the states."""
+
+Shift = Callable[[Namespace], Symbol]
+"""Parameters -> s."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class MotionModel(Model):
+    """Equations of motion.
+
+    Attributes
+    ----------
+    states : in order.
+    dynamics : (x, u, p, q) -> state name -> derivative.
+    quantities : names that `dynamics` assigns, for effects, reports and estimators to use.
+    commands : inputs that a controller or driver commands; they are held between rows unless the recording says
+        otherwise. Other inputs are measured and run straight between rows.
+    extra_rates : (q) -> derivatives of the states that effects add.
+    delays : input -> by how much its command is late. Several on one input add up.
+    actuators : between commands and vehicle.
+    alterations : of parameters, inputs and quantities.
+    relaxations : of quantities.
+    sensors : between outputs and recording.
+    latencies : output -> by how much its reading is late. Several on one output add up.
+    passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
+        reads q.before and converges over a few passes.
+    validity : where the equations hold; fits leave out other readings.
+    learnt : whether constants of the equations are the weights of a network, which took up what was in its training.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> model = gb.MotionModel(
+    ...     name="turner",
+    ...     about="yaw rate that lags behind its kinematic value",
+    ...     states=(gb.State("yaw_rate", "rad/s"),),
+    ...     inputs=("steer", "v_x"),
+    ...     outputs=("yaw_rate",),
+    ...     parameters=(gb.Parameter("L", "m", 0.33, (0.1, 1.0)), gb.Parameter("lag", "s", 0.1, (0.01, 1.0))),
+    ...     dynamics=lambda x, u, p, q: {"yaw_rate": (u.v_x * u.steer / p.L - x.yaw_rate) / p.lag},
+    ... )
+    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> bool(0.1 < gb.fit(model, lap).params["L"] < 1.0)
+    True
+    """
+
+    kind: ClassVar[str] = "motion"
+    called: ClassVar[str] = "a model of motion"
+
+    states: tuple[State, ...]
+    dynamics: Callable[[Namespace, Namespace, Namespace, Quantities], Mapping[str, Symbol]]
+    quantities: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()
+    extra_rates: tuple[Callable[[Quantities], Mapping[str, Symbol]], ...] = ()
+    delays: tuple[tuple[str, Shift], ...] = ()
+    actuators: tuple[Actuator, ...] = ()
+    alterations: tuple[Alteration, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    latencies: tuple[tuple[str, Shift], ...] = ()
+    passes: int = 1
+    validity: tuple[Validity, ...] = ()
+    learnt: bool = False
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Everything an effect may touch."""
+        parameters = (parameter.name for parameter in self.parameters)
+        states = (state.name for state in self.states)
+        return frozenset((*self.inputs, *self.outputs, *parameters, *states, *self.quantities))
+
+    def delayed(self, signal: str, by: Shift) -> MotionModel:
+        """The same model with a command that arrives late."""
+        self._must_have(signal, self.inputs, "input")
+        return replace(self, delays=(*self.delays, (signal, by)))
+
+    def actuated(self, actuator: Actuator) -> MotionModel:
+        """The same model with an actuator behind those its input already has."""
+        self._must_have(actuator.signal, self.inputs, "input")
+        return replace(self, actuators=(*self.actuators, actuator))
+
+    def altered(self, **changes: Callable[[Symbol, Quantities], Symbol]) -> MotionModel:
+        """The same model with parameters, inputs or quantities altered, those it has of the names given."""
+        known = self.names
+        found = tuple((name, change) for name, change in changes.items() if name in known)
+        if not found:
+            raise BadModel(f"Model {self.name} has none of {', '.join(changes)}.")
+        return replace(self, alterations=(*self.alterations, *found))
+
+    def relaxed(self, time_constant: Callable[[Quantities], Symbol], *quantities: str) -> MotionModel:
+        """The same model with quantities that follow with a lag, those it has of the names given."""
+        found = tuple(Relaxation(name, time_constant) for name in quantities if name in self.quantities)
+        return replace(self, relaxations=(*self.relaxations, *found))
+
+    def sensed(self, sensor: Sensor) -> MotionModel:
+        """The same model with a sensor behind those it already has."""
+        return replace(self, sensors=(*self.sensors, sensor))
+
+    def late(self, by: Shift, *outputs: str) -> MotionModel:
+        """The same model with readings that are late, of the outputs it has of the names given."""
+        found = tuple((name, by) for name in outputs if name in self.outputs)
+        return replace(self, latencies=(*self.latencies, *found))
+
+    def gone_through(self, passes: int) -> MotionModel:
+        """The same model with dynamics gone through at least so often."""
+        return replace(self, passes=max(passes, self.passes))
+
+    def with_states(self, rates: Callable[[Quantities], Mapping[str, Symbol]], *states: State) -> MotionModel:
+        """The same model with further states, (q) -> their derivatives."""
+        return replace(self, states=(*self.states, *states), extra_rates=(*self.extra_rates, rates))
+
+    def _must_have(self, name: str, among: tuple[str, ...], what: str) -> None:
+        if name not in among:
+            raise BadModel(f"Model {self.name} has no {what} {name}; it has {', '.join(among)}.")

@@ -1,0 +1,218 @@
+"""A parameter: one record of everything known about a number, or an array of numbers, in a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..base.errors import BadInput
+from ..base.numbers import exact, pretty_unit
+from ..base.shorthands import Array
+
+SCOPES = ("model", "run")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the recording is seen: independent Gaussians, and their smoothness.
+
+    Attributes
+    ----------
+    sd : standard deviation of each entry about its mean, in the parameter's unit; a scalar or an array that
+        broadcasts to the parameter's shape, infinite where an entry is free.
+    mean : scalar or array of the parameter's shape; None takes the parameter's nominal value.
+    step_sd : for arrays, standard deviation of the difference between neighbours along each axis,
+        measured about the mean's own difference; a scalar, or an array that broadcasts to the shape of the
+        differences; None along an axis leaves it free.
+    strength : name of the strength that scales this prior and is chosen by cross-validation; empty if
+        the prior is knowledge and no tuning knob.
+
+    Raises
+    ------
+    BadInput : a standard deviation is not above zero, or the mean is no number.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.Parameter("B_f", "1/rad", 6.0, prior=gb.Prior(sd=3.0, mean=6.0)).prior.sd
+    3.0
+    """
+
+    sd: ArrayLike
+    mean: ArrayLike | None = None
+    step_sd: tuple[ArrayLike | None, ...] = ()
+    strength: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.step_sd, tuple):
+            raise BadInput(
+                "Prior, step_sd: one entry for each axis is needed, a number or None, as in (0.4, None), not "
+                f"{self.step_sd!r:.40}."
+            )
+        spreads = {"sd": self.sd} | {f"step_sd[{k}]": own for k, own in enumerate(self.step_sd) if own is not None}
+        for name, value in spreads.items():
+            if not np.all(_numbers(value, f"Prior, {name}") > 0.0):
+                raise BadInput(
+                    f"Prior, {name}: standard deviations above zero are needed, not {value!r:.40}; what is known "
+                    "exactly is a fixed parameter."
+                )
+        if self.mean is not None and not np.all(np.isfinite(_numbers(self.mean, "Prior, mean"))):
+            raise BadInput(f"Prior, mean: finite numbers are needed, not {self.mean!r:.40}.")
+
+
+def _numbers(value: ArrayLike, where: str) -> Array:
+    """A value as an array; a sentence where it holds something else than numbers."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where}: a number or an array of numbers is needed, not {value!r:.40}.") from error
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number or array of numbers with its unit and what is known of it.
+
+    Attributes
+    ----------
+    name : the field's symbol: m, I_z, C_f.
+    unit : SI unit in pint's spelling, "1" when there is none.
+    value : nominal value, a number or an array.
+    bounds : lowest and highest admissible value of every entry.
+    prior : what is known before the data; None for none.
+    fixed : whether fitting leaves it alone.
+    scope : "model", one value for everything; "run", one value per unbroken run (a nuisance such as a
+        timing offset); new runs take the mean over the training runs.
+    about : meaning, for people.
+    source : where the nominal value comes from.
+    axes : for local models, the signal along each leading axis of the value and its centres, in the SI unit.
+    null : of the magnitude of an effect, the value at which it changes nothing; None for all other parameters.
+
+    Raises
+    ------
+    BadInput : the value is no number or outside the bounds, or the prior is of another shape than the value.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> I_z = gb.Parameter("I_z", "kg m^2", 0.05, bounds=(0.005, 0.5), about="yaw inertia")
+    >>> float(I_z.with_value(0.04).value)
+    0.04
+    """
+
+    name: str
+    unit: str
+    value: ArrayLike
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    prior: Prior | None = None
+    fixed: bool = False
+    scope: Literal["model", "run"] = "model"
+    about: str = ""
+    source: str = ""
+    axes: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    null: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise BadInput(f"Parameter: a name is needed, as in Parameter('m', 'kg', 3.5), not {self.name!r:.40}.")
+        value = _numbers(self.value, f"Parameter {self.name}, value")
+        value.setflags(write=False)
+        object.__setattr__(self, "value", value)
+        low, high = self._bounds()
+        if not low <= high:
+            raise BadInput(f"Parameter {self.name}: the lower bound {low:g} is above the upper bound {high:g}.")
+        if np.any(np.isnan(value)):
+            raise BadInput(f"Parameter {self.name}: its value is not a number.")
+        if np.any(value < low) or np.any(value > high):
+            raise BadInput(f"Parameter {self.name}: value {value} is outside its bounds [{low:g}, {high:g}].")
+        if self.scope not in SCOPES:
+            raise BadInput(
+                f"Parameter {self.name}: there is no scope {self.scope!r:.40}. There are {', '.join(SCOPES)}."
+            )
+        self._must_suit(self.prior)
+
+    def _bounds(self) -> tuple[float, float]:
+        try:
+            low, high = (float(own) for own in self.bounds)
+        except (TypeError, ValueError) as error:
+            raise BadInput(
+                f"Parameter {self.name}, bounds: a lowest and a highest value are needed, not {self.bounds!r:.40}."
+            ) from error
+        return low, high
+
+    def _must_suit(self, prior: Prior | None) -> None:
+        """Raise `BadInput` where a prior is none, or of another shape than the value."""
+        if prior is None:
+            return
+        if not isinstance(prior, Prior):
+            raise BadInput(f"Parameter {self.name}, prior: a Prior is needed, as in Prior(sd=0.5), not {prior!r:.40}.")
+        for name, own in (("sd", np.shape(prior.sd)), ("mean", np.shape(0.0 if prior.mean is None else prior.mean))):
+            if not _broadcasts(own, self.shape):
+                raise BadInput(
+                    f"Parameter {self.name} has shape {self.shape}; the {name} of its prior has shape {own}."
+                )
+        if len(prior.step_sd) > len(self.shape):
+            raise BadInput(
+                f"Parameter {self.name} has shape {self.shape}; its prior's step_sd has {len(prior.step_sd)} axes."
+            )
+
+    def __repr__(self) -> str:
+        unit = "" if self.unit == "1" else f" [{pretty_unit(self.unit)}]"
+        own = self.array
+        ends = f" from {exact(float(own.min()), 6)} to {exact(float(own.max()), 6)}" if own.size else ""
+        said = [exact(float(own), 6) if own.shape == () else f"array of shape {own.shape}{ends}"]
+        said += ["fixed"] * self.fixed
+        if np.any(np.isfinite(self.bounds)):
+            said.append(f"bounds [{', '.join(exact(end, 6) for end in self.bounds)}]")
+        said += ["with a prior"] * (self.prior is not None) + ["one for each run"] * (self.scope == "run")
+        return f"Parameter {self.name}{unit}: {', '.join(said)}{f'; {self.about}' if self.about else ''}"
+
+    @property
+    def array(self) -> Array:
+        """The nominal value as an array of its own shape (shape () for a number)."""
+        return np.asarray(self.value, dtype=float)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the value; () for a number."""
+        return self.array.shape
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return self.array.size
+
+    def with_value(self, value: ArrayLike) -> Parameter:
+        """The same parameter at another value of the same shape; its prior stays where it was."""
+        new = np.asarray(value, dtype=float)
+        if new.shape != self.shape:
+            raise BadInput(f"Parameter {self.name} has shape {self.shape}; a value of shape {new.shape} was given.")
+        prior = self.prior
+        if prior is not None and prior.mean is None:
+            prior = replace(prior, mean=self.array)
+        return replace(self, value=new, prior=prior)
+
+
+def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:
+    try:
+        return np.broadcast_shapes(shape, to) == to
+    except ValueError:
+        return False
+
+
+def pack(parameters: Iterable[Parameter]) -> Array:
+    """Values of several parameters as one vector, in order, arrays row by row."""
+    values = [parameter.array.ravel() for parameter in parameters]
+    return np.concatenate(values) if values else np.empty(0)
+
+
+def unpack(parameters: Iterable[Parameter], vector: Array) -> tuple[Parameter, ...]:
+    """The parameters with the values of a vector laid out as by `pack`."""
+    result, start = [], 0
+    for parameter in parameters:
+        result.append(parameter.with_value(vector[start : start + parameter.size].reshape(parameter.shape)))
+        start += parameter.size
+    return tuple(result)

@@ -1,0 +1,1 @@
+"""What proves, drives, or runs many: examinations, papers' tables, virtual cars, fleets, driving."""

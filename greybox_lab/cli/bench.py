@@ -1,0 +1,155 @@
+"""`greybox bench`: tables of published papers again, on their recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from greybox_id.cli.commands import CommandGroup
+from greybox_id.cli.options import json_option
+from greybox_id.cli.output import console, print_json, progress, show
+
+from ..driving.loop.protocol import ARMS as LEARNED_ARMS
+
+LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
+
+
+@click.group(name="bench", cls=CommandGroup)
+def bench() -> None:
+    """Make the tables of published papers again, on the authors' recordings, beside what greybox-id reaches.
+
+    \b
+    greybox bench msnn --data roboracer --quick
+    greybox bench truck --data truck --quick
+    greybox bench loop --quick --out black_box
+    """  # fmt: skip
+
+
+@bench.command("msnn")
+@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
+@click.option("--out", default=None, metavar="FILE", help="Write the rows there too, as they come: a .json file.")
+@click.option(
+    "--report", default=None, metavar="FOLDER", help="Write tables and figures there: msnn.html and msnn.pdf."
+)
+@json_option
+def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
+    """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
+
+    FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Both protocols
+    stand beside the paper's figures: the authors' to the letter, and one in which nothing is chosen on what is scored.
+    The report holds Figs. 2 and 7 to 12 too.
+
+    \b
+    greybox bench msnn --data roboracer --quick --report msnn
+    """  # fmt: skip
+    from ..papers.kept import KeptBench, page_folder, write_pages
+    from ..papers.msnn import measure
+    from ..papers.msnn_report import msnn_report, tables
+
+    kept = KeptBench("msnn", out)
+    folder = None if report is None else page_folder(report, "msnn")
+    with progress() as say:
+        found = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
+        kept.keep(quick=quick, rows=found.rows)
+        pages = [] if folder is None else write_pages(msnn_report(found), folder, "msnn")
+    told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
+    _say(told, tables(found.rows), kept.file, pages, as_json)
+
+
+@bench.command("truck")
+@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
+@click.option("--curves", is_flag=True, help="Learning curves and what is learnt before training; no other networks.")
+@click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
+@click.option("--out", default=None, metavar="FILE", help="Keep trainings there; the next run goes on from it.")
+@click.option("--minutes", type=click.FloatRange(min=0), help="Begin no training after so many; see --out.")
+@click.option("--report", default=None, metavar="FOLDER", help="Write tables and figures there: truck.html, truck.pdf.")
+@json_option
+def truck_command(
+    data: Path,
+    quick: bool,
+    curves: bool,
+    seeds: int,
+    out: str | None,
+    minutes: float | None,
+    report: str | None,
+    as_json: bool,
+) -> None:
+    """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
+
+    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted. Every
+    training is kept in --out as it comes, by what it was trained on; Ctrl-C loses the one under way.
+
+    \b
+    greybox bench truck --data truck --quick --json
+    greybox bench truck --data truck --out truck.json --minutes 60 --report truck
+    """  # fmt: skip
+    from ..papers.kept import KeptBench, page_folder, write_pages
+    from ..papers.truck import TruckOptions, truck_tables
+    from ..papers.truck_report import tables, truck_report
+
+    kept = KeptBench("truck", out, minutes)
+    folder = None if report is None else page_folder(report, "truck")
+    with progress() as say:
+        found = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
+        pages = [] if folder is None else write_pages(truck_report(found), folder, "truck")
+    _say(found, tables(found), kept.file, pages, as_json)
+
+
+@bench.command("loop")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
+@click.option("--quick", is_flag=True, help="One case, one cycle and five arms: about two CPU minutes, not hours.")
+@click.option(
+    "--case", "cases", type=click.IntRange(0, 7), multiple=True, help="One of those of loop demo; all of them."
+)
+@click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="That is compared; all of them.")
+@click.option(
+    "--cycles", type=click.IntRange(1, 3), help="Of driving and learning; the cap rises with each: 3, quick 1."
+)
+@click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
+@click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")
+@json_option
+def loop_command(
+    out: Path,
+    quick: bool,
+    cases: tuple[int, ...],
+    arms: tuple[str, ...],
+    cycles: int | None,
+    vehicles: int,
+    seeds: int,
+    as_json: bool,
+) -> None:
+    """Black box against name: drivers that learn on networks or on what is named drive the same changed cars.
+
+    What is done is kept in FOLDER; the same command carries on, and compares all that is there.
+
+    \b
+    greybox bench loop --quick --out black_box
+    greybox bench loop --out black_box --case 1 --case 6 --arm base --arm named --arm oracle --json
+    """  # fmt: skip
+    from ..papers.loop import loop_tables
+    from ..papers.loop_report import tables
+
+    with progress() as say:
+        found = loop_tables(
+            out, quick=quick, cases=cases, arms=arms, cycles=cycles, vehicles=vehicles, seeds=seeds, say=say
+        )
+    if as_json:
+        print_json(found)
+    else:
+        show(tables(found))
+
+
+def _say(told: Mapping[str, Any], parts: Iterable[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
+    """What was measured, and where it was written."""
+    if as_json:
+        written = {"written": str(file)} if file else {}
+        print_json({**told, **written} | ({"report": [str(own) for own in pages]} if pages else {}))
+        return
+    show(parts)
+    for path in [*([] if file is None else [file]), *pages]:
+        console().print(f"written  {path}")

@@ -1,0 +1,241 @@
+"""`greybox exam`: a blind examination of `greybox gap` on vehicles whose truth is known and sealed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from greybox_id.base.errors import BadInput
+from greybox_id.cli.commands import CommandGroup
+from greybox_id.cli.options import json_option
+from greybox_id.cli.output import console, print_json, progress
+from greybox_id.cli.terminal import tell
+
+DIAGNOSER = f"{__name__}:diagnose_case"
+"""What sits the examination, unless another function is named."""
+FOREIGN = (200, 70, 25, 30)
+"""Foreign cases: nulls, singles, pairs, outside the vocabulary."""
+ASKED = {
+    "clean": ("cases", "nulls"),
+    "workshop": ("cases", "nulls"),
+    "foreign": ("nulls", "singles", "pairs", "outside", "family"),
+    "injected": ("singles", "data", "family"),
+    "changed": ("data", "family"),
+}
+"""Tier -> the options that say what its cases are to be."""
+
+
+@click.group(name="exam", cls=CommandGroup)
+def exam() -> None:
+    """Examine the diagnosis of gaps blindly: make cases, diagnose them, open the answers once.
+
+    \b
+    greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
+    greybox exam run exam_clean/cases --jobs 2
+    greybox exam score exam_clean --detail
+    """
+
+
+@exam.command("make")
+@click.option(
+    "--out",
+    required=True,
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="A new folder, or one left unfinished.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
+@click.option(
+    "--tier",
+    type=click.Choice(list(ASKED)),
+    default="clean",
+    show_default=True,
+    help="Exact vehicle files, nominal forms and white noise; tolerances, other forms, coloured noise, outliers; "
+    "vehicles of foreign simulators; real recordings, altered; or a real car that was changed (DART).",
+)
+@click.option("--cases", type=click.IntRange(min=0), help="With an effect withheld; default: 60. Not for foreign.")
+@click.option("--nulls", type=click.IntRange(min=0), help="With none; default: a sixth of the others, foreign: 200.")
+@click.option("--singles", type=click.IntRange(min=0), help="Foreign, injected: with one effect; default: 70.")
+@click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected, changed: real recordings.")
+@click.option("--pairs", type=click.IntRange(min=0), help="Foreign: with two; default: 25.")
+@click.option("--outside", type=click.IntRange(min=0), help="Foreign: with one outside the vocabulary; default: 30.")
+@click.option(
+    "--family",
+    "families",
+    multiple=True,
+    metavar="NAME",
+    help="Foreign: simulators, injected: sources, changed: cases, or a set of them (development, examination).",
+)
+@click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
+@json_option
+def make_command(
+    out: Path,
+    seed: int,
+    tier: Any,
+    cases: int | None,
+    nulls: int | None,
+    singles: int | None,
+    data: Path | None,
+    pairs: int | None,
+    outside: int | None,
+    families: tuple[str, ...],
+    real: Path | None,
+    jobs: int,
+    as_json: bool,
+) -> None:
+    """Make cases, and seal their answers apart from them; carries on where it was stopped.
+
+    Note the sum that is printed: with it, greybox exam score --seal tells whether the answers were replaced.
+
+    \b
+    greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
+    greybox exam make --tier foreign --seed 7 --out exam_foreign
+    """  # fmt: skip
+    asked: dict[str, Any] = {
+        "cases": cases,
+        "nulls": nulls,
+        "singles": singles,
+        "data": data,
+        "pairs": pairs,
+        "outside": outside,
+    }
+    asked["family"] = families or None
+    if strangers := [f"--{name}" for name, own in asked.items() if own is not None and name not in ASKED[tier]]:
+        goes = ", ".join(f"--{name}" for name in ASKED[tier])
+        raise BadInput(f"{', '.join(strangers)} does not go with --tier {tier}; with it go {goes}.")
+    with progress() as say:
+        if real is not None:
+            from ..exam.real import make_real
+
+            made = make_real(out, real, say)
+        elif tier == "foreign":
+            from ..exam.make import make_foreign
+            from ..exam.plan import Counts
+
+            wanted = zip((nulls, singles, pairs, outside), FOREIGN, strict=True)
+            how_many = Counts(*(most if own is None else own for own, most in wanted))
+            made = make_foreign(out, seed, how_many, families, jobs, say)
+        elif tier in ("injected", "changed"):
+            from ..exam.changed import make_changed
+            from ..exam.injected import make_injected
+
+            if data is None:
+                raise BadInput(f"--tier {tier} is of real recordings; name their folder with --data.")
+            if tier == "changed":
+                made = make_changed(out, data, seed, families, jobs, say)
+            else:
+                made = make_injected(out, data, seed, FOREIGN[1] if singles is None else singles, families, jobs, say)
+        else:
+            from ..exam.make import make
+
+            made = make(out, seed, tier, 60 if cases is None else cases, nulls, jobs, say)
+    if as_json:
+        print_json(asdict(made) | {"folder": str(made.folder)})
+        return
+    counts = ", ".join(f"{count} {kind}" for kind, count in sorted(made.counts.items()))
+    console().print(f"written  {made.folder}: {counts}")
+    if made.hidden:
+        console().print(f"         {made.hidden} of them hardly show")
+    console().print(f"sealed   {made.seal}")
+
+
+@exam.command("run")
+@click.argument("cases", metavar="CASES", type=click.Path(path_type=Path))
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    default=120.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="A case that takes longer counts as wrong.",
+)
+@click.option("--diagnoser", default=DIAGNOSER, metavar="MODULE:FUNCTION", help="In place of greybox gap.")
+@json_option
+def run_command(cases: Path, jobs: int, timeout: float, diagnoser: str, as_json: bool) -> None:
+    """Diagnose each of CASES as greybox gap does, where the answers cannot be seen; carries on where it was stopped.
+
+    Each case is left diagnosis.json and closed.toml.
+
+    \b
+    greybox exam run exam_clean/cases --jobs 2
+    """
+    from ..exam.run import run
+
+    with progress() as say:
+        sat = run(cases, diagnoser, jobs, timeout, say)
+    if as_json:
+        print_json(asdict(sat))
+        return
+    console().print(
+        f"diagnosed {sat.diagnosed} of {sat.cases} cases ({sat.before} were before), {sat.failed} ended in an error, "
+        f"{sat.cpu:.1f} CPU s"
+    )
+
+
+@exam.command("score")
+@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
+@click.option("--detail", is_flag=True, help="Also what was taken for what, and every case that was wrong.")
+@click.option("--seal", "noted", default="", metavar="SUM", help="The seal's sum as noted when the cases were made.")
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
+@json_option
+def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bool) -> None:
+    """Open the answers in FOLDER and say what was right; that is done once, and kept in FOLDER/score.json.
+
+    \b
+    greybox exam score exam_clean --detail
+    """  # fmt: skip
+    from ..exam.score import score, tables
+
+    with progress() as say:
+        body, again = score(folder, say, jobs=jobs, noted=noted)
+    if again:
+        tell(f"these answers were opened already, {body['opened']}; this is the score of then")
+    if as_json:
+        print_json(body | {"opened_before": again})
+        return
+    out = console()
+    out.print(f"{body['cases']} cases, tier {body['tier']}, {body['errors']} ended in an error")
+    for table in tables(body, detail):
+        out.print(table)
+        out.print()
+
+
+def diagnose_case(folder: Path) -> dict[str, Any]:
+    """What greybox gap says of a case, as plain data; the closed vehicle is left in the folder.
+
+    Parameters
+    ----------
+    folder : with recording.csv, and vehicle.toml or fit.json; with recordings from before, what changed since is asked.
+    """
+    from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
+    from greybox_id.cli.gap import diagnosed, what_changed
+    from greybox_id.fitting.fit import load
+    from greybox_id.models.motion_model import MotionModel
+    from greybox_id.models.registry import build
+    from greybox_id.models.vehicle_file import vehicle as stated_in
+    from greybox_id.models.vehicle_file import write_vehicle
+
+    from ..exam.folder import AFTER, BEFORE, CLOSED
+    from ..exam.verification import plain_model
+
+    file, fit, columns = folder / "vehicle.toml", folder / "fit.json", folder / "columns.toml"
+    recording, mapping = [folder / "recording.csv"], columns if columns.is_file() else None
+    if since := sorted(folder.glob(BEFORE)):
+        second = [folder / AFTER] if (folder / AFTER).is_file() else []
+        return what_changed(recording, since, vehicle=stated_in(file), held_out=second, columns=mapping).to_json()
+    if file.is_file():
+        stated = stated_in(file)
+        found = diagnosed(recording, vehicle=stated, columns=mapping)
+    else:
+        stated = fitted_vehicle(load(fit, build), fit.stem)
+        found = diagnosed(recording, fit=fit, columns=mapping)
+    body: dict[str, Any] = found.to_json()
+    if not isinstance(found.closed, MotionModel):  # a vehicle file has no place for the weights of one with memory
+        return body
+    write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
+    return body | {"closed_model": plain_model(found.closed)}

@@ -1,0 +1,139 @@
+"""`greybox import`: a network that nnodely saved becomes a fit, a vehicle of another tool a vehicle file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.files import ensure_writable
+from greybox_id.base.guard import claim
+from greybox_id.base.numbers import counted, number, pretty_unit
+from greybox_id.base.signals import unit_of
+from greybox_id.cli.defaults import command_line
+from greybox_id.cli.options import json_option
+from greybox_id.cli.output import console, print_json
+from greybox_id.fitting.fit import Fit
+from greybox_id.models.vehicle_file import as_plain, write_vehicle
+
+from ..nnodely import Imported, ImportedVehicle, import_network, import_vehicle
+from ..nnodely.vehicles import SUFFIXES
+
+
+@click.command(name="import")
+@click.argument("network", metavar="NETWORK", type=click.Path())
+@click.option(
+    "--inputs",
+    default="",
+    metavar="SIGNAL=INPUT,...",
+    help="Which input of the file is which signal, where names do not tell.",
+)
+@click.option(
+    "--sample-time",
+    type=click.FloatRange(min=1e-4, max=10.0),
+    metavar="SECONDS",
+    help="What the network was trained with; default: the file's own.",
+)
+@click.option(
+    "--out",
+    default=None,
+    metavar="FILE",
+    help="A .json file for a network, by default fit.json in a folder of the model's name; a .toml file for a vehicle.",
+)
+@json_option
+def import_(network: str, inputs: str, sample_time: float | None, out: str | None, as_json: bool) -> None:
+    """Make a fit of NETWORK, a file of nnodely's saveModel that holds an MS-NN, or a vehicle file of another tool's:
+    a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or CommonRoad. Nothing in it is run.
+
+    \b
+    greybox import trained/net.json --sample-time 0.05 --out run/fit.json
+    greybox import trained/net.json --inputs v_x=omega,steer=handwheel,a_x=imu
+    greybox import vehicle_info.param.yaml --out car.toml
+    """  # fmt: skip
+    if Path(network).suffix.lower() in SUFFIXES:
+        if inputs or sample_time is not None:
+            raise click.UsageError("--inputs and --sample-time belong to networks; a vehicle has none.")
+        _vehicle(network, out, as_json)
+        return
+    if out is not None and Path(out).suffix != ".json":
+        raise BadInput(f"{out}: a fit is a .json file; name one with --out.")
+    command = command_line()
+    pairs = [pair.strip() for pair in inputs.split(",") if pair.strip()]
+    found = import_network(network, pairs, sample_time, command)
+    target = Path(out) if out is not None else Path(found.fit.model.name) / "fit.json"
+    claim(target, becomes=f"a fit of {found.fit.model.name}")
+    ensure_writable(target.parent)
+    path = found.fit.save(target)
+    if as_json:
+        print_json(_summary(found) | {"written": str(path)})
+    else:
+        _show(found, path)
+
+
+def _vehicle(file: str, out: str | None, as_json: bool) -> None:
+    """Make a vehicle file of another tool's file."""
+    if out is not None and Path(out).suffix.lower() not in (".toml", ".json"):
+        raise BadInput(f"{out}: a vehicle file ends in .toml or .json; name one with --out.")
+    found = import_vehicle(file)
+    target = claim(Path(out) if out is not None else Path(f"{Path(file).name.partition('.')[0]}.toml"))
+    ensure_writable(target.parent)
+    path = write_vehicle(found.vehicle, target)
+    if as_json:
+        print_json({"kind": found.kind, "vehicle": as_plain(found.vehicle), "notes": found.notes, "written": str(path)})
+        return
+    _show_vehicle(found, path)
+
+
+def _show_vehicle(found: ImportedVehicle, path: Path) -> None:
+    out = console()
+    out.print(f"vehicle  {found.kind}: {', '.join(found.vehicle.values) or 'nothing but limits'}")
+    for note in found.notes:
+        out.print(f"note     {note}")
+    out.print(f"\nwritten  {path}   with a recording: greybox fit --model single_track --vehicle {path} RECORDING")
+
+
+def _show(found: Imported, path: Path) -> None:
+    out, fit = console(), found.fit
+    out.print(f"network  {fit.how['imported']}: {fit.model.name}, {fit.model.size} numbers, {fit.model.about}")
+    for title, names in (("inputs", found.roles), ("outputs", found.outputs)):
+        words = [f"{signal} [{pretty_unit(unit_of(signal))}] from {name}" for name, signal in names.items()]
+        out.print(f"{title:8} {', '.join(words)}")
+    for line in _structure(fit):
+        out.print(f"         {line}")
+    nearness = f"to {found.error:.0e} of the largest prediction"
+    out.print(f"checked  on random windows the model predicts what the file's own graph does, {nearness}")
+    for note in found.notes:
+        out.print(f"note     {note}")
+    out.print("held     all numbers: the file says nothing of their uncertainty, so no interval is given")
+    out.print(f"\nwritten  {path}   against a recording: greybox validate {path} RECORDING")
+
+
+def _structure(fit: Fit) -> list[str]:
+    """Local models, windows and centres, a line each."""
+    settings = dict(fit.model.settings)
+    lines = []
+    for name, own in settings.items() if "lat" in settings else ((fit.model.name.removeprefix("msnn_"), settings),):
+        if not isinstance(own, dict):
+            continue
+        step = own["sample_time"]
+        samples = 1 + int(own["q"] if "q" in own else own["gamma"])
+        neurons = f", {counted(own['eta'], 'neuron')} each for traction and braking" if "eta" in own else ""
+        lines.append(f"{name}: windows of {counted(samples, 'sample')} of {step:g} s{neurons}")
+        for signal in ("v_x", "steer", "a_x", "a_y"):
+            if own.get(signal) is not None:
+                centres = ", ".join(number(centre, 3) for centre in own[signal])
+                lines.append(f"{name}: centres over {signal} at {centres} {pretty_unit(unit_of(signal))}")
+    return lines
+
+
+def _summary(found: Imported) -> dict[str, object]:
+    model = found.fit.model
+    return {
+        "model": {"name": model.name, "settings": dict(model.settings), "numbers": model.size},
+        "inputs": dict(found.roles),
+        "outputs": dict(found.outputs),
+        "difference": found.error,
+        "uncertainty": None,
+        "notes": list(found.notes),
+    }

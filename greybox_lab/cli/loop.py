@@ -1,0 +1,132 @@
+"""`greybox loop` and `greybox serve`: drive, identify, name, learn anew, swap; here, or for vehicles that send rows."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+
+import click
+
+from greybox_id.base.errors import BadInput
+from greybox_id.cli.commands import CommandGroup
+from greybox_id.cli.options import json_option
+from greybox_id.cli.output import console, print_json, progress
+
+from ..driving.loop.protocol import ARMS
+
+
+@click.group(name="loop", cls=CommandGroup)
+def loop() -> None:
+    """Let a driver that was learned adapt to the vehicle it drives, through what `greybox gap` names.
+
+    \b
+    greybox loop demo --quick --out loop
+    """
+
+
+arm_option = click.option(
+    "--arm",
+    type=click.Choice(list(ARMS)),
+    default="named",
+    show_default=True,
+    help="What is made of rows, for a driver to learn on: docs/loop.md says what each is.",
+)
+
+
+@loop.command("demo")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the demo.")
+@click.option("--quick", is_flag=True, help="Fewer rows and steps: some minutes.")
+@click.option(
+    "--case",
+    type=click.IntRange(0, 7),
+    default=0,
+    show_default=True,
+    help="What the car has that its file does not state; 6 and 7 are outside what is known.",
+)
+@arm_option
+@click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@json_option
+def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
+    """Close the loop on a car in simulation; killed at any moment, the same command carries on.
+
+    \b
+    greybox loop demo --quick --out loop
+    greybox loop demo --out loop --case 1 --arm actuator_net --json
+    """  # fmt: skip
+    from ..driving.loop.demo import demo
+
+    with progress() as say:
+        found = demo(out, quick=quick, case=case, arm=arm, seed=seed, cycles=cycles, say=say)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+
+
+@loop.command("agent")
+@click.argument("server", metavar="SERVER")
+@click.option("--token-file", required=True, metavar="FILE", type=click.Path(), help="What signs requests.")
+@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
+@click.option("--session", default="car", show_default=True, help="Name at the server: letters, digits and dashes.")
+@click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
+@arm_option
+@click.option(
+    "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Policies that are asked for."
+)
+@click.option("--steps", type=click.IntRange(1, 10_000_000), default=150_000, show_default=True, help="Of a training.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@json_option
+def agent_command(
+    server: str, token_file: str, out: Path, session: str, case: int, arm: str, trainings: int, steps: int, seed: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Drive a car in simulation, send SERVER its rows, and let policies drive that SERVER learned.
+
+    SERVER is the address that `greybox serve` prints. Killed at any moment, the same command carries on.
+
+    \b
+    greybox loop agent http://127.0.0.1:8787 --token-file token.txt --out car
+    """  # fmt: skip
+    from ..driving.loop.agent import AgentOptions, agent
+    from ..driving.loop.protocol import read_token
+
+    options = AgentOptions(case, seed, session, arm, trainings, steps)
+    with progress() as say:
+        found = agent(server, read_token(token_file), out, options, say=say)
+    if as_json:
+        print_json(found.to_json())
+    else:
+        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+
+
+@click.command(name="serve")
+@click.option("--token-file", metavar="FILE", type=click.Path(), help="What signs requests: 16 characters or more.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8787, show_default=True, help="0: any that is free.")
+@click.option("--out", metavar="FOLDER", type=click.Path(path_type=Path), default=Path("greybox_serve"),
+              show_default=True, help="Folder of its state.")  # fmt: skip
+@json_option
+def serve(token_file: str | None, host: str, port: int, out: Path, as_json: bool) -> None:
+    """Serve until it is told to end; its address is the first line that it prints.
+
+    \b
+    greybox serve --token-file token.txt --port 0
+    """  # fmt: skip
+    from ..driving.loop.protocol import MADE, read_token
+    from ..driving.loop.server import Server
+    from ..driving.loop.store import ServerStore
+
+    if token_file is None:
+        raise BadInput(f"Nobody is served without a token; name its file with --token-file, made with: {MADE}.")
+    server = Server(ServerStore(out), read_token(token_file), host, port)
+
+    def ready(address: str) -> None:
+        if as_json:
+            print_json({"address": address})
+        else:
+            console().print(address, markup=False, highlight=False, soft_wrap=True)
+        sys.stdout.flush()
+
+    asyncio.run(server.run(ready))

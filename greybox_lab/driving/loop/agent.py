@@ -1,0 +1,349 @@
+"""The vehicle's side of the loop: drive, send rows, ask for a policy when it is time, try it, let it drive.
+
+DIR/agent.json         what is asked for, what was driven and learned; what it is carried on from
+DIR/vehicle.toml       as stated
+DIR/base.json          the driver before any data
+DIR/policy.json        in force
+DIR/rows/              what was driven, see `buffer`
+DIR/log.jsonl          every event
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.files import held
+from greybox_id.base.json_data import plain
+from greybox_id.base.shorthands import Say
+from greybox_id.datasets.recording import Recording
+from greybox_id.models.registry import motion_model_of
+from greybox_id.models.vehicle_file import parse_vehicle
+
+from ..racing.draws import by_hand
+from ..racing.policy import Policy
+from .adapting import foretold
+from .buffer import RowBuffer
+from .client import Client, Unanswered
+from .demo import CAP, Underway, Watched
+from .protocol import ARMS
+from .safety import Cap
+from .scene import DrivenRows, Scene, driven, effect_words
+from .store import DONE, FAILED
+from .swap import WORSE, NotSwapped, Seat
+from .triggers import LEAST, InnovationBand, RowCounts, gap_told, path_error_beyond
+
+ROWS = LEAST
+"""Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
+BASE = 150_000
+"""Steps in which the shipped driver is got used to the vehicle as its file states it."""
+SHOWN = 25
+"""Every so many-th row is shown at the server: two a second."""
+POLL, PATIENCE = 0.5, 60.0
+"""s between two questions whether a job is done, and for which a server that does not answer is asked again."""
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class AgentOptions:
+    """What an agent does.
+
+    Attributes
+    ----------
+    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
+    session : name at the server.
+    arm : what the server makes of rows, one of `protocol.ARMS`.
+    trainings : policies that are asked for before it ends.
+    steps, seconds : of a training: periods driven, and the budget of the server's processor.
+
+    Raises
+    ------
+    BadInput : a number makes no sense.
+    """
+
+    case: int = 0
+    seed: int = 0
+    session: str = "car"
+    arm: str = "named"
+    trainings: int = 2
+    steps: int = BASE
+    seconds: float = 120.0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.trainings <= 20:
+            raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
+        if self.arm not in ARMS:
+            raise BadInput(f"There is no arm {self.arm!r}.{near_or_all(self.arm, ARMS)}")
+
+
+@dataclass(frozen=True)
+class AgentOutcome:
+    """What an agent did.
+
+    Attributes
+    ----------
+    asked : options.
+    withheld : effect -> magnitude, that the vehicle has and nobody was told of.
+    drives, trainings : one after the other, see docs/json.md.
+    folder : where everything is.
+    """
+
+    asked: Mapping[str, Any]
+    withheld: Mapping[str, float]
+    drives: tuple[Mapping[str, Any], ...]
+    trainings: tuple[Mapping[str, Any], ...]
+    folder: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "scene": dict(self.asked),
+            "withheld": dict(self.withheld),
+            "drives": [dict(own) for own in self.drives],
+            "trainings": [dict(own) for own in self.trainings],
+            "folder": str(self.folder),
+        }
+
+    def summary(self) -> str:
+        """For people."""
+        lines = ["drive  rows  cap   path error  crashes  policy"]
+        for k, own in enumerate(self.drives, 1):
+            error = f"{1e3 * own['path_error_rms']:7.1f} mm"
+            lines.append(
+                f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {error}  {own['crashes']:7d}  {own['policy'][:8]}"
+            )
+        for own in self.trainings:
+            applied = effect_words(own["applied"])
+            lines.append(f"learned ({own['reason']}): applied {applied}; {own['refused'] or 'swapped'}")
+        return "\n".join([*lines, f"written  {self.folder}"])
+
+
+def agent(
+    address: str, token: bytes, out: str | Path, options: AgentOptions | None = None, *,
+    say: Say = lambda sentence: None,
+) -> AgentOutcome:  # fmt: skip
+    """Drive a car in simulation that has what its file does not state, with the help of a server.
+
+    Parameters
+    ----------
+    address, token : of the server, see `client.Client`.
+    out : folder; one in which the same was begun is carried on with.
+    options : what is done.
+    say : told what is going on.
+
+    Raises
+    ------
+    BadInput : the server does not answer or declines, or the folder holds something else.
+    """
+    return _Agent(Client(address, token), Path(out), options or AgentOptions(), say).run()
+
+
+class _Agent(Underway):
+    def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
+        self.client, self.options = client, options
+        fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0,
+                 "part": 0}  # fmt: skip
+        scene = Scene(options.case)
+        super().__init__(folder / "agent.json", "agent", vars(options), fresh | {"twin": None}, scene, say)
+        self.buffer = RowBuffer(self.folder / "rows")
+        self.buffer.forget(self.state["part"])
+        self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
+
+    def run(self) -> AgentOutcome:
+        """All that is not done yet."""
+        with held(self.folder):
+            return self._run()
+
+    def _run(self) -> AgentOutcome:
+        self.client.get("/healthz")
+        good = self.base(BASE).policy
+        base, file = (self.folder / "base.json").read_bytes(), self.folder / "policy.json"
+        seat = Seat(file.read_bytes() if file.is_file() else base, self.folder)
+        self._hello(seat.now.sha, file.read_bytes() if file.is_file() else base)
+        try:
+            while len(self.state["trainings"]) < self.options.trainings:
+                reason = self.state["due"] or self._drive(seat, good)
+                if reason:
+                    self._train(seat, reason)
+            self._drive(seat, good)
+        finally:
+            seat.close()
+        done = self.state["drives"], self.state["trainings"]
+        return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
+
+    def _hello(self, sha: str, body: bytes) -> None:
+        """Tell the server who drives, and by which policy."""
+        self._asked(lambda: self.client.post("/v1/policies", body))
+        wanted = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        self._asked(lambda: self.client.post("/v1/hello", wanted))
+
+    def _asked(self, ask: Callable[[], Answer]) -> Answer:
+        """An answer, asked for again where nobody answers: requests are the same whether they come once or twice."""
+        until = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return ask()
+            except Unanswered:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(POLL)
+
+    @property
+    def _path(self) -> str:
+        return f"/v1/sessions/{self.options.session}"
+
+    def _event(self, kind: str, **more: Any) -> None:
+        """An event: written down, and shown at the server."""
+        self.log.write(kind, **more)
+        self._show([plain({"kind": kind, **more})])
+
+    def _show(self, events: Sequence[Mapping[str, Any]]) -> None:
+        """Let the server's page show events; without a server nobody sees them."""
+        with suppress(Unanswered):
+            self.client.post(f"{self._path}/events", {"events": events})
+
+    def _send(self) -> None:
+        """Send the rows that the server does not have."""
+        self.buffer.send(lambda body: self.client.post(f"{self._path}/rows", body))
+
+    def _shown(self, drive: DrivenRows, told: Mapping[str, Any]) -> None:
+        """Telemetry for the server's page."""
+        events = [
+            {"kind": "telemetry", "policy": told["policy"], "cap": told["cap"], "v_x": float(v_x), "e_y": float(e_y)}
+            for own in drive.episodes
+            if own.recording is not None
+            for v_x, e_y in zip(own.recording["v_x"][::SHOWN], own.e_y[::SHOWN], strict=False)  # less before a crash
+        ]
+        self._show(events)
+
+    def _drive(self, seat: Seat, good: Policy) -> str:
+        """Drive and send the rows, which wait where nobody answers; why it is time to learn, "" where it is not."""
+        k, cap = len(self.state["drives"]) + 1, Cap(self.state["cap"], clean=self.state["clean"])
+        driven_at, units = cap.share, self.units(cap.share)
+        expected = self._expected(seat.now.policy, driven_at)
+        self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
+        hands = Watched(units, seat, good, cap, self.units, expected["worst"], self.log)
+        drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
+        self.count(drive, cap, drive=k)
+        recordings = drive.recordings
+        for own in recordings:
+            self.buffer.add(own, seat.now.sha, driven_at)
+        try:
+            self._send()
+        except Unanswered as error:
+            self.log.write("rows wait", reason=str(error))
+        told = {
+            "rows": drive.rows,
+            "cap": driven_at,
+            "path_error_rms": drive.path_error,
+            "path_error_foretold": expected["path_error_rms"],
+            "lap_time": drive.lap_time,
+            "crashes": drive.crashes,
+            "events": hands.events,
+            "policy": seat.now.sha,
+        }
+        self._shown(drive, told)
+        self._event("drive", number=k, **told)
+        self.state["drives"].append(told)
+        self.state["cap"], self.state["clean"], self.state["part"] = cap.share, cap.clean, self.buffer.last
+        rows = sum(own["rows"] for own in self.state["drives"])
+        counts = RowCounts(last=self.state["learned_at"])
+        reason = counts.due(rows)
+        if not reason and recordings and counts.allowed(rows):
+            reason = path_error_beyond(drive.path_error, expected["path_error_rms"]) or self._evidence(recordings)
+        self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
+        self.keep()
+        return reason
+
+    def _train(self, seat: Seat, reason: str) -> None:
+        """Ask for a policy, try it, and let it drive."""
+        own, k = self.options, len(self.state["trainings"]) + 1
+        self.say(f"training {k}: {reason}")
+        self._event("trigger", training=k, reason=reason)
+        self._asked(self._send)
+        wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
+                  "cap": self.state["cap"]}  # fmt: skip
+        job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
+        place = f"/v1/jobs/{job['id']}"
+        while job["status"] not in (DONE, FAILED):
+            time.sleep(POLL)
+            job = self._asked(lambda: self.client.get(place))
+        refused, result = str(job["sentence"]), dict(job["result"])
+        if job["status"] == DONE:
+            sha = str(result["policy"])
+            body = self._asked(lambda: self.client.policy(sha))
+            refused = self._swapped(seat, body, sha, result)
+            if not refused:
+                self._hello(sha, body)
+                self.state["foretold"] = result["foretold"]
+                self.state["twin"] = {"vehicle": result["vehicle"], "part": self.buffer.last}
+                cap = Cap(self.state["cap"], clean=self.state["clean"])
+                cap.next_cycle()
+                self.state["cap"], self.state["clean"] = cap.share, cap.clean
+        self._event("no swap" if refused else "swap", training=k, reason=refused)
+        named, applied = result.get("named", []), result.get("applied", {})
+        errors = {name: result.get(name) for name in ("path_error_before", "path_error")}
+        self.state["trainings"].append(
+            {"reason": reason, "job": job["id"], "named": named, "applied": applied, **errors, "refused": refused}
+        )
+        self.state["learned_at"] = sum(one["rows"] for one in self.state["drives"])
+        self.state["due"] = ""
+        self.keep()
+
+    def _swapped(self, seat: Seat, body: bytes, sha: str, result: Mapping[str, Any]) -> str:
+        """Try a policy, and swap; why it is not swapped, or ""."""
+
+        def in_the_twin(new: Policy, present: Policy) -> None:
+            del new, present  # the server has driven both
+            if result["crashes"]:
+                raise NotSwapped(f"In the twin {result['crashes']} vehicles crash.")
+            before, after = result["path_error_before"], result["path_error"]
+            if before is not None and after is not None and after > WORSE * before:
+                raise NotSwapped(f"In the twin the path error is {after:.3f} m; with the present one {before:.3f} m.")
+
+        try:
+            seat.swap(body, sha, in_the_twin)
+        except NotSwapped as error:
+            return str(error)
+        return ""
+
+    def _expected(self, policy: Policy, cap: float) -> Mapping[str, float]:
+        """Path errors that are foretold at a cap: in the last twin, or at the nearest cap above that was driven there.
+
+        Before anything of the vehicle is known it may be anything in the ranges of `by_hand`.
+        """
+        said = self.state["foretold"]
+        if not said:
+            found = foretold(self.nominal, self.vehicle, policy.act, self.units(cap), cap, by_hand())
+            return {"path_error_rms": found.path_error, "worst": found.worst}
+        above = [own for own in said if own["cap"] >= cap - 1e-9]
+        return min(above or said, key=lambda own: abs(own["cap"] - cap))
+
+    def _evidence(self, recordings: Sequence[Recording]) -> str:
+        """Why the last drive is not that of the vehicle that is believed: the file's at first, then the last twin."""
+        if self.state["twin"] is None:
+            return gap_told(self.vehicle, recordings)
+        return "" if (band := self._band()) is None else band.beyond(recordings)
+
+    def _band(self) -> InnovationBand | None:
+        """What innovations of the last twin were like on the rows that it was made of.
+
+        None where networks act in it, which stay at the server, and where those rows are too few.
+        """
+        made = self.state["twin"]
+        if made["vehicle"] is None:
+            return None
+        if self._known[0] != made:
+            model = motion_model_of(parse_vehicle(made["vehicle"], self.folder / "twin.toml"))
+            try:
+                self._known = (made, InnovationBand.of(model, self.buffer.recordings(made["part"])))
+            except BadInput as error:
+                self.log.write("no band", reason=str(error))
+                self._known = (made, None)
+        return self._known[1]

@@ -1,0 +1,110 @@
+"""What came of the loop, as a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from greybox_id.base.numbers import percent, quantity
+from greybox_id.base.version import __version__
+from greybox_id.reports.document import Document, Drawing, Table, Text, titled
+from greybox_id.reports.figures.sheet import Sheet
+from greybox_id.reports.figures.style import BLUE, INK, ORANGE, PALE, PURPLE, look
+
+from .scene import effect_words
+
+if TYPE_CHECKING:
+    from .demo import Demo
+
+HEIGHT = 150.0
+"""Of the figure's axes, points."""
+COLOURS = (PALE, ORANGE, BLUE, PURPLE, INK)
+"""Of cycles, in turn."""
+
+
+def demo_report(found: Demo) -> Document:
+    """The report of a demo."""
+    parts = (
+        Text(
+            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(found.withheld)}. "
+            "Neither the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed "
+            "and learned on; it is no real car.",
+            small=False,
+        ),
+        *titled("Cycles", _cycles(found.cycles)),
+        *titled("Path error along the track", _path_errors(found.cycles)),
+        *titled("Arms", Text(
+            "How each drives the car at the end. base: the driver before any data. nominal: as many steps of learning "
+            f"as the loop took, on the vehicle file alone. {found.scene['arm']}: the loop. oracle: learned with what "
+            "is truly there; there is none where no model has it."
+        ), _arms(found.arms)),
+    )  # fmt: skip
+    about = "Drive, identify, name, learn anew, swap."
+    return Document("The loop", about, "the loop", f"greybox-id {__version__}", parts)
+
+
+def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
+    rows = []
+    for k, one in enumerate(cycles, 1):
+        named = "; ".join(
+            f"{own['effect']} {quantity(own['magnitude'], own['unit'])} ({own['probability']:.2f})"
+            + ("" if own["effect"] in one["applied"] else ", not applied")
+            for own in one["named"]
+        )
+        swapped = "swapped" if one["swapped"] else f"kept: {one['reason']}"
+        driven = (
+            _mm(one["path_error_rms"]),
+            _mm(one["path_error_foretold"]),
+            lap_words(one["lap_time"]),
+            str(one["crashes"]),
+        )
+        cap, seconds = percent(one["cap"]), f"{one['seconds']:.0f}"
+        rows.append((str(k), str(one["rows"]), cap, *driven, named or "nothing", swapped, seconds))
+    heads = (
+        "cycle",
+        "rows",
+        "grip used",
+        "path error",
+        "foretold",
+        "lap",
+        "crashes",
+        "named (probability)",
+        "policy",
+        "time, s",
+    )
+    return Table(heads, tuple(rows), "rrrrrrrLLr")
+
+
+def _path_errors(cycles: Sequence[Mapping[str, Any]]) -> Drawing | Text:
+    """Lateral error over distance."""
+    if not any(len(one["trace"]["s"]) > 1 for one in cycles):
+        return Text("Nothing was driven.")
+    sheet = Sheet((HEIGHT,))
+    ax = sheet.first()
+    for k, one in enumerate(cycles):
+        errors = 1e3 * np.array(one["trace"]["e_y"])
+        ax.plot(one["trace"]["s"], errors, **look(COLOURS[k % len(COLOURS)], label=f"cycle {k + 1}"))
+    ax.set(xlabel="distance along the track [m]", ylabel="lateral error [mm]")
+    caption = "Distance of the car from its path, to the left, in the last episode of each cycle."
+    return Drawing("path_errors", sheet, caption, "Lateral error along the track, cycle by cycle.")
+
+
+def _arms(arms: Mapping[str, Mapping[str, Any]]) -> Table:
+    heads = ("arm", "path error at the first cap", "lap", "crashes", "at the last cap", "lap", "crashes")
+    rows = tuple(
+        (name, *(part for when in ("first", "last") for part in
+                 (_mm(own[when]["path_error_rms"]), lap_words(own[when]["lap_time"]), str(own[when]["crashes"]))))
+        for name, own in arms.items()
+    )  # fmt: skip
+    return Table(heads, rows, "lrrrrrr")
+
+
+def _mm(metres: float | None) -> str:
+    return f"{1e3 * metres:.1f} mm" if metres is not None and np.isfinite(metres) else "–"
+
+
+def lap_words(seconds: float | None) -> str:
+    """A time of a lap, for people."""
+    return f"{seconds:.2f} s" if seconds is not None and np.isfinite(seconds) else "–"

@@ -1,0 +1,402 @@
+"""A policy written down for a controller elsewhere: C99, or an ONNX graph in single precision."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.shorthands import Array
+from greybox_id.base.version import __version__
+from greybox_id.export.c.build import cmake, commands
+from greybox_id.export.c.functions import INLINE
+from greybox_id.export.c.mathematics import definitions
+from greybox_id.export.c.naming import constant, numbers, vector
+from greybox_id.export.c.self_test import table
+from greybox_id.export.equations import Named
+from greybox_id.export.folder import write_folder
+from greybox_id.export.quoting import c_comment
+from greybox_id.export.subject import named_in_c
+
+from .policy import Layer, Policy
+from .world import LARGEST, SEEN
+
+TARGETS = {
+    "c": "C99 of the policy, with a self-test and a CMake target",
+    "onnx": "an ONNX graph of the policy in single precision",
+}
+OPSET, IR_VERSION = 17, 8
+"""Of ONNX: what runtimes from 2022 on read."""
+POINTS, TOLERANCE = 100, 1e-6
+"""Observations of the self-test, and how far actions may be from Python's: rounding in single precision."""
+DONE = {"steering": "of the largest angle", "drive": "drive, or wanted speed, as the rules say it was learned with"}
+"""Actions, and what they are."""
+UNITS: Mapping[str, tuple[str, int, str]] = {
+    "v_x": ("speed", -1, "m/s"), "v_y": ("speed", -1, "m/s"), "yaw_rate": ("yaw_rate", -1, "rad/s"),
+    "e_y": ("half_width", -1, "m"), "curvature": ("half_width", 1, "1/m"), "speed": ("speed", -1, "m/s"),
+}  # fmt: skip
+"""How names of an observation begin -> which of a world's units they are over (-1) or times (1), and their SI unit."""
+HEADING, ASIDE = "e_psi", SEEN.index("sin_e_psi")
+"""What stands in the place of the sine of the heading error, rad, where a policy is given SI units."""
+
+
+@dataclass(frozen=True)
+class PolicySubject:
+    """A policy to export.
+
+    Attributes
+    ----------
+    policy : what is written.
+    name : what files and functions are called after.
+    source : its file's name, for people.
+    command : what reproduces the export.
+
+    Raises
+    ------
+    BadInput : the name can name no functions in C.
+    """
+
+    policy: Policy
+    name: str
+    source: str = ""
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        named_in_c(self.name)
+
+    @property
+    def units(self) -> Mapping[str, float]:
+        """What the world's units are in SI; empty where the policy does not say, and takes observations as they are."""
+        held = self.policy.about.get("units", {})
+        told = {one for one, _, _ in UNITS.values()} <= set(held) and self.policy.size == len(SEEN)
+        return held if told else {}
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """Names of the numbers that go in."""
+        if self.policy.size != len(SEEN):
+            return tuple(f"seen_{k}" for k in range(self.policy.size))
+        return tuple(HEADING if self.units and k == ASIDE else name for k, name in enumerate(SEEN))
+
+    @property
+    def scales(self) -> Layer:
+        """(size,) what they are multiplied by; of the heading error the sine is taken."""
+        found = np.ones(self.policy.size, dtype=np.float32)
+        for k, name in enumerate(self.seen if self.units else ()):
+            if (unit := _unit(name)) is not None:
+                found[k] = self.units[unit[0]] ** unit[1]
+        return found
+
+    def observation(self, given: Layer) -> Layer:
+        """(L, size) what a driver sees, of numbers (L, size) as they go in."""
+        found = (given.astype(np.float32) * self.scales).astype(np.float32)
+        if self.units:
+            found[:, ASIDE] = np.sin(found[:, ASIDE])
+        return np.clip(found, np.float32(-LARGEST), np.float32(LARGEST))
+
+    @property
+    def title(self) -> str:
+        """What it is, in a sentence."""
+        return f"{self.name}: a policy, {self.source or 'from Python'}, greybox-id {__version__}."
+
+    def described(self) -> dict[str, Any]:
+        """For a manifest."""
+        return {
+            "name": self.name,
+            "greybox_id": __version__,
+            "source": self.source,
+            "command": self.command,
+            "model": {"name": "policy", "inputs": list(self.seen), "outputs": list(DONE)},
+            "learned": dict(self.policy.about),
+        }
+
+
+def export_policy(subject: PolicySubject, target: str, folder: str | Path) -> list[Path]:
+    """Write a policy for a target into a folder, with a manifest.
+
+    Parameters
+    ----------
+    subject : the policy and its name.
+    target : "c" or "onnx".
+    folder : where to; an earlier export there is replaced, whole.
+
+    Returns
+    -------
+    The files written.
+
+    Raises
+    ------
+    BadInput : policies are not written for the target, the package onnx is missing, or the folder holds other files.
+    """
+    if target not in TARGETS:
+        raise BadInput(f"A policy is not written for {target!r}.{near_or_all(target, TARGETS)}")
+    files = {"c": _c, "onnx": _onnx}[target](subject)
+    return write_folder(Path(folder), files, {"target": target} | subject.described())
+
+
+def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
+    try:
+        import onnx
+        from onnx import TensorProto, helper, numpy_helper
+    except ImportError as error:
+        raise BadInput("The target onnx needs the package onnx; pip install 'greybox-id[onnx]'.") from error
+    policy, nodes = subject.policy, []
+    held = {"low": np.array(-1.0, dtype=np.float32), "high": np.array(1.0, dtype=np.float32)}
+    held |= {"least": np.array(-LARGEST, dtype=np.float32), "most": np.array(LARGEST, dtype=np.float32)}
+    scaled = "seen"
+    if subject.units:
+        sine = np.zeros(policy.size, dtype=np.float32)
+        sine[ASIDE] = 1.0
+        held |= {"scales": subject.scales, "sine": sine, "itself": 1.0 - sine}
+        nodes += [
+            helper.make_node("Mul", ["seen", "scales"], ["scaled"]),
+            helper.make_node("Sin", ["scaled"], ["sines"]),
+            helper.make_node("Mul", ["sines", "sine"], ["turned"]),
+            helper.make_node("Mul", ["scaled", "itself"], ["straight"]),
+            helper.make_node("Add", ["turned", "straight"], ["observed"]),
+        ]
+        scaled = "observed"
+    nodes.append(helper.make_node("Clip", [scaled, "least", "most"], ["observation"]))
+    now = "observation"
+    for k, (W, b) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        held |= {f"weights_{k}": W, f"biases_{k}": b}
+        nodes.append(helper.make_node("Gemm", [now, f"weights_{k}", f"biases_{k}"], [f"sum_{k}"]))
+        now = f"sum_{k}"
+        if k + 1 < len(policy.weights):
+            nodes.append(helper.make_node("Tanh", [now], [f"layer_{k}"]))
+            now = f"layer_{k}"
+    nodes.append(helper.make_node("Clip", [now, "low", "high"], ["action"]))
+    inputs, outputs = (
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", size])]
+        for name, size in (("seen", policy.size), ("action", len(DONE)))
+    )
+    graph = helper.make_graph(
+        nodes, subject.name, inputs, outputs, [numpy_helper.from_array(own, name) for name, own in held.items()]
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+    about = {"source": subject.source, "seen": json.dumps(subject.seen), "action": json.dumps(list(DONE))}
+    helper.set_model_props(made, about | {"units": json.dumps(dict(subject.units))})
+    onnx.checker.check_model(made, full_check=True)
+    return {f"{subject.name}.onnx": made.SerializeToString()}
+
+
+def _c(subject: PolicySubject) -> Mapping[str, bytes]:
+    texts = {
+        f"{subject.name}.h": _header(subject),
+        f"{subject.name}.c": _source(subject),
+        f"{subject.name}_test.c": _self_test(subject),
+        "main.c": _example(subject),
+        "CMakeLists.txt": cmake(subject.name),
+        "README.md": _read_me(subject),
+    }
+    return {name: text.encode() for name, text in texts.items()}
+
+
+def _header(subject: PolicySubject) -> str:
+    name = subject.name
+    seen = vector(name, "SEEN", "observation", [Named(own, *_told(own, subject.units)) for own in subject.seen])
+    done = vector(name, "ACTION", "action, -1 to 1", [Named(own, "1", DONE[own]) for own in DONE])
+    guard = constant(name, "H")
+    return f"""\
+/* {c_comment(subject.title)}
+   Nothing is kept between calls, nothing allocated, nothing called but the mathematical library. */
+#ifndef {guard}
+#define {guard}
+
+{seen}
+{done}
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* What the policy does who sees that: seen {constant(name, "NSEEN")}, action {constant(name, "NACTION")}.
+   Numbers are scaled and clipped to {LARGEST:g} as in learning, actions are clamped. */
+void {name}_act(const double *seen, double *action);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _unit(name: str) -> tuple[str, int, str] | None:
+    """Which of a world's units a number is in, how, and its SI unit; None where it has none."""
+    return next((own for begins, own in UNITS.items() if name.startswith(begins)), None)
+
+
+def _told(name: str, units: Mapping[str, float]) -> tuple[str, str]:
+    """Unit of a number that goes in, and what becomes of it, for people."""
+    unit = _unit(name)
+    if not units:
+        return "1", "over what it was learned with" if unit else "as it is"
+    if name == HEADING:
+        return "rad", "heading error, to the left"
+    return ("1", "as it was given last") if unit is None else (unit[2], "")
+
+
+def _source(subject: PolicySubject) -> str:
+    policy, name = subject.policy, subject.name
+    layers = list(zip(policy.weights, policy.biases, strict=True))
+    sizes = [policy.size, *(len(b) for b in policy.biases)]
+    tables = "\n".join(_tables(k, W, b) for k, (W, b) in enumerate(layers))
+    functions = "\n".join(_layer(k, *shape, k + 1 == len(layers)) for k, shape in enumerate(pairwise(sizes)))
+    heading = f"    scaled[{ASIDE}] = sin(scaled[{ASIDE}]);\n" if subject.units else ""
+    between = "".join(f"    double h{k}[{size}];\n" for k, size in enumerate(sizes[1:-1]))
+    places = ["scaled", *(f"h{k}" for k in range(len(layers) - 1)), "action"]
+    calls = "".join(f"    layer_{k}({a}, {b});\n" for k, (a, b) in enumerate(pairwise(places)))
+    return f"""\
+/* {c_comment(subject.title)} */
+
+#include "{name}.h"
+
+#include <math.h>
+
+{INLINE}
+{definitions({"own_tanh"})}
+static const float scales[{policy.size}] = {{
+{_singles(subject.scales)}
+}};
+
+{tables}
+{functions}
+void {name}_act(const double *seen, double *action)
+{{
+    double scaled[{policy.size}];
+{between}    int i;
+    for (i = 0; i < {policy.size}; i++) {{
+        scaled[i] = scales[i] * seen[i];
+    }}
+{heading}    for (i = 0; i < {policy.size}; i++) {{
+        scaled[i] = scaled[i] < -{LARGEST:.1f} ? -{LARGEST:.1f} : scaled[i] > {LARGEST:.1f} ? {LARGEST:.1f} : scaled[i];
+    }}
+{calls}}}
+"""
+
+
+def _tables(k: int, W: Layer, b: Layer) -> str:
+    """Weights, input by input, and biases; as they are in single precision."""
+    return (
+        f"static const float weights_{k}[{W.shape[0]}][{W.shape[1]}] = {{\n"
+        + ",\n".join(f"    {{\n{_singles(row)}\n    }}" for row in W)
+        + f"\n}};\nstatic const float biases_{k}[{len(b)}] = {{\n{_singles(b)}\n}};\n"
+    )
+
+
+def _singles(row: Layer) -> str:
+    return numbers(float(str(value)) for value in row).replace(",", "f,") + "f"
+
+
+def _layer(k: int, given: int, results: int, last: bool) -> str:
+    bounded = "z[j] < -1.0 ? -1.0 : z[j] > 1.0 ? 1.0 : z[j]" if last else "own_tanh(z[j])"
+    return f"""\
+static void layer_{k}(const double *restrict x, double *restrict y)
+{{
+    double z[{results}];
+    int i, j;
+    for (j = 0; j < {results}; j++) {{
+        z[j] = biases_{k}[j];
+    }}
+    for (i = 0; i < {given}; i++) {{
+        const double given = x[i];
+        for (j = 0; j < {results}; j++) {{
+            z[j] += given * weights_{k}[i][j];
+        }}
+    }}
+    for (j = 0; j < {results}; j++) {{
+        y[j] = {bounded};
+    }}
+}}
+"""
+
+
+def observations(count: int, size: int, seed: int = 0) -> Layer:
+    """(count, size) numbers as observations have them, some of them as large as they may be."""
+    generator = np.random.default_rng(seed)
+    spread = generator.choice([0.3, 1.0, 10.0], (count, 1))
+    drawn: Array = np.clip(spread * generator.normal(size=(count, size)), -LARGEST, LARGEST)
+    return drawn.astype(np.float32)
+
+
+def _self_test(subject: PolicySubject) -> str:
+    seen = observations(POINTS, subject.policy.size) / subject.scales
+    done = subject.policy.act(subject.observation(seen))
+    return f"""\
+/* {c_comment(subject.title)}
+   Compares actions with what Python computed in single precision. */
+
+#include "{subject.name}.h"
+
+#include <math.h>
+#include <stdio.h>
+
+{table("given_seen", seen.astype(float))}
+{table("expected", done.astype(float))}
+int main(void)
+{{
+    double worst = 0.0, action[{len(DONE)}];
+    int i, k;
+    for (k = 0; k < {POINTS}; k++) {{
+        {subject.name}_act(given_seen[k], action);
+        for (i = 0; i < {len(DONE)}; i++) {{
+            const double off = fabs(action[i] - expected[k][i]);
+            if (worst == worst && !(off <= worst)) {{ /* what is no number stays the worst */
+                worst = off;
+            }}
+        }}
+    }}
+    printf("{subject.name}: {POINTS} observations, largest difference %.1e\\n", worst);
+    return worst <= {TOLERANCE} ? 0 : 1;
+}}
+"""
+
+
+def _example(subject: PolicySubject) -> str:
+    straight = 0.5 * subject.units.get("speed", 1.0)  # at half the top speed
+    return f"""\
+/* {c_comment(subject.title)}
+   What is done on a straight, and how long a call takes. */
+
+#include "{subject.name}.h"
+
+#include <stdio.h>
+#include <time.h>
+
+int main(void)
+{{
+    double seen[{subject.policy.size}] = {{{straight:.9g}}}, action[{len(DONE)}], sum = 0.0;
+    const int calls = 200000;
+    clock_t begun;
+    int k;
+    {subject.name}_act(seen, action);
+    printf("steering %.6f, drive %.6f\\n", action[0], action[1]);
+    begun = clock();
+    for (k = 0; k < calls; k++) {{
+        seen[0] = 1e-6 * k;
+        {subject.name}_act(seen, action);
+        sum += action[0];
+    }}
+    printf("%.2f microseconds a call (sum %.3f)\\n", 1e6 * (double)(clock() - begun) / CLOCKS_PER_SEC / calls, sum);
+    return 0;
+}}
+"""
+
+
+def _read_me(subject: PolicySubject) -> str:
+    name = subject.name
+    return f"""\
+# {name}
+
+{subject.title}
+
+{commands(name)}
+`{name}_act(seen, action)`: `{name}.h` says what stands where and in which units; scaling and clamp are inside.
+`manifest.json` adds what it was learned on. Nothing is allocated and nothing is kept between calls.
+"""

@@ -1,0 +1,165 @@
+"""Real recordings altered exactly as an effect would have altered them, and how much unaltered ones scatter in that.
+
+What the vehicle did is real, and what is withheld is known all the same: a command that acts late was given earlier, a
+sensor that reads too much has its readings scaled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from greybox_id.base.shorthands import Array
+from greybox_id.datasets.recording import Recording
+
+Alter = Callable[[Recording, float], Mapping[str, Array]]
+
+
+def _later(recording: Recording, name: str, seconds: float) -> Array:
+    """A signal so many seconds before each row; negative: after. The ends repeat."""
+    at = recording.time - seconds
+    return np.asarray(np.interp(at, recording.time, recording[name]))
+
+
+def _late(*names: str) -> Alter:
+    return lambda r, x: {name: _later(r, name, x) for name in names if name in r}
+
+
+def _scaled(name: str) -> Alter:
+    return lambda r, x: {name: r[name] * x}
+
+
+def _raised(name: str) -> Alter:
+    return lambda r, x: {name: r[name] + x}
+
+
+def _turned(r: Recording, x: float) -> Mapping[str, Array]:
+    c, s = np.cos(x), np.sin(x)
+    return {"a_x": c * r["a_x"] + s * r["a_y"], "a_y": c * r["a_y"] - s * r["a_x"]}
+
+
+@dataclass(frozen=True)
+class Injection:
+    """How a recording is altered.
+
+    Attributes
+    ----------
+    alter : recording, magnitude -> the signals that become others.
+    null, most : the magnitude at which nothing changes, and how far from it others lie at most.
+    sides : whether below the null as well.
+    needs : signals.
+    outputs : whether one of these must be an output of the model; a command is always read.
+    """
+
+    alter: Alter
+    null: float
+    most: float
+    sides: bool
+    needs: tuple[str, ...]
+    outputs: bool = True
+
+
+INJECTIONS: Mapping[str, Injection] = {
+    "steering_delay": Injection(lambda r, x: {"steer": _later(r, "steer", -x)}, 0.0, 0.3, False, ("steer",), False),
+    "steering_ratio": Injection(lambda r, x: {"steer": r["steer"] / x}, 1.0, 0.5, True, ("steer",), False),
+    "steering_offset": Injection(lambda r, x: {"steer": r["steer"] - x}, 0.0, 0.1, True, ("steer",), False),
+    "yaw_rate_scale": Injection(_scaled("yaw_rate"), 1.0, 0.5, True, ("yaw_rate",)),
+    "yaw_rate_bias": Injection(_raised("yaw_rate"), 0.0, 0.15, True, ("yaw_rate",)),
+    "sensor_latency_yaw": Injection(_late("yaw_rate"), 0.0, 0.15, False, ("yaw_rate",)),
+    "sensor_latency_imu": Injection(_late("yaw_rate", "a_x", "a_y"), 0.0, 0.15, False, ("a_x", "a_y")),
+    "accel_bias_y": Injection(_raised("a_y"), 0.0, 3.0, True, ("a_y",)),
+    "imu_mount_yaw": Injection(_turned, 0.0, 0.8, True, ("a_x", "a_y")),
+    "velocity_lever_arm": Injection(lambda r, x: {"v_y": r["v_y"] + x * r["yaw_rate"]}, 0.0, 4.0, True,
+                                    ("v_y", "yaw_rate")),
+}  # fmt: skip
+"""The farthest lie well within the bounds of the effects: at a bound, magnitudes are symptoms."""
+
+
+def altered(recording: Recording, name: str, magnitude: float) -> Recording:
+    """A recording as an effect would have altered it, run by run."""
+    return _by_run(recording, lambda run: INJECTIONS[name].alter(run, magnitude))
+
+
+def _by_run(recording: Recording, alter: Callable[[Recording], Mapping[str, Array]]) -> Recording:
+    parts: dict[str, list[Array]] = {}
+    for start, stop in recording.runs:
+        for signal, values in alter(recording.rows(start, stop)).items():
+            parts.setdefault(signal, []).append(values)
+    return recording.with_signals(**{signal: np.concatenate(values) for signal, values in parts.items()})
+
+
+LAGS = np.arange(-0.1, 0.4, 0.01)
+"""Of the yaw rate behind the steering, that are tried, s."""
+UNDERSTEER = np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 41)])
+"""Of yaw rates over speed squared, that are tried, s^2/m^2."""
+
+
+def scatter_between(windows: Sequence[Recording]) -> dict[str, float]:
+    """Injection -> standard deviation of its magnitude between unaltered recordings of one vehicle.
+
+    By plain regressions that no diagnosis uses: of the yaw rate on steering angle and speed, of a_y on yaw rate and
+    speed, of v_y on the yaw rate. What is common to a vehicle's recordings, its understeer, is one number for all.
+    """
+    found: dict[str, Array] = {}
+    if all("steer" in own for own in windows):
+        found |= _of_steering(windows)
+    if all("a_y" in own for own in windows):
+        rest = [_there(own["a_y"] - own["v_x"] * own["yaw_rate"], own["a_x"]) for own in windows]
+        found["accel_bias_y"] = np.array([np.mean(off) for off, _ in rest])
+        found["imu_mount_yaw"] = np.array([np.polyfit(along, off, 1)[0] for off, along in rest])
+    if all("v_y" in own for own in windows):
+        found["velocity_lever_arm"] = _of_arm(windows)
+    return {name: float(np.std(own, ddof=1)) for name, own in found.items()}
+
+
+def _there(*signals: Array) -> tuple[Array, ...]:
+    """Rows in which all are read."""
+    whole = np.all(np.isfinite(signals), axis=0)
+    return tuple(own[whole] for own in signals)
+
+
+def _of_steering(windows: Sequence[Recording]) -> dict[str, Array]:
+    """Lag, logarithm of gain, and offset of the yaw rate behind the steering, and what is left of it, a window each."""
+
+    def steered(own: Recording, lag: float) -> Array:
+        return _by_run(own, lambda run: {"steer": _later(run, "steer", lag)})["steer"]
+
+    def regressed(own: Recording, lag: float, understeer: float) -> tuple[float, Array]:
+        v, s, r = _there(own["v_x"], steered(own, lag), own["yaw_rate"])
+        gain = v / (1.0 + understeer * v**2)
+        found, *_ = np.linalg.lstsq(np.stack([gain * s, gain], axis=1), r, rcond=None)
+        return float(np.mean((r - gain * (found[0] * s + found[1])) ** 2)), np.asarray(found)
+
+    def best(own: Recording, understeer: float) -> tuple[float, float, Array]:
+        tried = [(lag, *regressed(own, lag, understeer)) for lag in LAGS]
+        lag, error, found = min(tried, key=lambda each: each[1])
+        return error, float(lag), found
+
+    middle = float(np.median([best(own, 0.0)[1] for own in windows]))
+    errors = [sum(regressed(own, middle, k)[0] for own in windows) for k in UNDERSTEER]
+    understeer = float(UNDERSTEER[int(np.argmin(errors))])
+    each = [best(own, understeer) for own in windows]
+    lags, slopes = np.array([own[1] for own in each]), np.array([own[2] for own in each])
+    gain, offset = np.median(slopes, axis=0)
+    left = []
+    for own, lag in zip(windows, lags, strict=True):
+        v, s, r = _there(own["v_x"], steered(own, lag), own["yaw_rate"])
+        left.append(float(np.mean(r - v / (1.0 + understeer * v**2) * (gain * s + offset))))
+    gains = np.log(np.abs(slopes[:, 0]))
+    return {
+        "steering_delay": lags, "sensor_latency_yaw": lags, "sensor_latency_imu": lags, "steering_ratio": gains,
+        "yaw_rate_scale": gains, "steering_offset": slopes[:, 1] / slopes[:, 0], "yaw_rate_bias": np.array(left),
+    }  # fmt: skip
+
+
+def _of_arm(windows: Sequence[Recording]) -> Array:
+    """Slope of v_y over the yaw rate at no speed, a window each; how it goes with speed squared is one for all."""
+    parts = [_there(own["v_y"], own["yaw_rate"], own["v_x"]) for own in windows]
+    k = len(parts)
+    rows = [np.zeros((len(own[0]), k + 1)) for own in parts]
+    for place, (block, (_, r, v)) in enumerate(zip(rows, parts, strict=True)):
+        block[:, place], block[:, k] = r, r * v**2
+    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate([own[0] for own in parts]), rcond=None)
+    return np.asarray(found[:k])

@@ -1,0 +1,256 @@
+"""Deriving the numbers of a diagnosis again: `python -m greybox_lab.exam.calibrate curves|thresholds|search`.
+
+    curves                    how far magic formulas are from curves of the families for development
+    thresholds FOLDER ..      what nulls gain and leave, and what causes do; of examinations for development
+    search FOLDER .. --draws  verdicts with all numbers of the search halved and doubled at random, at once
+
+FOLDER is an examination that was made, and for thresholds also diagnosed, of families that no examination
+draws from: `greybox exam make --tier foreign --family development`, or of any tier by a seed that is used for nothing
+else. Answers are read, so that such an examination proves nothing afterwards. All print one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields
+from importlib import import_module
+from math import log
+from multiprocessing import get_context
+from pathlib import Path
+from shutil import copytree
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.optimize import curve_fit, minimize
+from scipy.special import expit
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.json_data import read_json
+from greybox_id.base.shorthands import Array
+from greybox_id.gap.estimation.calibration import CAL, SEARCHED, Calibration
+
+from .answers import Answer, read_answer
+from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
+
+RARE = 0.02
+"""Share of vehicles without a gap that may be given a name."""
+DIAGNOSER = "greybox_lab.cli.exam:diagnose_case"
+SLIPS = (1.5, 2.4, 3.6)
+"""How far drives slip, over the slip at which a linear tyre would reach its peak."""
+
+
+def curves() -> dict[str, Any]:
+    """Root mean square distance of the nearest magic formula of the same slope and peak, over the peak, by family."""
+    from .foreign.double_track import TYRES, curve
+    from .foreign.families import DEVELOPMENT
+
+    def formula(s: Array, C: float, E: float) -> Array:
+        x = s / C
+        return np.asarray(np.sin(C * np.arctan(x - E * (x - np.arctan(x)))))
+
+    found = dict[str, list[float]]()
+    for name in DEVELOPMENT:
+        for far in SLIPS:
+            s = np.linspace(0, far, 200)[1:]
+            true = np.array([curve(TYRES.index(name), each, 1.0, 1.0, 0.0) for each in s])
+            near, _ = curve_fit(formula, s, true, (1.3, 0.3), bounds=((1.01, -10), (2.5, 1)))
+            off = formula(s, *near) - true
+            found.setdefault(name, []).append(_round(np.sqrt(np.mean(off**2))))
+    return {"slips": SLIPS, "off": found, "used": CAL.curve_off}
+
+
+def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
+    """What nulls gain, what causes do, and where something unnamed is as likely as not.
+
+    `cost` follows from nulls' greatest gains, whose tail is taken for exponential: one in fifty gains as much.
+    """
+    read = [own for folder in folders for own in _read(folder)]
+    nulls = np.array([_most(found) for answer, found in read if answer.kind == "null"])
+    causes = [_gain(found, answer.alike(name)) for answer, found in read
+              if answer.kind in ("single", "double") and answer.sizable for name in answer.effects]  # fmt: skip
+    shares, named = [], []
+    for answer, found in read:
+        if answer.kind in ("null", "outside") and found.get("model_error"):
+            shares.append(max(float(own["share"]) for own in found["model_error"].values()) / CAL.form)
+            named.append(answer.kind == "outside")
+    body: dict[str, Any] = {"nulls": len(nulls), "causes": len(causes), "used": {"cost": CAL.cost}}
+    if len(nulls):
+        middle = float(np.median(nulls))
+        tail = float(np.mean(nulls[nulls > middle] - middle)) if np.any(nulls > middle) else 0.0
+        body["cost"] = {"greatest": sorted(nulls.round(1).tolist(), reverse=True)[:5], "median": middle,
+                        "one in fifty": middle + tail * log(0.5 / RARE)}  # fmt: skip
+    if causes:
+        body["causes gain"] = {"least": sorted(round(own, 1) for own in causes)[:5], "median": float(np.median(causes))}
+    if any(named) and not all(named):
+        body["unnamed"] = _halfway(np.log(shares), np.array(named))
+    return body
+
+
+def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser: str) -> dict[str, Any]:
+    """How verdicts and magnitudes differ when every number of the search is halved, kept or doubled at random.
+
+    Parameters
+    ----------
+    folders : examinations, of which every case is diagnosed with each draw.
+    draws : of all numbers together.
+    seed : of the draws.
+    jobs : processes at a time.
+    diagnoser : "module:function", as of `exam.run`.
+    """
+    cases = [case for folder in folders for case in case_folders(exam_of(folder))]
+    changes = [{}, *_drawn(draws, seed)]
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        asked = [(own, case) for own in changes for case in cases]
+        said = list[dict[str, Any]]()
+        for own in pool.map(_diagnosed, *zip(*((own, case, diagnoser) for own, case in asked), strict=True)):
+            said.append(own)
+            print(
+                f"{len(said)} of {len(asked)}: {asked[len(said) - 1][1].name}  {_words(own)}",
+                file=sys.stderr,
+                flush=True,
+            )
+    usual, rest = said[: len(cases)], said[len(cases) :]
+    rows = list[dict[str, Any]]()
+    for k, change in enumerate(changes[1:]):
+        for case, before, then in zip(cases, usual, rest[k * len(cases) :], strict=False):
+            answer = read_answer(case.parents[1] / SEALED / case.name / "answer.json")
+            rows.append({"draw": k, "case": case.name, **_differs(before, then, answer)})
+        rows[-1]["numbers"] = change
+    moved = [own["moved"] for own in rows if own["moved"] is not None]
+    return {
+        "numbers": len(_searched()), "draws": draws, "cases": len(cases), "seed": seed,
+        "verdicts changed": sum(own["verdict"] for own in rows), "of": len(rows),
+        "magnitudes moved, of half an interval": {"median": _round(np.median(moved)), "most": _round(max(moved))}
+        if moved else None, "cpu": [round(sum(own["cpu"] for own in said[k * len(cases) : (k + 1) * len(cases)]), 1)
+                                    for k in range(len(changes))],
+        "rows": [own for own in rows if own["verdict"]],
+    }  # fmt: skip
+
+
+def _words(said: Mapping[str, Any]) -> str:
+    return f"{', '.join(said['applied']) or 'nothing'}, {said['cpu']:.0f} CPU s"
+
+
+def _searched() -> list[str]:
+    return [own.name for own in fields(Calibration) if own.metadata["data"] == SEARCHED]
+
+
+def _drawn(draws: int, seed: int) -> list[dict[str, Any]]:
+    """Numbers of the search, halved or doubled, or by a quarter of that where they are grids."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(draws):
+        change = dict[str, Any]()
+        for name in _searched():
+            value, power = getattr(CAL, name), int(rng.integers(-1, 2))
+            if isinstance(value, tuple):
+                change[name] = tuple(own if own in (0.0, 1.0) else own * 2.0 ** (power / 4) for own in value)
+            elif isinstance(value, int):
+                change[name] = max(1, round(value * 2.0**power))
+            else:
+                change[name] = value * 2.0**power
+        found.append(change)
+    return found
+
+
+def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[str, Any]:
+    """What is said of a case with other numbers; in a process of its own, which has read none of them yet."""
+    from time import process_time
+
+    for name, value in change.items():
+        object.__setattr__(CAL, name, value)
+    module, _, function = diagnoser.partition(":")
+    diagnose = getattr(import_module(module), function)
+    start = process_time()
+    with TemporaryDirectory() as folder:
+        body = diagnose(copytree(case, Path(folder) / case.name))
+    kept = [{key: own[key] for key in ("effect", "magnitude", "interval", "gain")} for own in body["ranking"][:8]]
+    return {
+        "applied": sorted(body["applied"]),
+        "gap": body["gap_detected"],
+        "ranking": kept,
+        "cpu": process_time() - start,
+    }
+
+
+def _differs(before: Mapping[str, Any], then: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
+    """Whether a verdict differs, up to names of one cause, and by how much of half its interval a magnitude does."""
+    names = [{min(answer.alike(name)) for name in own["applied"]} for own in (before, then)]
+    same = names[0] == names[1] and before["gap"] == then["gap"]
+    there = {own["effect"]: own for own in then["ranking"]}
+    moved = [0.0]
+    for own in before["ranking"]:
+        if own["effect"] in before["applied"] and own["effect"] in there:
+            low, high = own["interval"]
+            moved.append(2 * abs(there[own["effect"]]["magnitude"] - own["magnitude"]) / max(high - low, 1e-12))
+    said = {"from": before["applied"], "to": then["applied"]} if not same else {}
+    return {"verdict": not same, "moved": max(moved) if before["applied"] and same else None, **said}
+
+
+def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
+    """Answers, and what was found, of the cases that were diagnosed."""
+    exam = exam_of(folder)
+    for file in sorted((exam / SEALED).glob("*/answer.json")):
+        diagnosis = exam / CASES / file.parent.name / DIAGNOSIS
+        if diagnosis.is_file():
+            yield read_answer(file), read_json(diagnosis)
+
+
+def _most(found: Mapping[str, Any]) -> float:
+    return max((float(own["gain"]) for own in found.get("ranking", ())), default=0.0)
+
+
+def _gain(found: Mapping[str, Any], names: frozenset[str]) -> float:
+    return max((float(own["gain"]) for own in found.get("ranking", ()) if own["effect"] in names), default=0.0)
+
+
+def _halfway(x: Array, there: Array) -> dict[str, float]:
+    """Where a logistic curve is at one half, and its slope; a weak belief keeps it finite (Gelman et al., 2008)."""
+    shift, scale = float(np.mean(x)), float(np.std(x)) or 1.0
+    u = (x - shift) / scale
+
+    def loss(p: Array) -> float:
+        odds = p[0] + p[1] * u
+        own = np.sum(np.logaddexp(0, odds) - there * odds)
+        return float(own + 2.5 * np.log1p((p[1] / 2.5) ** 2) / 2 + 0.005 * p[0] ** 2)
+
+    a, b = minimize(loss, np.array([0.0, 1.0])).x
+    at = float(np.exp(shift - scale * a / b)) if b else float("nan")
+    error = float(np.mean((expit(a + b * u) > 0.5) != there))
+    return {"share": _round(at), "slope": _round(b / scale), "wrong": _round(error), "of": len(x)}
+
+
+def _round(x: float) -> float:
+    return float(f"{float(x):.3g}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print one part's figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("part", choices=("curves", "thresholds", "search"))
+    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
+    parser.add_argument("--draws", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--diagnoser", default=DIAGNOSER)
+    own = parser.parse_args(arguments)
+    if own.part != "curves" and not own.folders:
+        parser.error(f"{own.part} needs the folders of examinations for development")
+    try:
+        if own.part == "curves":
+            body = curves()
+        elif own.part == "thresholds":
+            body = thresholds(own.folders)
+        else:
+            body = search(own.folders, own.draws, own.seed, own.jobs, own.diagnoser)
+    except BadInput as error:
+        parser.error(str(error))
+    print(json.dumps(body, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,175 @@
+"""One case of an examination made: draws of a vehicle and of what is withheld, until what is withheld shows."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording
+
+from ..virtual.virtual_vehicle import Tolerances, VirtualCar, vehicle_file_text
+from ..virtual.virtual_vehicle.effects import Entry
+from .aliases import Cause, indistinguishable
+from .answers import Answer, exceeds
+from .plan import Planned
+from .replays import Replays
+
+VISIBLE = 1.5
+"""What tolerances leave of an effect over what they leave of the error of form, in some channel, from which on it can
+be asked for."""
+
+
+@dataclass(frozen=True)
+class MadeCase:
+    """A case as it is handed out, and what is kept back.
+
+    Attributes
+    ----------
+    recording, vehicle_file : handed out.
+    held_out, answer : kept back.
+    columns : a column map, handed out where it is not the usual one: it says how commands run between rows.
+    """
+
+    recording: Recording
+    vehicle_file: str
+    held_out: Recording
+    answer: Answer
+    columns: str = ""
+
+
+class NotInstalled(BadInput):
+    """A simulator is not installed."""
+
+
+class Draw(ABC):
+    """One draw of vehicle, magnitudes and drive.
+
+    Attributes
+    ----------
+    planned : what was asked for.
+    stated : the vehicle that is handed out.
+    tolerances : as stated; None where what is handed out is exact.
+    drawn : magnitudes of what is withheld.
+    effects : those, and what goes with them.
+    recording : handed out.
+    again : drives it again.
+    known : entries of the vocabulary that the vehicle may have.
+    outside : entries outside the vocabulary.
+    """
+
+    planned: Planned
+    stated: VirtualCar
+    tolerances: Tolerances | None
+    drawn: Mapping[str, float]
+    effects: Mapping[str, float]
+    recording: Recording
+    again: Replays
+    known: Mapping[str, Entry]
+    outside: Mapping[str, Entry]
+
+    def __init__(self, planned: Planned, attempt: int) -> None:
+        self.planned = planned
+        self.rng = np.random.default_rng((planned.seed, attempt, 1153))
+
+    @property
+    def fair(self) -> bool:
+        """Whether it can be asked for: what is withheld shows, and what is unknown looks like nothing that is known."""
+        return self.shows and not (self.planned.kind == "outside" and any(self.aliases.values()))
+
+    @cached_property
+    def shows(self) -> bool:
+        """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
+        rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
+        if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
+            return False  # before every tolerance is driven, which takes far longer
+        if not rests or self.again.form is None:
+            return all(exceeds(self.again.left(self.effects, rest)) for rest in rests)
+        hidden = self.again.beside_tolerances(self.again.form)
+        lefts = [self.again.left(self.effects, rest) for rest in rests]
+        return all(exceeds(left) and any(left[c] >= VISIBLE * hidden[c] for c in left) for left in lefts)
+
+    @cached_property
+    def aliases(self) -> dict[str, tuple[str, ...]]:
+        """What the recording cannot tell apart."""
+        if not self.drawn:
+            return {}
+        car = self.sized
+        causes = {
+            name: Cause(entry.null, entry.at, entry.sizes(car.size, car.kind)[0], entry.sides)
+            for name, entry in self.known.items()
+            if name != "velocity_lever_arm" or car.measures_v_y
+        }
+        alike = [other for name in self.drawn if name in self.outside for other in self.outside[name].resembles]
+        return indistinguishable(self.drawn, causes, self.again.views(), alike)
+
+    @property
+    def sized(self) -> VirtualCar:
+        """The vehicle by whose size effects are large or small."""
+        return self.stated
+
+    @abstractmethod
+    def made(self) -> MadeCase:
+        """The case with its answer."""
+
+    def case(
+        self, held_out: Recording, withheld: Mapping[str, float], car: dict[str, Any], about: dict[str, Any],
+        more: dict[str, Any], columns: str = "",
+    ) -> MadeCase:  # fmt: skip
+        """The case with an answer of these effects, as truth has them; `about` and `more` are for people."""
+        answer = Answer(
+            case=self.planned.case,
+            kind=self.planned.kind,
+            tier=self.planned.tier,
+            effects=dict(withheld),
+            nulls={name: {**self.known, **self.outside}[name].null for name in self.drawn},
+            aliases=self.aliases if self.shows else {},
+            size=self.again.size(self.effects, {}),
+            left=self.again.left(self.effects, {}),
+            seed=self.planned.seed,
+            car=car,
+            about={**about, "rows": len(self.recording), "held_out_rows": len(held_out), "drawn": self.effects, **more},
+        )
+        return MadeCase(self.recording, vehicle_file_text(self.stated, self.tolerances), held_out, answer, columns)
+
+
+def fair_case(draw: Callable[[int], Draw], attempts: int, words: str) -> MadeCase:
+    """The first fair draw; the last one that can be driven where none is.
+
+    Parameters
+    ----------
+    draw : number of the attempt -> a draw.
+    words : what is drawn, for people.
+
+    Raises
+    ------
+    BadInput : none can be simulated, or the simulator is not installed.
+    """
+    last: Draw | None = None
+    for attempt in range(attempts):
+        try:
+            one = draw(attempt)
+            if one.fair:
+                return one.made()
+        except NotInstalled:
+            raise
+        except BadInput:  # beyond all bounds
+            continue
+        last = one
+    if last is not None:
+        with suppress(BadInput):
+            return last.made()
+    raise BadInput(f"None of {attempts} {words} can be driven; take another ‹seed›.")
+
+
+def with_lateral_velocity(car: VirtualCar, effects: Iterable[str]) -> VirtualCar:
+    """A vehicle whose lateral velocity is measured where an effect acts on that reading alone."""
+    if "velocity_lever_arm" not in effects or car.measures_v_y:
+        return car
+    return replace(car, noise={**car.noise, "v_y": car.noise["v_x"]})

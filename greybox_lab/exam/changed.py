@@ -1,0 +1,173 @@
+"""Tier changed: recordings of a 1:10 car whose changes are known (DART, Lyons et al.), as cases of what changed since.
+
+changed: tyres taped, on a throttle ramp and drifting, and a slippery floor: grip must be first. How much is lost is
+read off saturated lateral acceleration, its 95th percentile over that before; of the ramps at like steering.
+
+unchanged: recordings of the same condition, some of them months apart: nothing may be named.
+
+injected: the steering command given 80 ms earlier, 20 mrad less or at a ninth more, and the yaw rate times 1.05,
+exactly and in both recordings from after; five pairs each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from math import nan
+from pathlib import Path
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput, near
+from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting import Say
+
+from .altering import INJECTIONS, altered
+from .answers import Answer
+from .make import Exam, make_cases
+from .real import ChangedCase, lacking, shuffled
+
+FAULTS = {
+    "delay": ("steering_delay", 0.08), "offset": ("steering_offset", 0.02), "ratio": ("steering_ratio", 0.9),
+    "yaw_rate": ("yaw_rate_scale", 1.05),
+}  # fmt: skip
+SATURATED = 95.0
+"""Percentile of |a_y| that is taken for saturated."""
+SIGNALS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "throttle")
+
+
+@dataclass(frozen=True)
+class KnownChange:
+    """Recordings before and after, by name; "/1" and "/2" are halves.
+
+    Attributes
+    ----------
+    before, after, held_out : recordings.
+    grip : whether it is lost; it is the same else.
+    like : recordings from before, driven alike, to which saturated lateral acceleration is compared.
+    fault : of `FAULTS`, injected into both from after; "" for none.
+    """
+
+    before: tuple[str, ...]
+    after: str
+    held_out: str = ""
+    grip: bool = False
+    like: tuple[str, ...] = ()
+    fault: str = ""
+
+    @property
+    def recordings(self) -> frozenset[str]:
+        """All that are compared."""
+        return frozenset((*self.before, self.after, *((self.held_out,) if self.held_out else ())))
+
+
+RAMPS = ("ramp_1529", "ramp_1534", "ramp_1653_neg03")
+LAPS = ("mpcc_apr04_1523", "mpcc_apr08_1801")
+PAIRS = {
+    "free_a": KnownChange(("free_1002",), "free_1012", "free_1027"),
+    "free_b": KnownChange(("free_1027",), "free_1002", "free_1012"),
+    "free_c": KnownChange(("free_1012",), "free_1002", "free_1027"),
+    "laps_a": KnownChange(LAPS[:1], "mpcc_apr08_1801/1", "mpcc_apr08_1801/2"),
+    "laps_b": KnownChange(LAPS[1:], "mpcc_apr04_1523/1", "mpcc_apr04_1523/2"),
+}
+CASES: Mapping[str, KnownChange] = {
+    "slippery": KnownChange(LAPS, "mpcc_apr16_1621_slippery", "slippery_apr16_1556", True, LAPS),
+    "tape_ramp": KnownChange(RAMPS, "tape_ramp_1805_pos03", "tape_ramp_1758_neg03", True, RAMPS[2:]),
+    "tape_drift": KnownChange(("free_1002", "free_1027", "ramp_1653_neg03"), "tape_drift_1813", "", True),
+    "ramps_a": KnownChange(RAMPS[:2], "ramp_1605_pos015", "ramp_1609_neg015"),
+    "ramps_b": KnownChange(("ramp_1605_pos015", "ramp_1609_neg015"), "ramp_1615_neg02", "ramp_1653_neg03"),
+    "free_two": KnownChange(("free_1002", "free_1012"), "free_1027"),
+    **{f"{name}_null": own for name, own in PAIRS.items()},
+    **{f"{name}_{fault}": replace(own, fault=fault) for fault in FAULTS for name, own in PAIRS.items()},
+}
+DEVELOPMENT: Mapping[str, KnownChange] = {
+    f"development_{k}": KnownChange(before, after, held_out) for k, (before, after, held_out) in enumerate((
+        (("free_1002",), "free_1027/1", "free_1027/2"),
+        (("free_1012",), "free_1002/1", "free_1002/2"),
+        (("free_1027",), "free_1012/1", "free_1012/2"),
+        (("free_1002",), "free_1012", ""),
+        (("slippery_apr16_1556",), "mpcc_apr16_1621_slippery/1", "mpcc_apr16_1621_slippery/2"),
+        (("mpcc_apr16_1621_slippery",), "slippery_apr16_1556/1", "slippery_apr16_1556/2"),
+        (("tape_ramp_1758_neg03",), "tape_ramp_1805_pos03/1", "tape_ramp_1805_pos03/2"),
+        (("tape_ramp_1805_pos03",), "tape_ramp_1758_neg03/1", "tape_ramp_1758_neg03/2"),
+        (("ramp_1529",), "ramp_1605_pos015", "ramp_1615_neg02"),
+        (("ramp_1609_neg015",), "ramp_1534", "ramp_1653_neg03"),
+        (("ramp_1653_neg03", "ramp_1605_pos015"), "ramp_1529", "ramp_1609_neg015"),
+        (("ramp_1529",), "ramp_1534", "ramp_1605_pos015"),
+        (("ramp_1615_neg02",), "ramp_1529", "ramp_1605_pos015"),
+        (("ramp_1534", "ramp_1653_neg03"), "ramp_1609_neg015", "ramp_1615_neg02"),
+        (("ramp_1605_pos015",), "ramp_1653_neg03", "ramp_1615_neg02"),
+        (("free_1002",), "ramp_1534", "ramp_1615_neg02"),
+        (("free_1012", "free_1027"), "ramp_1529", "ramp_1605_pos015"),
+        (("ramp_1529", "ramp_1615_neg02"), "free_1012", "free_1027"),
+    ))
+}  # fmt: skip
+"""Without a change, and none of `CASES`: what a change must gain was chosen on them. They are of the same recordings:
+there are no others."""
+EVERY = {**CASES, **DEVELOPMENT}
+SETS: Mapping[str, tuple[str, ...]] = {"examination": tuple(CASES), "development": tuple(DEVELOPMENT)}
+
+
+def make_changed(folder: Path, data: Path, seed: int, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
+    """Cases of a car whose changes are known.
+
+    Parameters
+    ----------
+    folder : to be made, or empty, or left unfinished by the same request.
+    data : folder with a folder dart of recordings.
+    seed : puts cases in order; nothing else is drawn.
+    wanted : cases, or sets of them; none are those of the set "examination".
+    jobs : processes at a time.
+    say : told of progress.
+
+    Raises
+    ------
+    BadInput : a recording is missing, or the folder holds something else.
+    """
+    names = tuple(dict.fromkeys(name for own in wanted or ("examination",) for name in SETS.get(own, (own,))))
+    for name in names:
+        if name not in EVERY:
+            raise BadInput(f'There is no case "{name}" of known changes.{near(name, [*EVERY, *SETS])}')
+    parts = [part for name in names for part in (*EVERY[name].recordings, *EVERY[name].like)]
+    files = [f"dart/{part.partition('/')[0]}.csv.gz" for part in parts]
+    if missing := lacking(data, files):
+        raise BadInput(f"{data} holds no {', '.join(missing)}. Name the folder of the recordings with ‹data›.")
+
+    @cache
+    def recording(name: str) -> Recording:
+        whole, _, half = name.partition("/")
+        if half:
+            own = recording(whole)
+            middle = len(own) // 2
+            return own.rows(0, middle) if half == "1" else own.rows(middle, len(own))
+        own = read(data / "dart" / f"{whole}.csv.gz", "dart")
+        return replace(own, signals={signal: own[signal] for signal in SIGNALS})
+
+    def written(case: str, name: str) -> Answer:
+        return _case(case, name, recording).written(folder)
+
+    cases = {case: partial(written, case, name) for case, name in zip(shuffled(len(names), seed), names, strict=True)}
+    asked = {"tier": "changed", "seed": seed, "cases": list(names), "data": str(data)}
+    return make_cases(folder, asked, dict(sorted(cases.items())), jobs, say)
+
+
+def _case(case: str, name: str, recording: Callable[[str], Recording]) -> ChangedCase:
+    """A known change as a case."""
+    own = EVERY[name]
+    before, after = ([recording(one) for one in part if one] for part in (own.before, (own.after, own.held_out)))
+    answer = Answer(case, "null", "changed", {}, about={"what": name})
+    if own.fault:
+        effect, size = FAULTS[own.fault]
+        after = [altered(one, effect, size) for one in after]
+        answer = replace(answer, kind="single", effects={effect: size}, nulls={effect: INJECTIONS[effect].null})
+    elif own.grip:
+        lost = nan if not own.like else _saturated(after) / _saturated([recording(one) for one in own.like])
+        answer = replace(answer, kind="changed", effects={"grip_scale": lost}, nulls={"grip_scale": 1.0})
+    return ChangedCase("dart", "", before, after, answer)
+
+
+def _saturated(recordings: Sequence[Recording]) -> float:
+    """Lateral acceleration at the tyres' limit, m/s^2: median over recordings."""
+    return float(np.median([np.nanpercentile(np.abs(own["a_y"]), SATURATED) for own in recordings]))

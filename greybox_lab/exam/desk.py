@@ -1,0 +1,193 @@
+"""Where a candidate sits: a process that is handed one case after the other, and replaced when it is lost.
+
+It hears the folder of a case and says what came of it; importing and compiling are done once. It may open nothing of an
+examination but the case that it was handed.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event
+from time import perf_counter
+from typing import Any
+
+from greybox_id.base.contained.inside import found
+from greybox_id.base.contained.process import TIME, Broken, Contained, Failed, Lost
+from greybox_id.base.errors import BadInput, GreyboxError
+
+LOOKS = ("open", "os.listdir", "os.scandir", "os.chdir", "os.rename", "os.link", "os.symlink", "shutil.copyfile")
+"""Audit events whose arguments are paths that are read or may be read afterwards."""
+
+
+class Peeked(BaseException):
+    """Something of the examination was opened that was not handed out; no handler of ordinary errors holds it up."""
+
+
+class Confinement:
+    """What a process may open of an examination; once laid on it cannot be taken off.
+
+    Parameters
+    ----------
+    exam : folder of the examination.
+
+    Attributes
+    ----------
+    peeked : sentence on the first thing that was refused; "" as long as nothing was.
+    """
+
+    def __init__(self, exam: Path) -> None:
+        self.peeked = ""
+        self._inside = os.path.realpath(exam)
+        self._case = ""
+        sys.addaudithook(self._hook)
+
+    def hand_out(self, case: Path) -> None:
+        """Allow one case, instead of the one before."""
+        self._case = os.path.realpath(case)
+
+    def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event in LOOKS:
+            paths = arguments[: 2 if event not in ("open", "os.listdir", "os.scandir", "os.chdir") else 1]
+        elif event == "subprocess.Popen":
+            paths = tuple(word for word in arguments[1] or () if self._inside in str(word))
+        else:
+            return
+        for path in paths:
+            if isinstance(path, (str, bytes, os.PathLike)):
+                self._judge(os.path.realpath(os.fsdecode(path)))
+
+    def _judge(self, path: str) -> None:
+        if _within(path, self._inside) and not (self._case and _within(path, self._case)):
+            self.peeked = self.peeked or f"The candidate tried to open {path}, which was not handed out."
+            raise Peeked(self.peeked)
+
+
+def _within(path: str, folder: str) -> bool:
+    return path == folder or path.startswith(folder + os.sep)
+
+
+DONE, FAILED, PEEKED = "done", "failed", "peeked"
+"""What came of a case: (DONE, diagnosis); (FAILED or PEEKED, sentence)."""
+
+Diagnose = Callable[[Path], dict[str, Any]]
+"""Folder of a case -> diagnosis as plain data; it may leave closed.toml in the folder."""
+
+
+class ExamCandidate:
+    """Who is examined, in a process of its own.
+
+    Parameters
+    ----------
+    diagnoser : "module:function" of type `Diagnose`.
+    exam : folder of the examination, of which nothing but the case at hand may be opened.
+    """
+
+    def __init__(self, diagnoser: str, exam: str) -> None:
+        os.chdir("/")  # the working directory may lie in the examination
+        self._confinement = Confinement(Path(exam))
+        self._diagnose: Diagnose = found(diagnoser)
+
+    def ready(self) -> bool:
+        """It waits for a case."""
+        return True
+
+    def diagnose(self, case: str) -> tuple[str, Any]:
+        """What came of a case."""
+        self._confinement.hand_out(Path(case))
+        result = _diagnosed(self._diagnose, Path(case))
+        return (PEEKED, self._confinement.peeked) if self._confinement.peeked else result
+
+
+def _diagnosed(diagnose: Diagnose, case: Path) -> tuple[str, Any]:
+    began, cpu = perf_counter(), cpu_seconds()
+    try:
+        body = dict(diagnose(case))
+    except Peeked as error:
+        return PEEKED, str(error)
+    except GreyboxError as error:
+        return FAILED, _cost({"error": str(error)}, began, cpu)
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        sentence = f"{type(error).__name__} in {Path(where.filename).name}, line {where.lineno}: {error}"
+        return FAILED, _cost({"error": sentence}, began, cpu)
+    return DONE, _cost(body, began, cpu)
+
+
+def _cost(body: dict[str, Any], began: float, cpu: float) -> dict[str, Any]:
+    return body | {"cost": {"cpu_s": cpu_seconds() - cpu, "wall_s": perf_counter() - began}}
+
+
+def cpu_seconds() -> float:
+    """CPU time of this process and of those it has waited for, such as a compiler, s."""
+    spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(own.ru_utime + own.ru_stime for own in spent)
+
+
+STARTING = 300.0
+"""Longest that a worker may take to import, s."""
+
+
+class Desk:
+    """One candidate at a time.
+
+    Parameters
+    ----------
+    diagnoser : "module:function" of type `Diagnose`.
+    exam : folder of the examination.
+    stop : set, before `leave` is called, when nothing more is wanted.
+    """
+
+    def __init__(self, diagnoser: str, exam: Path, stop: Event) -> None:
+        self._diagnoser, self._exam, self._stop = diagnoser, exam, stop
+        self._candidate: Contained | None = None
+
+    def diagnose(self, case: Path, timeout: float) -> tuple[str, Any]:
+        """What the candidate says of a case; a sentence where it is lost or takes too long.
+
+        Raises
+        ------
+        BadInput : no candidate can be had.
+        """
+        candidate = self._seated()
+        try:
+            kind, body = candidate.ask("diagnose", str(case), patience=timeout)[0]
+        except Failed as error:
+            return FAILED, _lost(f"The diagnosis is no plain data: {error}.", None)
+        except Lost as error:
+            self.leave()
+            if error.how == TIME:
+                return FAILED, _lost(f"Stopped after {timeout:g} s.", timeout)
+            return FAILED, _lost(f"The process ended with {error.how}.", None)
+        return kind, body
+
+    def leave(self) -> None:
+        """End the candidate's process; from any thread."""
+        candidate, self._candidate = self._candidate, None
+        if candidate is not None:
+            candidate.close()
+
+    def _seated(self) -> Contained:
+        """A candidate that waits for a case."""
+        if self._candidate is not None:
+            return self._candidate
+        try:
+            self._candidate = candidate = Contained(
+                "greybox_lab.exam.desk:ExamCandidate", self._diagnoser, str(self._exam), heard=True
+            )
+            if self._stop.is_set():  # meanwhile
+                self.leave()
+            candidate.ask("ready", patience=STARTING)
+        except (Broken, Failed, Lost) as error:
+            self.leave()
+            raise BadInput(f"A process for {self._diagnoser} does not start: {error}.") from error
+        return candidate
+
+
+def _lost(sentence: str, spent: float | None) -> dict[str, Any]:
+    """What stands in place of a diagnosis; a candidate that had to be stopped has spent all its time."""
+    return {"error": sentence, "cost": {"cpu_s": spent, "wall_s": spent}}

@@ -1,0 +1,221 @@
+"""One case's answer beside its diagnosis: what was right and what was wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import inf, isfinite, nan
+from typing import Any
+
+from greybox_id.base.errors import BadInput
+
+from .answers import Answer
+
+UNKNOWN = 0.5
+"""A diagnosis whose unknown probability is above this says that the cause is unknown."""
+NAMED = 0.5
+"""A probability from which on an effect is named."""
+NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
+
+
+@dataclass(frozen=True)
+class Size:
+    """A magnitude beside the true one.
+
+    Attributes
+    ----------
+    effect : name.
+    error : distance from the truth over the truth's from its null; over the truth where that null is infinite.
+    off : distance from the truth.
+    covered : whether the truth lies in the stated interval.
+    """
+
+    effect: str
+    error: float
+    off: float
+    covered: bool
+
+
+@dataclass(frozen=True)
+class ExamFinding:
+    """What came of one case. What a diagnosis that ended in an error could get wrong, it got wrong.
+
+    Attributes
+    ----------
+    answer : the truth.
+    error : sentence of a diagnosis that ended in one; "" else.
+    detected : whether a gap was named; for nulls an error is a false alarm.
+    unknown : whether it said that the cause is unknown.
+    unknown_probability : that it stated.
+    choices : effect -> probability, as ranked; none where no gap was named.
+    first, first_strictly : the first choice is right, up to what cannot be distinguished, and by name.
+    among_three : every effect that is there stands among the first three, up to what cannot be distinguished.
+    sizes : of effects that are there and rank as high as there are effects, by name.
+    applied : names that were applied.
+    beside : of these, the ones that are not there, up to what cannot be distinguished; of a case outside the
+        vocabulary, also any that was given a probability of one half.
+    misplaced : share of the excess error that the budget gives to names that are not there; NaN without a budget.
+    told : probability of every effect that was ranked, and whether it is there.
+    claimed, verified : how far the gap closes, by its own account and on the recording that was held out; NaN where
+        nothing was applied.
+    cpu : CPU seconds; NaN where they are not known.
+    """
+
+    answer: Answer
+    error: str
+    detected: bool
+    unknown: bool
+    unknown_probability: float
+    choices: Mapping[str, float]
+    first: bool
+    first_strictly: bool
+    among_three: bool
+    sizes: tuple[Size, ...]
+    applied: tuple[str, ...]
+    beside: tuple[str, ...]
+    misplaced: float
+    told: tuple[tuple[float, bool], ...]
+    claimed: float
+    verified: float
+    cpu: float
+
+    @property
+    def right(self) -> bool:
+        """Whether what is there was applied and nothing else, up to what cannot be distinguished."""
+        return bool(self.applied) and not self.beside and _named(self.answer, self.applied)
+
+    @property
+    def wrong(self) -> str:
+        """What was wrong, in a word; "" where nothing was."""
+        if self.error:
+            return "error"
+        kind = self.answer.kind
+        if kind == "real":
+            return ""
+        if kind == "null":
+            return "false alarm" if self.detected else ""
+        if not self.detected:
+            return "not detected"
+        if kind == "outside":
+            return "" if self.unknown else "not called unknown"
+        if kind == "double":
+            return "" if self.among_three else "not both among the first three"
+        return "" if self.first else ("second or third" if self.among_three else "not among the first three")
+
+
+def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan) -> ExamFinding:
+    """Join an answer and a diagnosis.
+
+    Raises
+    ------
+    BadInput : the diagnosis lacks what it must say.
+    """
+    cpu = (diagnosis.get("cost") or {}).get("cpu_s")
+    cpu = nan if cpu is None else float(cpu)
+    library = answer.kind in ("single", "double")
+    if "error" in diagnosis:
+        null = answer.kind == "null"
+        return ExamFinding(
+            answer,
+            str(diagnosis["error"]),
+            null,
+            library,
+            nan,
+            {},
+            False,
+            False,
+            False,
+            (),
+            (),
+            (),
+            nan,
+            (),
+            nan,
+            nan,
+            cpu,
+        )
+    if lacking := [key for key in NEEDED if key not in diagnosis]:
+        raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
+    ranking = [own for own in diagnosis["ranking"] if isinstance(own, Mapping)]
+    detected = bool(diagnosis["gap_detected"])
+    names = [str(own["effect"]) for own in ranking] if detected else []
+    first = names[0] if names else ""
+    return ExamFinding(
+        answer=answer,
+        error="",
+        detected=detected,
+        unknown=float(diagnosis["unknown_probability"]) > UNKNOWN,
+        unknown_probability=float(diagnosis["unknown_probability"]),
+        choices={name: float(own["probability"]) for name, own in zip(names, ranking, strict=False)},
+        first=any(first in answer.alike(name) for name in answer.effects),
+        first_strictly=first in answer.effects,
+        among_three=_named(answer, names[:3]),
+        sizes=tuple(
+            _size(answer, own, diagnosis.get("scatter") or {})
+            for own in ranking[: len(answer.effects)]
+            if own["effect"] in answer.effects
+        )
+        if detected and (library or answer.kind == "changed")
+        else (),
+        applied=tuple(str(name) for name in diagnosis["applied"]),
+        beside=_beside(answer, diagnosis, ranking if detected else []),
+        misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
+        told=tuple((float(own["probability"]), own["effect"] in answer.effects) for own in ranking),
+        claimed=_closed(diagnosis["gap"]) if diagnosis["applied"] else nan,
+        verified=verified if diagnosis["applied"] else nan,
+        cpu=cpu,
+    )
+
+
+def _named(answer: Answer, names: Sequence[str]) -> bool:
+    """Whether every effect is named, each by a name of its own."""
+    if len(names) < len(answer.effects):
+        return False
+    return any(
+        all(name in answer.alike(effect) for effect, name in zip(answer.effects, chosen, strict=True))
+        for chosen in permutations(names, len(answer.effects))
+    )
+
+
+def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Names that the diagnosis stands by and that are not there."""
+    given = [str(name) for name in diagnosis["applied"]]
+    if answer.kind == "outside":
+        given += [str(own["effect"]) for own in ranking if float(own["probability"]) >= NAMED]
+    right = _right(answer)
+    return tuple(name for name in dict.fromkeys(given) if name not in right)
+
+
+def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
+    """Share of the excess that a budget gives to names that are not there; NaN where there is no budget."""
+    shares = {str(own["effect"]): float(own["share"]) for own in budget if own.get("effect") and own.get("share")}
+    right = _right(answer)
+    return sum(abs(share) for name, share in shares.items() if name not in right) if budget else nan
+
+
+def _right(answer: Answer) -> set[str]:
+    """Names that are right for something that is there."""
+    return {name for effect in answer.effects for name in answer.alike(effect)}
+
+
+def _size(answer: Answer, ranked: Mapping[str, Any], scatter: Mapping[str, Any]) -> Size:
+    """Of what changed, how far from where it was before."""
+    name = str(ranked["effect"])
+    true, null = answer.effects[name], answer.nulls[name]
+    before = scatter[name]["mean"] if name in scatter else null
+
+    def beyond(value: float | None, unknown: float) -> float:
+        if value is None or before == null:
+            return unknown if value is None else float(value)
+        return float(value) / before if null == 1.0 else float(value) - before + null
+
+    low, high = (beyond(end, side * inf) for end, side in zip(ranked["interval"], (-1, 1), strict=True))
+    found = beyond(ranked["magnitude"], inf)
+    apart = abs(found - true) if isfinite(found) else inf
+    return Size(name, apart / (abs(true) if null == inf else abs(true - null)), apart, low <= true <= high)
+
+
+def _closed(closure: Mapping[str, Any]) -> float:
+    own = closure.get("closed")
+    return nan if own is None else float(own)

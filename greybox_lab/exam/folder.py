@@ -1,0 +1,101 @@
+"""Where things lie in an examination.
+
+DIR/cases/<id>/recording.csv, vehicle.toml, ...  what the candidate is given; nothing else is shown to it
+               diagnosis.json, closed.toml       what it answers
+DIR/sealed/exam.json, seal.json, <id>/answer.json, held_out.csv
+DIR/score.json                                   once the answers have been opened
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.files import write_atomically
+from greybox_id.base.json_data import read_json
+
+CASES, SEALED = "cases", "sealed"
+COLUMNS = "columns.toml"
+AFTER, BEFORE = "after.csv", "before_*.csv"
+GIVEN = ("recording.csv", "vehicle.toml", "fit.json", COLUMNS, AFTER, BEFORE)
+"""Files of a case that are handed out; the last four only where they are needed: a fit in place of the vehicle file,
+how the recording is to be read, and where it is asked what changed, a second recording from after and all from
+before."""
+UNFINISHED = "unfinished.json"
+"""What was asked for, beside the answers until all cases are made; not under the seal."""
+DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"
+
+
+def exam_of(cases: Path) -> Path:
+    """The examination that a folder of cases, or the examination's own folder, belongs to; as an absolute path."""
+    folder = cases.resolve()
+    folder = folder if (folder / CASES).is_dir() else folder.parent
+    if not (folder / CASES).is_dir():
+        raise BadInput(f"{cases} holds no cases. Name the folder that greybox exam make wrote, or cases in it.")
+    return folder
+
+
+def case_folders(exam: Path) -> list[Path]:
+    """Folders of all cases, in order."""
+    found = sorted(folder for folder in (exam / CASES).iterdir() if (folder / GIVEN[0]).is_file())
+    if not found:
+        raise BadInput(f"{exam / CASES} holds no cases. Make them with greybox exam make.")
+    return found
+
+
+SEAL = "seal.json"
+
+
+def seal(exam: Path) -> str:
+    """Write the seal of an examination and return its sum, 64 hexadecimal digits; keep that elsewhere."""
+    hashes = _hashes(exam)
+    body = {"sum": _sum(hashes), "files": hashes}
+    write_atomically(exam / SEALED / SEAL, json.dumps(body, indent=1) + "\n")
+    return str(body["sum"])
+
+
+def unbroken(exam: Path, noted: str = "") -> str:
+    """Check that nothing has changed since the examination was made; return the seal's sum.
+
+    Parameters
+    ----------
+    exam : folder of the examination.
+    noted : the sum as noted when it was made; only this tells whether the seal itself was replaced.
+
+    Raises
+    ------
+    BadInput : there is no seal, or a file was changed, added or removed: names it.
+    """
+    file = exam / SEALED / SEAL
+    if not file.is_file():
+        raise BadInput(f"{exam} has no seal: it was never finished. Make the examination again.")
+    body = read_json(file)
+    told = body.get("files", {}) if isinstance(body, dict) else {}
+    found = _hashes(exam)
+    for name in sorted(told.keys() | found.keys()):
+        if name not in found:
+            raise BadInput(f"The seal is broken: {exam / name} is missing. This examination cannot be scored.")
+        if told.get(name) != found[name]:
+            how = "was changed" if name in told else "was added"
+            raise BadInput(f"The seal is broken: {exam / name} {how}. This examination cannot be scored.")
+    if body.get("sum") != _sum(found) or (noted and noted != body["sum"]):
+        raise BadInput(f"The seal is broken: {file} was replaced. This examination cannot be scored.")
+    return _sum(found)
+
+
+def _hashes(exam: Path) -> dict[str, str]:
+    """Relative path -> hash, of what is kept back and what was handed out."""
+    aside = (exam / SEALED / SEAL, exam / SEALED / UNFINISHED)
+    kept = [path for path in (exam / SEALED).rglob("*") if path.is_file() and path not in aside]
+    given = [path for name in GIVEN for path in (exam / CASES).glob(f"*/{name}")]
+    return {
+        path.relative_to(exam).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted((*kept, *given))
+    }
+
+
+def _sum(hashes: dict[str, str]) -> str:
+    lines = "".join(f"{own}  {name}\n" for name, own in sorted(hashes.items()))
+    return hashlib.sha256(lines.encode()).hexdigest()

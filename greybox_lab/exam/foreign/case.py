@@ -1,0 +1,237 @@
+"""One case of a foreign vehicle made: drawn, identified as a single track, something withheld, driven twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property, partial
+from importlib import resources
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.shorthands import Array
+from greybox_id.datasets.recording import Recording
+
+from ...virtual.virtual_vehicle import EFFECTS as VOCABULARY
+from ...virtual.virtual_vehicle import Tolerances, VirtualCar, toleranced, tolerances
+from ...virtual.virtual_vehicle.layout import Row
+from ..case import Draw, MadeCase, fair_case, with_lateral_velocity
+from ..plan import Planned
+from ..replays import Replays
+from .double_track import DoubleTrack
+from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, together, withheld
+from .ride import Ride, driven, readings, recorded, replayed
+from .vehicles import Reality, chassis, single_track
+
+_TYRES = tuple(f"{name}_{axle}" for axle in "fr" for name in "BCDE")
+_LEAST = np.array([0.5, 0.6, 0.2, -4.0] * 2 + [0.5] + [0.0, 0.0, 0.0, 0.3])
+_MOST = np.array([80.0, 2.6, 3.0, 0.98] * 2 + [2.0] + [10.0, 10.0, 10.0, 3.0])
+
+_AFTER = 0.6
+"""Of a row, after which a servo has done what it can of a command that is held."""
+
+
+def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
+    """The vehicle with tyres, yaw inertia, resistance and drive as they fit best: what an engineer would identify.
+
+    Mass, geometry and the shares of the axles are weighed and measured; the rest is fitted by least squares to the
+    accelerations of the nominal vehicle on manoeuvres without noise, with weights by its sensors.
+
+    Parameters
+    ----------
+    car : as roughly known.
+    rides : of the nominal vehicle, nothing withheld.
+    """
+    truth = [ride.truth(_AFTER * ride.period) for ride in rides]  # the servo has done what it can by then
+    joined = {name: np.concatenate([own[name] for own in truth]) for name in truth[0]}
+    steer, drive = (np.concatenate([ride.arriving(k, _AFTER) for ride in rides]) for k in (0, 1))
+    moving = (joined["v_x"] > 0.15 * car.top_speed) & (np.arange(len(steer)) % 3 == 0)
+    joined = {name: own[moving] for name, own in joined.items()}
+    steer, drive = steer[moving], drive[moving]
+    weights = {name: 1.0 / max(float(np.std(joined[name])), 1e-9) for name in ("a_x", "a_y", "yaw_acceleration")}
+    p = dict(car.parameters)
+
+    def stated(x: Row) -> dict[str, float]:
+        own = dict(zip(_TYRES, map(float, x[:8]), strict=True))
+        own["I_z"] = p["I_z"] * float(x[8])
+        scales = (p["m"] * 0.1, p["m"] * 0.1 / car.top_speed, p["m"] / car.top_speed**2, p["force_per_unit"])
+        return p | own | dict(zip(("c_0", "c_1", "c_2", "force_per_unit"), scales * x[9:], strict=True))
+
+    def residuals(x: Row) -> Row:
+        a = accelerations(stated(x), joined, steer, drive)
+        gone = [weights[name] * (a[name] - joined[name]) for name in weights]
+        held = 0.01 * (x[8] - 1.0) * np.sqrt(len(steer)), 1e-3 * np.sqrt(len(steer)) * x[10]
+        return np.concatenate([*gone, held])
+
+    begin = np.array([*(p[name] for name in _TYRES), 1.0, p["c_0"] / (p["m"] * 0.1), 0.0,
+                      p["c_2"] * car.top_speed**2 / p["m"], 1.0])  # fmt: skip
+    found = least_squares(residuals, np.clip(begin, _LEAST + 1e-6, _MOST - 1e-6), bounds=(_LEAST, _MOST), max_nfev=40)
+    return replace(car, parameters={name: float(f"{own:.6g}") for name, own in stated(found.x).items()})
+
+
+def accelerations(p: dict[str, float], at: dict[str, Row], steer: Row, drive: Row) -> dict[str, Row]:
+    """a_x, a_y and yaw acceleration of the single track in a motion, (n,) each."""
+    v_x, v_y, r, L = at["v_x"], at["v_y"], at["yaw_rate"], p["l_f"] + p["l_r"]
+    alpha = {"f": steer - np.arctan2(v_y + p["l_f"] * r, v_x), "r": -np.arctan2(v_y - p["l_r"] * r, v_x)}
+    F_y = {}
+    for axle, arm in (("f", p["l_r"]), ("r", p["l_f"])):
+        B, C, D, E = (p[f"{name}_{axle}"] for name in "BCDE")
+        x = B * alpha[axle]
+        F_y[axle] = p["m"] * 9.81 * arm / L * D * np.sin(C * np.arctan(x - E * (x - np.arctan(x))))
+    F = p["force_per_unit"] * drive
+    share = np.where(F >= 0.0, p["drive_split_front"], p["brake_split_front"])
+    along, c, s = share * F, np.cos(steer), np.sin(steer)
+    across = F_y["f"] * c + along * s
+    resistance = p["c_0"] * np.tanh(v_x / 0.1) + p["c_1"] * v_x + p["c_2"] * v_x * np.abs(v_x)
+    return {
+        "a_x": ((1.0 - share) * F + along * c - F_y["f"] * s - resistance) / p["m"],
+        "a_y": (F_y["r"] + across) / p["m"],
+        "yaw_acceleration": (p["l_f"] * across - p["l_r"] * F_y["r"]) / p["I_z"],
+    }
+
+
+PERIODS = (0.010, 0.020)
+"""Between rows, s."""
+DURATION, HELD_OUT, REFERENCE = (60.0, 100.0), (40.0, 60.0), 45.0
+"""Of recordings and of the manoeuvres on which a vehicle is identified, s."""
+FORM_MOST = 0.02
+"""Largest error of form, over the sd of the signal, with which a vehicle is taken: beyond that the single track that
+was identified is not a description of it."""
+FORM_CHANNELS = ("v_x", "yaw_rate", "a_x", "a_y")
+DRAWS = 12
+"""Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
+
+
+def made(planned: Planned) -> MadeCase:
+    """Make a case; see `fair_case`."""
+    what = f" with {', '.join(planned.effects)}" if planned.effects else ""
+    return fair_case(partial(_ForeignCase, planned), DRAWS, f"vehicles of the family {planned.family}{what}")
+
+
+class _ForeignCase(Draw):
+    tolerances: Tolerances
+    outside = OUTSIDE
+
+    def __init__(self, planned: Planned, attempt: int) -> None:
+        super().__init__(planned, attempt)
+        self.family, rng = FAMILIES[planned.family], self.rng
+        self.known = {name: entry for name, entry in VOCABULARY.items() if name in self.family.effects}
+        self.rate = 1.0 / float(rng.choice(PERIODS))
+        vehicle = self.family.draw(rng, planned.number)
+        self.vehicle = vehicle = replace(vehicle, about=with_lateral_velocity(vehicle.about, planned.effects))
+        self.stated = self._identified()
+        self.tolerances = tolerances(self.stated)
+        self.true = toleranced(self.stated, rng)
+        self.numbers = _shifted(vehicle.numbers, self.stated, self.true)
+        self.drawn = {name: magnitude(name, self.stated, rng) for name in planned.effects}
+        self.effects = dict(self.drawn)
+        if "wind_gust" in self.drawn:
+            self.effects["wind_direction"] = float(rng.uniform(-np.pi, np.pi))
+        self.seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        self.ride = self._driven(DURATION, self.seed)
+        self.recording = self._recorded(self.ride, self.seed)
+        form = self._form()
+        noise, rows = self.stated.noise, len(self.recording)
+        self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, form)
+
+    def _reality(self, effects: Mapping[str, float], seed: int, numbers: Mapping[str, float]) -> Reality:
+        own = withheld(numbers, effects, self.vehicle.about)
+        return self.family.build(own, gusts(6000, seed) if effects.get("crosswind") else np.zeros(1))
+
+    def _identified(self) -> VirtualCar:
+        """The single track that fits the nominal vehicle; where it does not fit well, the draw is none."""
+        about = self.vehicle.about
+        rides = [
+            driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(own))
+            for own in self.rng.integers(2**31, size=3)
+        ]
+        stated = identified(about, rides[:2])
+        proof = rides[2]
+        flat = DoubleTrack(single_track(stated, proof.linear_hold))
+        model = replayed(flat, about, proof.commands, proof.period, proof.start)
+        real, said = readings(proof, about, {}, 0), readings(model, about, {}, 0)
+        self.form = {
+            name: float(np.std(said[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
+        }
+        if max(self.form.values()) > FORM_MOST:
+            raise BadInput("The single track that was identified does not describe the vehicle.")
+        return stated
+
+    def _driven(self, duration: tuple[float, float], seed: int) -> Ride:
+        everything = together(self.true.small, self.effects)
+        reality = self._reality(everything, seed, self.numbers)
+        return driven(reality, self.stated, float(self.rng.uniform(*duration)), self.rate, seed)
+
+    def _recorded(self, ride: Ride, seed: int) -> Recording:
+        return recorded(ride, self.stated, together(self.true.small, self.effects), seed, self.planned.case)
+
+    def _driven_again(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
+        """The recording's commands driven by another vehicle, see `replays.Drive`.
+
+        What tolerances change is taken from the single track that is stated.
+        """
+        everything = together(self.true.small, effects)
+        if beyond:
+            real, flat = self._base
+            car, small = self.stated, {}
+            known = self.tolerances
+            if beyond in known.parameters:
+                moved = car.parameters[beyond] + known.parameters[beyond]
+                car = replace(car, parameters={**car.parameters, beyond: moved})
+            else:
+                small[beyond] = ENTRIES[beyond].null + known.effects[beyond]
+            further = self._stated(rows, car, small)
+            return {name: real[name] + further[name] - flat[name] for name in self.stated.noise}
+        commands = self.ride.commands[:rows]
+        reality = self._reality(everything, self.seed, self.numbers)
+        ride = replayed(reality, self.stated, commands, self.ride.period, self.ride.start)
+        return readings(ride, self.stated, everything, self.seed)
+
+    @cached_property
+    def _base(self) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+        """The recording's commands driven by the vehicle with nothing withheld, and by what is stated of it."""
+        rows = len(self.recording)
+        return self._driven_again({}, rows, ""), self._stated(rows, self.stated, {})
+
+    def _stated(self, rows: int, car: VirtualCar, effects: Mapping[str, float]) -> Mapping[str, Array]:
+        """The same by the single track that is stated."""
+        numbers = withheld(single_track(car, self.ride.linear_hold), effects, car)
+        commands = self.ride.commands[:rows]
+        ride = replayed(DoubleTrack(numbers), car, commands, self.ride.period, self.ride.start)
+        return readings(ride, car, effects, self.seed)
+
+    def _form(self) -> Array:
+        """Nominal vehicle less what is stated of it, under the recording's commands, in noise sds."""
+        rows = len(self.recording)
+        nominal = self._reality({}, self.seed, self.vehicle.numbers)
+        ride = replayed(nominal, self.stated, self.ride.commands, self.ride.period, self.ride.start)
+        real, flat = readings(ride, self.stated, {}, self.seed), self._stated(rows, self.stated, {})
+        return np.stack([(real[name] - flat[name]) / sd for name, sd in self.stated.noise.items()])
+
+    def made(self) -> MadeCase:
+        """The case with its answer."""
+        held_out = self._recorded(self._driven(HELD_OUT, self.other_seed), self.other_seed)
+        withheld = together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn)
+        car = {"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
+               "numbers": dict(self.numbers), "noise": dict(self.stated.noise)}  # fmt: skip
+        about, map_ = {"family": self.planned.family, "rate": self.rate}, columns(self.ride.linear_hold)
+        return self.case(held_out, withheld, car, about, {"form_error": self.form}, map_)
+
+
+def columns(linear_hold: bool) -> str:
+    """The canonical column map, and how commands run between rows."""
+    text = resources.files("greybox_id.datasets").joinpath("columns", "canonical.toml").read_text("utf-8")
+    return text.replace('hold = "zero"', 'hold = "linear"') if linear_hold else text
+
+
+def _shifted(numbers: Mapping[str, float], stated: VirtualCar, true: VirtualCar) -> dict[str, float]:
+    """Numbers of a vehicle that differs from the one identified as the true single track differs from that stated."""
+    found, before, after = dict(numbers), chassis(stated), chassis(true)
+    for name, value in before.items():
+        if name in ("drive_split_front", "brake_split_front"):
+            found[name] = min(max(found[name] + after[name] - value, 0.0), 1.0)
+        elif value != 0.0:
+            found[name] = found[name] * after[name] / value
+    return found

@@ -1,0 +1,220 @@
+"""The families of foreign vehicles: which simulator, what it serves, and which effects it can be made to have.
+
+What may be withheld has the names and magnitudes of the vocabulary. The numbers of a vehicle (`double_track.FIELDS`)
+change as the effect says; each simulator then makes them its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput
+
+from ...virtual.virtual_vehicle import EFFECTS as VOCABULARY
+from ...virtual.virtual_vehicle import OUTSIDE as KNOWN_OUTSIDE
+from ...virtual.virtual_vehicle import Entry, VirtualCar
+from ...virtual.virtual_vehicle.drive import combined
+from ...virtual.virtual_vehicle.effects import OF_THE_SENSORS
+from ...virtual.virtual_vehicle.layout import Row
+from ..plan import Counts, Planned, dealt
+from .double_track import DoubleTrack
+from .slipx_car import SlipxCar
+from .vehicles import Draw, Reality, drawn_double_track, drawn_slipx
+
+_FACTORS = {
+    "grip_scale": ("mu_f", "mu_r", "slope_f", "slope_r"),
+    "front_stiffness": ("slope_f",),
+    "rear_stiffness": ("slope_r",),
+    "mass_change": ("m",),
+    "yaw_inertia": ("I_z",),
+    "steering_ratio": ("steer_ratio",),
+    "motor_gain": ("drive_gain",),
+}
+"""Effect -> numbers that are times its magnitude."""
+_SUMMANDS = {
+    "tyre_relaxation": "relaxation",
+    "combined_slip": "combined",
+    "load_sensitivity": "load_exponent",
+    "longitudinal_load_transfer": "height",
+    "tyre_temperature": "temperature",
+    "roll_dynamics": "roll_gradient",
+    "steering_delay": "steer_delay",
+    "steering_lag": "steer_lag",
+    "steering_offset": "steer_offset",
+    "steering_backlash": "steer_backlash",
+    "motor_lag": "drive_lag",
+    "brake_bias": "brake_bias",
+    "aero_drag": "c_2",
+    "rolling_resistance": "c_0",
+    "road_slope": "slope",
+    "road_bank": "bank",
+    "wind_gust": "wind",
+    "downforce": "downforce",
+}
+"""Effect -> the number to which its magnitude is added."""
+_LIMITS = {"steering_rate_limit": "steer_rate", "motor_saturation": "drive_most"}
+_ONES = ("steer_ratio", "drive_gain")
+
+_OUTSIDE = (
+    Entry("brake_pull", "1", 0.0, "share by which the left brakes pull harder", 0.25, 0.7, sides="both",
+          resembles=("steering_offset",)),
+    Entry("soft_side", "1", 0.0, "share of their stiffness that the tyres of the left side have lost to low pressure",
+          0.2, 0.45, resembles=("front_stiffness", "steering_offset")),
+    Entry("aligning_compliance", "rad", 0.0, "what the steering gives under a front lateral force of half the weight",
+          0.006, 0.02, resembles=("front_stiffness",)),
+    Entry("roll_steer", "rad", 0.0, "rear wheels' steering per lateral acceleration of one g", 0.006, 0.02,
+          sides="both", resembles=("rear_stiffness",)),
+    Entry("assist_fade", "1", 0.0, "share of the steering that the assistance takes back at speed", 0.12, 0.3,
+          resembles=("steering_ratio",)),
+    Entry("locked_axle", "1", 0.0, "how far the rear wheels are locked together", 0.4, 1.0),
+    Entry("camber_thrust", "1", 0.0, "lateral force over load of wheels that lean, at one g", 0.1, 0.3, sides="both"),
+    Entry("crosswind", "1", 0.0, "sd of gusts across, over the weight", 0.015, 0.04),
+    Entry("sinking_voltage", "1/min", 0.0, "share of the driving force lost per minute", 0.12, 0.3,
+          resembles=("motor_gain",)),
+    Entry("floor_patches", "1", 0.0, "share of the friction lost where the floor is worn", 0.15, 0.35,
+          resembles=("grip_scale",)),
+)  # fmt: skip
+_SENSORS_OUTSIDE = (
+    *("gyro_g_sensitivity", "gyro_drift", "gyro_compression", "accel_drift", "accel_cross_axis", "wheel_imbalance"),
+    *("wheel_pulses", "slip_speed_error", "dead_stretches"),
+)
+OUTSIDE = {entry.name: entry for entry in _OUTSIDE} | {name: KNOWN_OUTSIDE[name] for name in _SENSORS_OUTSIDE}
+"""What is outside the vocabulary."""
+ENTRIES = VOCABULARY | OUTSIDE
+
+OF_SENSORS = tuple(name for name in OF_THE_SENSORS if name in ENTRIES)
+"""Effects of the sensors, which every simulator has."""
+NOT_OF_SLIPX = ("load_sensitivity", "tyre_temperature", "downforce", "brake_bias")
+"""Its height shifts loads to the side and along at once; it has no warm tyres, no lift, and brakes by its motor."""
+
+
+def magnitude(name: str, car: VirtualCar, rng: np.random.Generator) -> float:
+    """A plausible and visible magnitude."""
+    return float(ENTRIES[name].draw(car.size, car.kind, rng))
+
+
+def withheld(numbers: Mapping[str, float], effects: Mapping[str, float], car: VirtualCar) -> dict[str, float]:
+    """The numbers of a vehicle that has effects; those of its sensors are passed over.
+
+    Parameters
+    ----------
+    numbers : of the vehicle without.
+    effects : magnitudes, and second parameters.
+    car : says how large and fast it is.
+    """
+    size, found = car.size, dict(numbers)
+    for name, value in effects.items():
+        for number in _FACTORS.get(name, ()):
+            found[number] = found.get(number, 1.0 if number in _ONES else 0.0) * value
+        if name in _SUMMANDS:
+            found[_SUMMANDS[name]] = found.get(_SUMMANDS[name], 0.0) + value
+        if name in _LIMITS:
+            found[_LIMITS[name]] = value
+        if name == "cog_shift":
+            found["l_f"], found["l_r"] = found["l_f"] - value, found["l_r"] + value
+        if name in OUTSIDE and name not in OF_SENSORS:
+            found[name] = value
+    found["temperature_energy"] = effects.get("tyre_temperature_E_0", 1.4 * size.weight)
+    found["drive_corner"] = effects.get("motor_saturation_v_b", 0.6 * size.top_speed)
+    found["wind_direction"] = effects.get("wind_direction", 0.0)
+    found["roll_frequency"] = effects.get("roll_frequency", 1.5)
+    found["roll_damping"] = effects.get("roll_damping", 0.3)
+    return found
+
+
+def together(*several: Mapping[str, float]) -> dict[str, float]:
+    """Effects acting together: factors multiply, what is added adds, of limits the smallest holds."""
+    outside = {name: value for own in several for name, value in own.items() if name in OUTSIDE}
+    return combined(*({k: v for k, v in own.items() if k not in OUTSIDE} for own in several)) | outside
+
+
+Build = Callable[[Mapping[str, float], Row], Reality]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of foreign vehicles.
+
+    Attributes
+    ----------
+    draw : a vehicle of it.
+    build : numbers, and gusts of unit variance -> the simulator with that vehicle in it.
+    effects, outside : that it can be made to have.
+    """
+
+    draw: Draw
+    build: Build
+    effects: tuple[str, ...]
+    outside: tuple[str, ...]
+
+
+def _double_track(tyre: int, name: str) -> Family:
+    return Family(drawn_double_track(tyre, name), DoubleTrack, tuple(VOCABULARY), tuple(OUTSIDE))
+
+
+_SLIPX = Family(
+    drawn_slipx,
+    lambda numbers, _: SlipxCar(numbers),
+    tuple(name for name in VOCABULARY if name not in NOT_OF_SLIPX),
+    tuple(name for name in OUTSIDE if name in OF_SENSORS or name in ("locked_axle", "sinking_voltage")),
+)
+
+FAMILIES: Mapping[str, Family] = {
+    "fiala": _double_track(0, "fiala"),
+    "exponential": _double_track(1, "exponential"),
+    "tmeasy": _double_track(2, "tmeasy"),
+    "rational": _double_track(3, "rational"),
+    "dugoff": _double_track(4, "dugoff"),
+    "slipx": _SLIPX,
+}
+"""Every family; the double tracks go by the shape of their tyres."""
+DEVELOPMENT = ("fiala", "exponential")
+"""Families that thresholds may be calibrated on."""
+EXAMINATION = ("tmeasy", "rational", "dugoff", "slipx")
+"""Families that examine, and nothing else."""
+SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION}
+
+
+def families(wanted: Sequence[str]) -> tuple[str, ...]:
+    """Names of families, sets of them spelt out.
+
+    Raises
+    ------
+    BadInput : there is no such family.
+    """
+    found: dict[str, None] = {}
+    for name in wanted or ("examination",):
+        if name not in FAMILIES and name not in SETS:
+            raise BadInput(f'There is no family "{name}"; there are {", ".join((*SETS, *FAMILIES))}.')
+        found |= dict.fromkeys(SETS.get(name, (name,)))
+    return tuple(found)
+
+
+def able(names: Sequence[str], effects: Sequence[str]) -> tuple[str, ...]:
+    """Those of some families that can be made to have all of these effects."""
+    return tuple(own for own in names if set(effects) <= {*FAMILIES[own].effects, *FAMILIES[own].outside})
+
+
+def gusts(rows: int, seed: int) -> Row:
+    """Gusts of unit variance, one each 20 ms, that change within a second; (rows,)."""
+    rng, keeps = np.random.default_rng((seed, 7, 4099)), np.exp(-0.02 / 0.8)
+    shocks, values = rng.standard_normal(rows), np.zeros(rows)
+    for k in range(1, rows):
+        values[k] = keeps * values[k - 1] + np.sqrt(1.0 - keeps**2) * shocks[k]
+    return values
+
+
+def dealt_out(counts: Counts, seed: int, wanted: Sequence[str]) -> tuple[Planned, ...]:
+    """Cases of an examination on foreign vehicles, each of a family that can be made to have its effects."""
+    names = families(wanted)
+    known = [set(FAMILIES[own].effects) for own in names]
+    other = [set(FAMILIES[own].outside) for own in names]
+    whole = any(own == set.union(*known) for own in known)
+    effects = set.union(*known) if whole else set.intersection(*known)
+    beyond = set.union(*other)
+    cases = dealt(counts, "foreign", seed, [n for n in VOCABULARY if n in effects], [n for n in OUTSIDE if n in beyond])
+    rng = np.random.default_rng((seed, 51151))
+    return tuple(replace(own, family=str(rng.choice(able(names, own.effects)))) for own in cases)

@@ -1,0 +1,200 @@
+"""Foreign vehicles: drawn about typical numbers of their class, each in the form of its simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from greybox_id.base.machine_code import kept
+
+from ...virtual.virtual_vehicle import EFFECTS, VirtualCar, random_vehicle
+from ...virtual.virtual_vehicle.driver import DEVIATION, MIND, Driver, decide
+from ...virtual.virtual_vehicle.effects import Kind
+from ...virtual.virtual_vehicle.layout import FOLLOW, STATES, Grid, Row, source
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a driver is to do; see `datasets.virtual_vehicle.driver`.
+
+    Attributes
+    ----------
+    knows : what the driver knows of the vehicle.
+    road, spacing, plan : as `driver.decide` takes them; a plan of a robot's has its commands.
+    hold, period : steps of 1 ms between rows, and s.
+    """
+
+    knows: Driver
+    road: Grid
+    spacing: float
+    plan: Grid
+    hold: int
+    period: float
+
+    @property
+    def by_robot(self) -> bool:
+        """Whether commands stand in the plan."""
+        return bool(self.plan[0, FOLLOW] < 0.0)
+
+
+class Reality(Protocol):
+    """A simulator with a vehicle in it.
+
+    Attributes
+    ----------
+    linear_hold : whether commands run straight from row to row; else they are held.
+    """
+
+    linear_hold: bool
+
+    def carry_out(self, task: Task, start: tuple[float, ...], commands: Grid, out: Any) -> None:
+        """Carry out a task from a motion on: v_x, v_y, yaw_rate, the first commands long in force.
+
+        Parameters
+        ----------
+        commands : (rows, 2) steering and drive, as they stand in a robot's plan; what a driver decides is written here.
+            Commands that run straight from row to row are decided a row before they are reached.
+        out : (rows * hold, 2, 8) what can be read at the beginning and the end of each step, as in `layout.READABLE`.
+        """
+
+
+class Stepwise:
+    """A reality that is called once a row."""
+
+    linear_hold = True
+    state: Row
+
+    def begin(self, start: tuple[float, ...], steer: float, drive: float) -> None:
+        """Start in motion, the commands long in force."""
+        raise NotImplementedError
+
+    def advance(self, commands: Grid, row: int, steps: int, period: float, out: Any) -> None:
+        """Carry out a row of commands, and leave v_x, v_y, yaw_rate, x, y, yaw in `state`."""
+        raise NotImplementedError
+
+    def carry_out(self, task: Task, start: tuple[float, ...], commands: Grid, out: Any) -> None:
+        """See `Reality`."""
+        seen, mind, ahead = np.zeros(STATES), np.zeros(MIND), int(self.linear_hold)
+        mind[DEVIATION] = np.nan
+        self.begin(start, float(commands[0, 0]), float(commands[0, 1]))
+        for row in range(len(commands)):
+            if not task.by_robot and row + ahead < len(commands):
+                seen[:6] = self.state[:6]
+                asked = decider()(task.knows, task.road, task.spacing, task.plan, row, seen, mind, task.period)
+                commands[row + ahead] = asked
+            self.advance(commands, row, task.hold, task.period, out[row * task.hold : (row + 1) * task.hold])
+
+
+@cache
+def decider() -> Any:
+    """The driver, kept in machine code."""
+    key = source()
+
+    def decided(
+        knows: Driver, road: Grid, spacing: float, plan: Grid, row: int, s: Row, mind: Row, period: float
+    ) -> tuple[float, float]:
+        assert key
+        return decide(knows, road, spacing, plan, row, s, mind, period)
+
+    return kept(decided)
+
+
+@dataclass(frozen=True)
+class ForeignVehicle:
+    """A vehicle of a foreign simulator.
+
+    Attributes
+    ----------
+    family : the simulator, see `families`.
+    numbers : mass, geometry, tyres, resistance and drive as in `double_track.CHASSIS`, and what is the simulator's own.
+    about : the same vehicle as a single track roughly is, for its scale, sensors, driver and drive channel.
+    """
+
+    family: str
+    numbers: Mapping[str, float]
+    about: VirtualCar
+
+
+Draw = Callable[[np.random.Generator, int], ForeignVehicle]
+
+TRACE = 0.1
+"""Over the least magnitude that is withheld of an effect: no more of it is there on a vehicle that lacks nothing, so
+that to name it would be wrong, as it is not there at a size that anybody asks for."""
+KINDS: tuple[Kind, ...] = ("car", "racer", "sports", "truck")
+
+
+def chassis(car: VirtualCar) -> dict[str, float]:
+    """What `double_track.CHASSIS` says of a vehicle: stiffness and friction of its tyres, and the rest as it is."""
+    p = car.parameters
+    found = {name: p[name] for name in ("m", "I_z", "l_f", "l_r", "h_cg", "track_f", "track_r", "c_0", "c_1", "c_2")}
+    found |= {name: p[name] for name in ("drive_split_front", "brake_split_front", "force_per_unit", "wheel_radius")}
+    for axle in "fr":
+        found[f"slope_{axle}"] = p[f"B_{axle}"] * p[f"C_{axle}"] * p[f"D_{axle}"]
+        found[f"mu_{axle}"] = p[f"D_{axle}"]
+    return found
+
+
+def drawn_car(rng: np.random.Generator, kind: Kind) -> VirtualCar:
+    """A vehicle of a class; its name does not tell which seed it is of."""
+    car = random_vehicle(int(rng.integers(2**31)), kind)
+    return replace(car, name=car.kind)
+
+
+def single_track(car: VirtualCar, linear_hold: bool) -> dict[str, float]:
+    """What is stated of a vehicle, as numbers of `double_track`: no width and no height, tyres by the magic formula."""
+    p = car.parameters
+    flat = {"h_cg": 0.0, "track_f": 1e-6, "track_r": 1e-6, "tyre": 5.0, "linear_hold": float(linear_hold)}
+    return {**chassis(car), **flat, **{f"{name}_{axle}": p[f"{name}_{axle}"] for name in "CE" for axle in "fr"}}
+
+
+def _trace(effect: str, rng: np.random.Generator) -> float:
+    """How much of an effect every vehicle has, whether it is withheld or not."""
+    return float(rng.uniform(0.0, TRACE * EFFECTS[effect].low))
+
+
+def drawn_double_track(tyre: int, family: str) -> Draw:
+    """Draws double tracks with tyres of one shape; other forms are drawn, small beside what may be withheld."""
+
+    def draw(rng: np.random.Generator, number: int) -> ForeignVehicle:
+        car = drawn_car(rng, KINDS[number % len(KINDS)])
+        size = car.size
+        smooth = number // len(KINDS) % 2 == 1  # commands that jump are followed at once, those that run are not quite
+        forms = {
+            "linear_hold": float(smooth),
+            "tyre": float(tyre),
+            "ackermann": float(rng.uniform(0.0, 1.0)),
+            "roll_share": float(rng.uniform(0.48, 0.62)),
+            "load_exponent": _trace("load_sensitivity", rng),
+            "height": _trace("longitudinal_load_transfer", rng),
+            "ellipse": _trace("combined_slip", rng),
+            "relaxation": smooth * max(float(rng.uniform(0.006, 0.012)) * size.length, 6e-4 * size.top_speed),
+            "steer_time": smooth * float(rng.uniform(0.0, 0.002)),
+            "drive_time": smooth * float(rng.uniform(0.0, 0.004)),
+            "peak_place": float(rng.uniform(2.5, 3.4)),
+            "drag_power": float(rng.uniform(1.9, 2.0)),
+            "drag_speed": 0.6 * size.top_speed,
+        }
+        return ForeignVehicle(family, {**chassis(car), **forms}, car)
+
+    return draw
+
+
+def drawn_slipx(rng: np.random.Generator, number: int) -> ForeignVehicle:
+    """Draws a 1:10 car for SlipX: it brakes by its motor and has no drag that grows with speed itself."""
+    car = drawn_car(rng, "racer")
+    split = car.parameters["drive_split_front"]
+    car = replace(car, parameters={**car.parameters, "brake_split_front": split, "c_1": 0.0})
+    forms = {
+        "linear_hold": 1.0,
+        "shape_c": float(rng.uniform(1.5, 1.75)),
+        "curvature_e": float(rng.uniform(0.2, 0.5)),
+        "load_exponent": _trace("load_sensitivity", rng),
+        "height": _trace("longitudinal_load_transfer", rng),
+        "ellipse": _trace("combined_slip", rng),
+        "top_speed": car.top_speed,
+    }
+    return ForeignVehicle("slipx", {**chassis(car), **forms}, car)

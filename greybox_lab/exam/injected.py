@@ -1,0 +1,226 @@
+"""Tier injected: stretches of real recordings altered exactly, each beside itself unaltered, and what was before both.
+
+The question is what changed since. How large a fault is beside the scatter between unaltered stretches of that vehicle
+is measured by plain regressions (`altering.scatter_between`) before anything is diagnosed, and sealed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput, near
+from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting import Say
+from greybox_id.models.registry import build, motion_model_of
+from greybox_id.models.vehicle_file import vehicle
+
+from .altering import INJECTIONS, Injection, altered, scatter_between
+from .answers import Answer
+from .make import Exam, make_cases
+from .real import ChangedCase, lacking, shuffled
+
+Stretch = tuple[str, float, float]
+"""A file below the folder of data, and the shares of its rows where the stretch begins and ends."""
+
+
+@dataclass(frozen=True)
+class InjectedSource:
+    """Real recordings of a vehicle.
+
+    Attributes
+    ----------
+    columns, vehicle, model : column map, shipped vehicle, and model in place of its own; "" for its own.
+    seconds, rate : length of a recording of a case, about, and rows a second that are kept of it.
+    before, after : where those from before and from after are taken from.
+    derived : signals that are made of others: no sensor of their own can be at fault.
+    """
+
+    columns: str
+    vehicle: str
+    model: str
+    seconds: float
+    rate: float
+    before: tuple[Stretch, ...]
+    after: tuple[Stretch, ...]
+    derived: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All of its files."""
+        return tuple(dict.fromkeys(name for name, _, _ in (*self.before, *self.after)))
+
+
+def _whole(*names: str) -> tuple[Stretch, ...]:
+    return tuple((name, 0.0, 1.0) for name in names)
+
+
+_FREE = _whole("dart/free_1002.csv.gz", "dart/free_1012.csv.gz", "dart/free_1027.csv.gz")
+_TRAIN, _TRUCK = _whole("roboracer/train.csv"), _whole("truck/train.parquet")
+_LAP = "revs_250lm/run1_first400s.csv.gz"
+SOURCES: Mapping[str, InjectedSource] = {
+    "dart_free": InjectedSource("dart", "dart", "", 30.0, 100.0, _FREE, _FREE, ("a_x", "a_y")),
+    "roboracer_train": InjectedSource("roboracer", "roboracer", "", 25.0, 20.0, _TRAIN, _TRAIN),
+    "truck_train": InjectedSource("truck", "truck", "lateral", 60.0, 50.0, _TRUCK, _TRUCK),
+    "ferrari_first": InjectedSource("revs_250lm", "ferrari_250lm", "lateral", 30.0, 50.0, ((_LAP, 0.0, 0.5),),
+                                    ((_LAP, 0.0, 0.5),)),
+    "dart_laps": InjectedSource("dart", "dart", "", 13.0, 20.0, _whole("dart/mpcc_apr08_1801.csv.gz"),
+                                _whole("dart/mpcc_apr04_1523.csv.gz"), ("a_x", "a_y")),
+    "roboracer": InjectedSource("roboracer", "roboracer", "", 30.0, 20.0, _TRAIN, _whole("roboracer/valid.csv")),
+    "truck": InjectedSource("truck", "truck", "lateral", 60.0, 50.0, _TRUCK, _whole("truck/val.parquet")),
+    "ferrari": InjectedSource("revs_250lm", "ferrari_250lm", "lateral", 30.0, 50.0, ((_LAP, 0.0, 0.5),),
+                              ((_LAP, 0.5, 1.0),)),
+}  # fmt: skip
+"""Some for development, others for examination: what is diagnosed there is no recording of the former."""
+DEVELOPMENT = ("dart_free", "roboracer_train", "truck_train", "ferrari_first")
+EXAMINATION = ("dart_laps", "roboracer", "truck", "ferrari")
+SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION}
+
+LEAST, MOST = 3.0, 8.0
+"""Of a fault, in scatters: those below `answers.ABOVE` are there to be passed over, or named rightly."""
+LEAST_SPEED = 0.15
+"""Share of a vehicle's highest speed that a recording's mean must exceed: at rest nothing shows."""
+RUNS = 3
+"""Recordings from before."""
+
+
+def sources(wanted: Sequence[str]) -> tuple[str, ...]:
+    """Names of sources, sets taken apart; none are those of the set "examination"."""
+    found = [name for own in wanted or ("examination",) for name in SETS.get(own, (own,))]
+    for name in found:
+        if name not in SOURCES:
+            raise BadInput(f'There is no source "{name}" of recordings{near(name, [*SOURCES, *SETS])}')
+    return tuple(dict.fromkeys(found))
+
+
+def make_injected(
+    folder: Path, data: Path, seed: int, singles: int, wanted: Sequence[str], jobs: int, say: Say
+) -> Exam:
+    """Cases of altered real recordings, and the same recordings unaltered.
+
+    Parameters
+    ----------
+    folder : to be made, or empty, or left unfinished by the same request.
+    data : folder with the folders of recordings.
+    seed : draws recordings, effects and magnitudes.
+    singles : how many altered ones; there are as many nulls.
+    wanted : sources, or sets of them; none are those of the set "examination".
+    jobs : processes at a time.
+    say : told of progress.
+
+    Raises
+    ------
+    BadInput : a recording is missing, or the folder holds something else.
+    """
+    if singles < 1:
+        raise BadInput("An examination needs at least one case; ask for some with ‹singles›.")
+    names = sources(wanted)
+    if missing := lacking(data, [file for name in names for file in SOURCES[name].files]):
+        raise BadInput(f"{data} holds no {', '.join(missing)}. Name the folder of the recordings with ‹data›.")
+    rng = np.random.default_rng((seed, 61031))
+    pools = []
+    for name in names:
+        say(f"reading {name}")
+        pools.append(Pool.of(name, data))
+    drawn = [case for k in range(singles) for case in pools[k % len(pools)].drawn(rng, seed)]
+    cases = {
+        case: partial(replace(own, answer=replace(own.answer, case=case)).written, folder)
+        for case, own in zip(shuffled(len(drawn), seed), drawn, strict=True)
+    }
+    asked = {"tier": "injected", "seed": seed, "singles": singles, "sources": list(names), "data": str(data)}
+    return make_cases(folder, asked, dict(sorted(cases.items())), jobs, say)
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Recordings that cases are drawn from.
+
+    Attributes
+    ----------
+    name : of the source.
+    before, after : of either.
+    scatter : injection that its signals allow -> standard deviation between all of them.
+    """
+
+    name: str
+    before: tuple[Recording, ...]
+    after: tuple[Recording, ...]
+    scatter: Mapping[str, float]
+
+    @classmethod
+    def of(cls, name: str, data: Path) -> Pool:
+        """Read a source and cut it into recordings."""
+        own = SOURCES[name]
+        files = {file: _thinned(read(data / file, own.columns), own.rate) for file in own.files}
+        before, after = (_cut(files, part, own.seconds) for part in (own.before, own.after))
+        stated = vehicle(own.vehicle)
+        model = build(own.model, vehicle=stated) if own.model else motion_model_of(stated)
+        every = before if own.before == own.after else (*before, *after)
+        scatter = scatter_between(every)
+        measured = set(model.outputs) - set(own.derived)
+        able = {key: scatter[key] for key, one in INJECTIONS.items() if key in scatter and _shows(one, every, measured)}
+        return cls(name, before, after, able)
+
+    def drawn(self, rng: np.random.Generator, seed: int) -> tuple[ChangedCase, ChangedCase]:
+        """An altered case, and itself unaltered."""
+        own = SOURCES[self.name]
+        if own.before == own.after:
+            several = [self.before[k] for k in rng.permutation(len(self.before))[: RUNS + 2]]
+            before, after = several[:RUNS], several[RUNS:]
+        else:
+            before = [self.before[k] for k in rng.permutation(len(self.before))[:RUNS]]
+            after = [self.after[k] for k in rng.permutation(len(self.after))[:2]]
+        name = list(self.scatter)[int(rng.integers(len(self.scatter)))]
+        size = _magnitude(INJECTIONS[name], self.scatter[name], rng)
+        about = {"source": self.name, "after": [f"{one.name} from {one.time[0]:g} s" for one in after]}
+        plain = Answer("", "null", "injected", {}, seed=seed, about=about)
+        null = ChangedCase(own.vehicle, own.model, before, after, plain)
+        answer = Answer("", "single", "injected", {name: size}, {name: INJECTIONS[name].null}, seed=seed, about=about,
+                        scatter={name: self.scatter[name]})  # fmt: skip
+        return replace(null, after=[altered(one, name, size) for one in after], answer=answer), null
+
+
+def _shows(own: Injection, recordings: Sequence[Recording], measured: Collection[str]) -> bool:
+    """Whether it alters what is recorded, and what the model says of it."""
+    there = all(signal in one for one in recordings for signal in own.needs)
+    return there and (not own.outputs or set(own.needs) <= set(measured))
+
+
+def _magnitude(own: Injection, scatter: float, rng: np.random.Generator) -> float:
+    size = min(scatter * float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST)))), own.most)
+    down = own.sides and rng.random() < 0.5
+    if own.null == 1.0:
+        return float(np.exp(-size if down else size))
+    return -size if down else size
+
+
+def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: float) -> tuple[Recording, ...]:
+    """Recordings of about so many seconds, one after the other, in motion."""
+    found = []
+    for name, low, high in stretches:
+        own = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
+        fastest = np.nanmax(np.abs(own["v_x"]))
+        edges = np.linspace(0, len(own), max(1, round(len(own) * own.sample_time / seconds)) + 1).round().astype(int)
+        parts = (own.rows(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        found += [part for part in parts if np.nanmean(np.abs(part["v_x"])) > LEAST_SPEED * fastest]
+    return tuple(found)
+
+
+def _thinned(recording: Recording, rate: float) -> Recording:
+    """Every so manieth row of each run."""
+    step = max(1, round(1 / (rate * recording.sample_time)))
+    if step == 1:
+        return recording
+    kept = [np.arange(start, stop, step) for start, stop in recording.runs]
+    ends = np.cumsum([0, *(len(own) for own in kept)])
+    rows = np.concatenate(kept)
+    return replace(
+        recording, time=recording.time[rows],
+        signals={name: values[rows] for name, values in recording.signals.items()},
+        runs=tuple((int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)),
+    )  # fmt: skip

@@ -1,0 +1,187 @@
+"""Making an examination: cases that are handed out, answers that are sealed."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.files import ensure_writable, replacing, write_atomically
+from greybox_id.base.json_data import read_json
+from greybox_id.base.processes import side_by_side
+from greybox_id.base.signals import SIGNALS
+from greybox_id.base.version import __version__
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting import Say
+
+from ..virtual.virtual_vehicle import EFFECTS, OUTSIDE
+from .answers import Answer, Tier, read_answer, write_answer
+from .folder import CASES, COLUMNS, SEALED, UNFINISHED, seal
+from .plan import Counts, Planned, plan
+from .world import made
+
+
+@dataclass(frozen=True)
+class Exam:
+    """An examination that was made.
+
+    Attributes
+    ----------
+    folder : where.
+    tier : see `answers.Tier`.
+    counts : kind of case -> how many.
+    seal : its sum; whoever keeps it can tell later whether answers were replaced.
+    hidden : cases an effect of which hardly shows.
+    """
+
+    folder: Path
+    tier: Tier
+    counts: dict[str, int]
+    seal: str
+    hidden: int
+
+
+def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, jobs: int, say: Say) -> Exam:
+    """Make an examination in a new folder, or go on with one that was interrupted.
+
+    Parameters
+    ----------
+    folder : to be made, or empty, or left unfinished by the same request.
+    seed : says which examination.
+    tier : "clean" or "workshop".
+    cases, nulls : how many with something the matter, and with nothing; nulls default to a sixth of the others.
+    jobs : processes at a time.
+    say : is told of every case.
+
+    Raises
+    ------
+    BadInput : there is something else in the folder already, or nothing can be written to it.
+    """
+    nulls = cases // 6 if nulls is None else nulls
+    planned = plan(cases, nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
+    return make_cases(
+        folder, {"tier": tier, "seed": seed, "cases": cases, "nulls": nulls}, _written(planned, folder), jobs, say
+    )
+
+
+def make_foreign(folder: Path, seed: int, counts: Counts, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
+    """Make an examination on vehicles of foreign simulators; parameters and errors as of `make`.
+
+    Parameters
+    ----------
+    counts : how many cases of each kind.
+    wanted : families, or sets of them; none are those of the set "examination".
+    """
+    from .foreign.families import dealt_out
+
+    planned = dealt_out(counts, seed, wanted)
+    asked = {"tier": "foreign", "seed": seed, **vars(counts), "families": list(wanted)}
+    return make_cases(folder, asked, _written(planned, folder), jobs, say)
+
+
+def make_cases(
+    folder: Path, asked: Mapping[str, Any], cases: Mapping[str, Callable[[], Answer]], jobs: int, say: Say
+) -> Exam:
+    """Make cases, as far as they are not made yet, and seal them.
+
+    Parameters
+    ----------
+    folder : to be made, or empty, or left unfinished by the same request.
+    asked : tier, seed and all else that says which examination it is.
+    cases : name of a case's folder -> what writes it, the answer last, and returns the answer.
+    jobs : processes at a time.
+    say : is told of every case.
+
+    Raises
+    ------
+    BadInput : there is something else in the folder already, or nothing can be written to it.
+    """
+    _begin(folder, {**asked, "version": __version__})
+    files = {name: folder / SEALED / name / "answer.json" for name in cases}
+    answers = [read_answer(file) for file in files.values() if file.is_file()]
+    todo = [cases[name] for name, file in files.items() if not file.is_file()]
+    if answers:
+        say(f"{len(answers)}/{len(cases)} were made before")
+
+    def told(_: int, answer: Answer) -> bool:
+        answers.append(answer)
+        say(f"{len(answers)}/{len(cases)} made", passing=len(answers) % 20 > 0)
+        return True
+
+    if side_by_side(lambda number: todo[number](), len(todo), jobs, told).interrupted:
+        raise KeyboardInterrupt
+    exam = finish(folder, asked["tier"], asked["seed"], sorted(answers, key=lambda own: own.case))
+    (folder / SEALED / UNFINISHED).unlink()
+    return exam
+
+
+def _begin(folder: Path, asked: dict[str, Any]) -> None:
+    """Write down what is asked for in a new folder; do nothing where the same was begun."""
+    file = folder / SEALED / UNFINISHED
+    begun = read_json(file) if file.is_file() else None
+    if begun == asked:
+        ensure_writable(folder)
+        return
+    if isinstance(begun, dict):
+        told = ", ".join(f"{name} {value}" for name, value in begun.items())
+        raise BadInput(
+            f"{folder} holds an unfinished examination ({told}), and another one was asked for. "
+            "Ask for the same to go on with it, or name a new folder with ‹out›."
+        )
+    prepare(folder)
+    write_atomically(file, json.dumps(asked, indent=1) + "\n")
+
+
+def prepare(folder: Path) -> None:
+    """Make sure that a folder is new or empty, and can be written to."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BadInput(f"{folder} is not empty. Name a new folder with ‹out›; no examination is written over.")
+    ensure_writable(folder)
+
+
+def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
+    """Write what the examination is, and seal it."""
+    counts = dict(Counter(answer.kind for answer in answers))
+    body = {"tier": tier, "seed": seed, "version": __version__, "counts": counts}
+    write_atomically(folder / SEALED / "exam.json", json.dumps(body, indent=1) + "\n")
+    hidden = sum(bool(answer.effects) and bool(answer.left) and not answer.sizable for answer in answers)
+    return Exam(folder, tier, {str(kind): count for kind, count in counts.items()}, seal(folder), hidden)
+
+
+def _written(planned: Sequence[Planned], folder: Path) -> dict[str, Callable[[], Answer]]:
+    """What writes each case of simulated vehicles."""
+    return {own.case: partial(_write, own, folder) for own in planned}
+
+
+def _write(planned: Planned, folder: Path) -> Answer:
+    given, kept = folder / CASES / planned.case, folder / SEALED / planned.case
+    if planned.tier == "foreign":
+        from .foreign.case import made as made_foreign
+
+        case = made_foreign(planned)
+        write_atomically(given / COLUMNS, case.columns)
+    else:
+        case = made(planned)
+    write_recording(case.recording, given / "recording.csv")
+    write_atomically(given / "vehicle.toml", case.vehicle_file)
+    write_recording(case.held_out, kept / "held_out.csv")
+    write_answer(case.answer, kept / "answer.json")
+    return case.answer
+
+
+def write_recording(recording: Recording, file: Path) -> None:
+    """Write a recording as CSV that the column map "canonical" reads."""
+    table = pd.DataFrame({name: own for name, own in sorted(recording.signals.items()) if name in SIGNALS})
+    table.insert(0, "time", recording.time.round(9))
+    if len(recording.runs) > 1:
+        table["run"] = np.repeat(np.arange(len(recording.runs)), [b - a for a, b in recording.runs])
+    with replacing(file) as beside:
+        table.to_csv(beside, index=False, float_format="%.9g")

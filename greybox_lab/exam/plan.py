@@ -1,0 +1,113 @@
+"""Which cases an examination has: what is the matter in each, dealt out as evenly as it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput
+
+from .aliases import always_alike, group_of
+from .answers import Kind, Tier
+
+SINGLE, OUTSIDE = 0.57, 0.18
+"""Shares of the cases that are no nulls; the rest are doubles."""
+SAME_GROUP = 0.15
+"""Share of doubles whose effects may act on the same thing."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A case to be made.
+
+    Attributes
+    ----------
+    case : name of its folder; tells nothing.
+    kind, tier : see `answers`.
+    effects : names of what is the matter.
+    number : its place in the plan, among cases of its kind.
+    seed : of everything random in it.
+    family : of foreign vehicles, the simulator; "" else.
+    """
+
+    case: str
+    kind: Kind
+    tier: Tier
+    effects: tuple[str, ...]
+    number: int
+    seed: int
+    family: str = ""
+
+
+def plan(
+    cases: int, nulls: int, tier: Tier, seed: int, vocabulary: Sequence[str], outside: Sequence[str]
+) -> tuple[Planned, ...]:
+    """Cases of an examination in the order of their names.
+
+    Parameters
+    ----------
+    cases, nulls : how many with something the matter, and how many with nothing.
+    tier : of all of them.
+    seed : says which.
+    vocabulary, outside : names of effects that diagnoses know and do not know.
+
+    Raises
+    ------
+    BadInput : there would be no case.
+    """
+    if cases < 0 or nulls < 0 or cases + nulls == 0:
+        raise BadInput("An examination needs at least one case; ask for some with ‹cases› or ‹nulls›.")
+    singles, others = round(SINGLE * cases), round(OUTSIDE * cases)
+    return dealt(Counts(nulls, singles, cases - singles - others, others), tier, seed, vocabulary, outside)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many cases with nothing, with one and with two effects of the vocabulary, and with one outside it."""
+
+    nulls: int
+    singles: int
+    pairs: int
+    outside: int
+
+
+def dealt(
+    counts: Counts, tier: Tier, seed: int, vocabulary: Sequence[str], outside: Sequence[str]
+) -> tuple[Planned, ...]:
+    """Cases of an examination in the order of their names, so many of each kind; parameters as of `plan`."""
+    if min(vars(counts).values()) < 0 or sum(vars(counts).values()) == 0:
+        raise BadInput("An examination needs at least one case; ask for some, as with ‹nulls› or ‹singles›.")
+    rng = np.random.default_rng((seed, 40427))
+    known, unknown = _dealt(vocabulary, rng), _dealt(outside, rng)
+    drawn: list[tuple[Kind, tuple[str, ...], int]] = []
+    drawn += [("single", (next(known),), k) for k in range(counts.singles)]
+    drawn += [("outside", (next(unknown),), k) for k in range(counts.outside)]
+    drawn += [("double", _pair(known, rng), k) for k in range(counts.pairs)]
+    drawn += [("null", (), k) for k in range(counts.nulls)]
+    order, digits = rng.permutation(len(drawn)), max(3, len(str(len(drawn))))
+    seeds = rng.integers(1, 2**31 - 1, len(drawn))
+    return tuple(
+        Planned(f"case_{place:0{digits}d}", kind, tier, effects, number, int(seeds[place]))
+        for place, (kind, effects, number) in enumerate(drawn[k] for k in order)
+    )
+
+
+def _dealt(names: Sequence[str], rng: np.random.Generator) -> Iterator[str]:
+    """All names in random order, over and over."""
+    while True:
+        for k in rng.permutation(len(names)):
+            yield names[k]
+
+
+def _pair(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, str]:
+    """Two effects, mostly of different groups, never ones that are always alike."""
+    first = next(deck)
+    mixed = rng.random() > SAME_GROUP
+    while True:
+        second = next(deck)
+        if second == first or second in always_alike(first):
+            continue
+        if not mixed or group_of(second) != group_of(first):
+            return first, second

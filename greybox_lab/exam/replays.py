@@ -1,0 +1,139 @@
+"""A recording driven again under its own commands, with other effects and without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from greybox_id.base.shorthands import Array
+
+from ..virtual.virtual_vehicle import Tolerances
+from .aliases import TELLS, View
+
+LIKELY = 0.95
+"""Share of all vehicles within the tolerances that lie as near to what is stated as tolerances may reach here."""
+GLANCE = 15.0
+"""Of the recording, s, that may rule an alias out before all of it is simulated."""
+
+
+class Drive(Protocol):
+    """The same commands driven by other vehicles."""
+
+    def __call__(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
+        """Noise-free readings by channel, (rows,) each.
+
+        Parameters
+        ----------
+        effects : in place of the true ones; small effects that are tolerated stay.
+        rows : of the recording, from its first.
+        beyond : a tolerance; the vehicle lies one sd of it further off. "" for none.
+        """
+
+
+@dataclass(frozen=True)
+class Replays:
+    """A recording driven again.
+
+    Attributes
+    ----------
+    drive : drives it.
+    noise : sd by channel.
+    rows, period : of the recording.
+    tolerances : as stated; None where the vehicle file is exact.
+    form : by how much the model differs in its form from a vehicle that lacks nothing, as `readings`: causes between
+        which lies no more than that cannot be distinguished. None where forms are alike.
+    """
+
+    drive: Drive
+    noise: Mapping[str, float]
+    rows: int
+    period: float
+    tolerances: Tolerances | None
+    form: Array | None = None
+    _seen: dict[object, Array] = field(default_factory=dict)
+
+    def readings(self, effects: Mapping[str, float], part: bool = False, beyond: str = "") -> Array:
+        """Noise-free readings in noise sds, (channels, n).
+
+        Parameters
+        ----------
+        effects : in place of the true ones; small effects that are tolerated stay.
+        part : of the first seconds only.
+        beyond : a tolerance; the vehicle lies one sd of it further off.
+        """
+        key = part, beyond, *sorted(effects.items())
+        if key not in self._seen:
+            rows = min(round(GLANCE / self.period), self.rows) if part else self.rows
+            found = self.drive(effects, rows, beyond)
+            self._seen[key] = np.stack([found[name] / sd for name, sd in self.noise.items()])
+        return self._seen[key]
+
+    def size(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
+        """Channel -> root mean square of the difference that effects make beside the rest, in noise sds."""
+        return self._by_channel(self.readings(effects) - self.readings(rest))
+
+    def left(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
+        """The same of what tolerances leave of that difference, as far as they are likely to lie."""
+        return self.beside_tolerances(self.readings(effects) - self.readings(rest))
+
+    def beside_tolerances(self, difference: Array) -> dict[str, float]:
+        """Channel -> root mean square of what tolerances leave of a difference of readings."""
+        if self.tolerances is None or not np.any(difference):
+            return self._by_channel(difference)
+        shifts = self._shifts(False)
+        taken = _likely(shifts @ shifts.T, shifts @ difference.ravel()) @ shifts
+        return self._by_channel(difference - taken.reshape(difference.shape))
+
+    def _by_channel(self, difference: Array) -> dict[str, float]:
+        sizes = np.sqrt(np.mean(difference**2, axis=1))
+        return {name: float(own) for name, own in zip(self.noise, sizes, strict=True)}
+
+    def views(self) -> Sequence[View]:
+        """The first seconds, and all of the recording."""
+        return self._view(True), self._view(False)
+
+    def _view(self, part: bool) -> View:
+        shifts = self._shifts(part)
+        inner = _inner(shifts)
+
+        def product(a: Array, b: Array) -> float:
+            return float(np.sum(a * b) - (shifts @ a.ravel()) @ inner @ (shifts @ b.ravel()))
+
+        tells = TELLS
+        if self.form is not None:
+            own = self.form[:, : self.readings({}, part).shape[1]]
+            tells = max(TELLS, product(own, own))
+        return View(lambda other: self.readings(other, part), product, tells)
+
+    def _shifts(self, part: bool) -> Array:
+        """What one sd of every tolerance changes, (tolerances, readings)."""
+        known, base = self.tolerances, self.readings({})
+        rows = self.readings({}, part).shape[1]
+        names = () if known is None else (*known.parameters, *known.effects)
+        shifts = np.zeros((len(names), len(base), rows))
+        for k, name in enumerate(names):
+            shifts[k] = (self.readings({}, beyond=name) - base)[:, :rows]
+        return shifts.reshape(len(names), len(base) * rows)
+
+
+def _likely(gram: Array, aim: Array) -> Array:
+    """Tolerances, in their sds, that come nearest to an aim while they are `LIKELY` to lie as far off altogether."""
+    values, vectors = np.linalg.eigh(gram)
+    own, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
+
+    def length(log_held: float) -> float:
+        return float(np.sum((own / (values + np.exp(log_held))) ** 2)) - most
+
+    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(own) / np.sqrt(most) + 1e-300)
+    held = least if length(least) <= 0 else brentq(length, least, max(greatest, least) + 1.0)
+    return np.asarray(vectors @ (own / (np.maximum(values, 0.0) + np.exp(held))))
+
+
+def _inner(shifts: Array) -> Array:
+    """Covariance of tolerances, in their sds, that readings leave of beliefs of unit size."""
+    return np.asarray(np.linalg.inv(np.eye(len(shifts)) + shifts @ shifts.T))

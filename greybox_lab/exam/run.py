@@ -1,0 +1,125 @@
+"""Sitting an examination: a few processes, each with many cases; what is diagnosed already is left alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Event, Lock
+from typing import Any
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.files import write_atomically
+from greybox_id.base.json_data import without_nan
+from greybox_id.fitting import Say
+
+from .desk import PEEKED, Desk
+from .folder import DIAGNOSIS, case_folders, exam_of
+
+
+@dataclass(frozen=True)
+class Sat:
+    """What came of a run.
+
+    Attributes
+    ----------
+    cases, before : in the examination; diagnosed by earlier runs.
+    diagnosed, failed : by this run; of these, how many came to an error.
+    cpu : CPU seconds of this run's diagnoses.
+    """
+
+    cases: int
+    before: int
+    diagnosed: int
+    failed: int
+    cpu: float
+
+
+def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat:
+    """Diagnose every case that is not yet, and write what was found beside it.
+
+    Parameters
+    ----------
+    cases : folder of cases.
+    diagnoser : "module:function" of type `desk.Diagnose`.
+    jobs : processes at a time.
+    timeout : s for a case; what takes longer counts as wrong.
+    say : is told of every case.
+
+    Raises
+    ------
+    BadInput : there are no cases, a candidate does not start, or one tried to open what was not handed out.
+    """
+    exam = exam_of(cases)
+    folders = case_folders(exam)
+    todo = [folder for folder in folders if not (folder / DIAGNOSIS).is_file()]
+    say(f"{len(todo)} of {len(folders)} cases to diagnose")
+    stop = Event()
+    room = _Room(todo, say)
+    with ThreadPoolExecutor(max(1, min(jobs, len(todo)))) as pool:
+        desks = [Desk(diagnoser, exam, stop) for _ in range(jobs)]
+        sat = [pool.submit(room.sit, desk, timeout, stop) for desk in desks]
+        try:
+            wait(sat, return_when=FIRST_EXCEPTION)
+        finally:  # all are done, one has failed, or the user has interrupted
+            stop.set()
+            for desk in desks:
+                desk.leave()
+    for own in sat:
+        own.result()
+    return Sat(
+        cases=len(folders),
+        before=len(folders) - len(todo),
+        diagnosed=len(room.results),
+        failed=sum("error" in body for body in room.results),
+        cpu=sum(body["cost"]["cpu_s"] or 0.0 for body in room.results),
+    )
+
+
+class _Room:
+    """Cases that wait, and what was found so far."""
+
+    def __init__(self, todo: Sequence[Path], say: Say) -> None:
+        self.results: list[dict[str, Any]] = []
+        self._say, self._count = say, len(todo)
+        self._one_at_a_time = Lock()
+        self._waiting: SimpleQueue[Path] = SimpleQueue()
+        for folder in todo:
+            self._waiting.put(folder)
+
+    def sit(self, desk: Desk, timeout: float, stop: Event) -> None:
+        """Take cases to a desk until there are no more."""
+        try:
+            while not stop.is_set():
+                try:
+                    case = self._waiting.get_nowait()
+                except Empty:
+                    return
+                try:
+                    kind, body = desk.diagnose(case, timeout)
+                except BadInput:
+                    if stop.is_set():  # which ended its candidate
+                        return
+                    raise
+                if kind == PEEKED:
+                    raise BadInput(f"{body} The run has ended; {case.name} is not diagnosed.")
+                if not stop.is_set():
+                    self._keep(case, body)
+        finally:
+            desk.leave()
+
+    def _keep(self, case: Path, body: dict[str, Any]) -> None:
+        write_atomically(case / DIAGNOSIS, json.dumps(without_nan(body), indent=1) + "\n")
+        with self._one_at_a_time:
+            self.results.append(body)
+            self._say(f"{len(self.results)}/{self._count} {case.name}: {_sentence(body)}", passing="error" not in body)
+
+
+def _sentence(body: dict[str, Any]) -> str:
+    if "error" in body:
+        return str(body["error"])
+    found = body["ranking"][0]["effect"] if body.get("gap_detected") and body.get("ranking") else "no gap"
+    return f"{found}, {body['cost']['cpu_s']:.1f} CPU s"

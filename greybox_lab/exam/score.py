@@ -1,0 +1,249 @@
+"""Opening the answers, once: what was right, how often, and whether that is good enough."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+from math import inf, isfinite, nan
+from pathlib import Path
+from typing import Any
+
+from rich.console import JustifyMethod
+from rich.table import Table
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.files import write_atomically
+from greybox_id.base.json_data import read_json, without_nan
+from greybox_id.base.processes import side_by_side
+from greybox_id.fitting import Say
+
+from .answers import Answer, read_answer
+from .findings import ExamFinding, finding
+from .folder import CASES, DIAGNOSIS, SEALED, exam_of, unbroken
+from .measures import STRETCH, confusions, measures, median, sizes_by_effect
+from .verification import Verify, held_out_closure
+
+SCORE = "score.json"
+
+
+def score(
+    folder: Path, say: Say, *, verify: Verify = held_out_closure, jobs: int = 1, noted: str = ""
+) -> tuple[dict[str, Any], bool]:
+    """The score of an examination; answers and diagnoses are joined the first time only.
+
+    Parameters
+    ----------
+    folder : of the examination.
+    say : is told of progress.
+    verify : how far a closed model closes the gap on the recording held out.
+    jobs : processes that verify; with one, this process does.
+    noted : the seal's sum as noted when the examination was made.
+
+    Returns
+    -------
+    score : plain data, as in score.json.
+    again : whether it had been opened before.
+
+    Raises
+    ------
+    BadInput : the seal is broken, or a case has no diagnosis.
+    """
+    exam = exam_of(folder)
+    seal = unbroken(exam, noted)
+    if (exam / SCORE).is_file():
+        return read_json(exam / SCORE), True
+    about = read_json(exam / SEALED / "exam.json")
+    answers = [read_answer(file) for file in sorted((exam / SEALED).glob("*/answer.json"))]
+    lacking = [own.case for own in answers if not (exam / CASES / own.case / DIAGNOSIS).is_file()]
+    if lacking:
+        raise BadInput(
+            f"{len(lacking)} of {len(answers)} cases have no diagnosis, {lacking[0]} first. A score is taken once: "
+            f"run greybox exam run {exam / CASES} before."
+        )
+    diagnoses = {own.case: _diagnosis(exam / CASES / own.case / DIAGNOSIS) for own in answers}
+    verified = _verified(exam, answers, diagnoses, verify, jobs, say)
+    found = [finding(own, diagnoses[own.case], verified.get(own.case, nan)) for own in answers]
+    body = {"tier": about["tier"], "version": about["version"], "seal": seal, **summary(found, about["tier"])}
+    body["opened"] = datetime.now(UTC).isoformat(timespec="seconds")
+    write_atomically(exam / SCORE, json.dumps(without_nan(body), indent=1) + "\n")
+    return body, False
+
+
+def summary(found: list[ExamFinding], tier: Any) -> dict[str, Any]:
+    """Measures, confusions and single cases as plain data."""
+    sizes = sizes_by_effect(found)
+    return {
+        "cases": len(found),
+        "errors": sum(bool(own.error) for own in found),
+        "measures": [asdict(own) | {"passed": own.passed} for own in measures(found, tier)],
+        "confusions": confusions(found),
+        "magnitudes": {
+            name: {"median_error": median([own.error for own in some])[0], "covered": sum(own.covered for own in some),
+                   "of": len(some)}
+            for name, some in sizes.items()
+        },
+        "findings": [_plain(own) for own in found],
+    }  # fmt: skip
+
+
+def _plain(own: ExamFinding) -> dict[str, Any]:
+    """A finding without what is sealed and long."""
+    short: dict[str, Any] = {"case": own.answer.case, "kind": own.answer.kind, "effects": dict(own.answer.effects)}
+    short["aliases"] = {name: list(alike) for name, alike in own.answer.aliases.items() if alike}
+    short["size"] = own.answer.largest
+    rest = {key: value for key, value in vars(own).items() if key not in ("answer", "sizes", "told", "choices")}
+    choices = dict(list(own.choices.items())[:5])
+    return {**short, "wrong": own.wrong, "choices": choices, "sizes": [asdict(size) for size in own.sizes], **rest}
+
+
+def _diagnosis(file: Path) -> Mapping[str, Any]:
+    body = read_json(file)
+    if not isinstance(body, dict):
+        raise BadInput(f"{file} holds no diagnosis. Take it out and run the case again.")
+    return body
+
+
+def _verified(
+    exam: Path,
+    answers: list[Answer],
+    diagnoses: Mapping[str, Mapping[str, Any]],
+    verify: Verify,
+    jobs: int,
+    say: Say,
+) -> dict[str, float]:
+    """Share of the gap that closes on the recording held out, for cases in which something was applied."""
+    wanted = [
+        own.case
+        for own in answers
+        if diagnoses[own.case].get("applied") and (exam / SEALED / own.case / "held_out.csv").is_file()
+    ]
+
+    def one(number: int) -> float:
+        case = wanted[number]
+        return verify(exam / CASES / case, exam / SEALED / case / "held_out.csv", diagnoses[case])
+
+    done = side_by_side(one, len(wanted), jobs)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    say(f"{len(wanted)} closed models verified on what was held out")
+    return dict(zip(wanted, done.results, strict=True))
+
+
+SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
+PERCENT = (
+    *SHARES,
+    "changed_first",
+    "right",
+    "silent",
+    "above",
+    "beside",
+    "null_names",
+    "outside_named",
+    "misplaced",
+    "wrongly_unknown",
+    "magnitude",
+    "coverage",
+)
+"""Measures told in percent."""
+MARKS = {True: "✓", False: "✗", None: ""}
+
+
+def score_table(body: Mapping[str, Any]) -> Table:
+    """Every measure with its interval, how many cases it rests on, and the bar."""
+    table = _table(("what", "left"), ("measured", "right"), ("95 % interval", "right"), ("of", "right"),
+                   ("bar", "right"), ("", "left"))  # fmt: skip
+    for own in body["measures"]:
+        percent = own["key"] in PERCENT
+        low, high = own["interval"]
+        interval = f"[{_number(low, percent, bare=True)}, {_number(high, percent, bare=True)}]"
+        table.add_row(
+            own["name"],
+            _number(own["value"], percent) if own["of"] else "–",
+            interval if _there(low) and _there(high) else "–",
+            str(own["of"]),
+            bar_words(own["bar"], percent) + (f", better {STRETCH:g}" if own["key"] == "cpu" and own["bar"] else ""),
+            MARKS[own["passed"]],
+        )
+    return table
+
+
+def bar_words(bar: tuple[float, float] | None, percent: bool) -> str:
+    """A bar as a person writes it."""
+    if bar is None:
+        return ""
+    low, high = (inf if own is None else float(own) for own in bar)
+    unit = " %" if percent else ""
+    scale = 100.0 if percent else 1.0
+    if low == 0.0:
+        return f"≤ {high * scale:g}{unit}"
+    if high == (1.0 if percent else inf):
+        return f"≥ {low * scale:g}{unit}"
+    return f"{low * scale:g}–{high * scale:g}{unit}"
+
+
+def confusions_table(body: Mapping[str, Any]) -> Table:
+    """What was taken for what, and how good magnitudes were."""
+    table = _table(("effect", "left"), ("first choices", "left"), ("magnitude off", "right"), ("covered", "right"))
+    for true, choices in body["confusions"].items():
+        words = ", ".join(f"{'right' if name == true else name} {count}" for name, count in choices.items())
+        size = body["magnitudes"].get(true)
+        off = _number(size["median_error"], True) if size else ""
+        table.add_row(true, words, off, f"{size['covered']}/{size['of']}" if size else "")
+    return table
+
+
+def wrong_table(body: Mapping[str, Any]) -> Table:
+    """Cases that were wrong, or gave a name that is not there; real ones all."""
+    table = _table(("case", "left"), ("truth", "left"), ("size", "right"), ("wrong", "left"), ("first choices", "left"))
+    for own in body["findings"]:
+        if not _worth_telling(own):
+            continue
+        told = [f"{name} {value:.3g}" if _there(value) else name for name, value in own["effects"].items()]
+        truth = ", ".join(told) or own["kind"]
+        choices = ", ".join(f"{name} {value:.2f}" for name, value in list(own["choices"].items())[:3] if _there(value))
+        unknown = own["unknown_probability"]
+        if _there(unknown) and unknown > 0.05:
+            choices += f"{', ' if choices else ''}unknown {unknown:.2f}"
+        what = own["error"] or own["wrong"] or ("gap" if own["detected"] else "no gap")
+        if own["beside"]:
+            what += f", {', '.join(own['beside'])} applied"
+        table.add_row(own["case"], truth, f"{own['size']:.2g}", what, choices)
+    return table
+
+
+def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
+    """What is printed of a score."""
+    if body["tier"] == "real":
+        yield wrong_table(body)
+        return
+    yield score_table(body)
+    if detail:
+        yield confusions_table(body)
+        if any(_worth_telling(own) for own in body["findings"]):
+            yield wrong_table(body)
+
+
+def _worth_telling(own: Mapping[str, Any]) -> bool:
+    """Whether a case is told by itself: what is wrong, and what is real."""
+    return bool(own["wrong"] or own["beside"]) or own["kind"] in ("real", "changed")
+
+
+def _there(value: float | None) -> bool:
+    return value is not None and isfinite(value)
+
+
+def _number(value: float | None, percent: bool, bare: bool = False) -> str:
+    if value is None or not isfinite(value):
+        return "–" if value is None or value != -inf else "−∞"
+    if percent:
+        return f"{100 * value:.1f}{'' if bare else ' %'}"
+    return f"{value:.3f}"
+
+
+def _table(*titles: tuple[str, JustifyMethod]) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title, justify in titles:
+        table.add_column(title, header_style="dim", justify=justify)
+    return table

@@ -1,0 +1,64 @@
+"""How far a gap really closes: the closed model on the recording that was held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from greybox_id.base.errors import GreyboxError
+from greybox_id.datasets.read import read
+from greybox_id.gap.closing import closure
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.kinds import must_be
+from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.registry import build, motion_model_of
+from greybox_id.models.vehicle_file import vehicle
+
+from .folder import CLOSED, COLUMNS
+
+Verify = Callable[[Path, Path, Mapping[str, Any]], float]
+"""Folder of a case, recording held out, diagnosis -> share of the gap that closes; -inf where simulation fails."""
+
+
+def plain_model(model: MotionModel) -> dict[str, Any]:
+    """A model as plain data, second parameters of effects included, for which vehicle files have no place."""
+    return {
+        "name": model.name,
+        "settings": dict(model.settings),
+        "effects": list(model.effects),
+        "values": {parameter.name: np.asarray(parameter.array).tolist() for parameter in model.parameters},
+    }
+
+
+def model_from(plain: Mapping[str, Any]) -> MotionModel:
+    """The model that `plain_model` wrote down."""
+    model = must_be(MotionModel, build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"])))
+    values = plain["values"]
+    return model.with_parameters(*(replace(own, value=np.asarray(values[own.name])) for own in model.parameters))
+
+
+def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -> float:
+    """Share of the gap that closes on a recording held out.
+
+    Parameters
+    ----------
+    case : folder with vehicle.toml and closed.toml.
+    held_out : recording of the same true vehicle.
+    diagnosis : its "closed_model" is what `plain_model` makes of the closed model; without it closed.toml counts.
+    """
+    stated = vehicle(case / "vehicle.toml")
+    plain = diagnosis.get("closed_model")
+    try:
+        before = motion_model_of(stated)
+        after = model_from(plain) if plain else motion_model_of(vehicle(case / CLOSED))
+        mapping = case / COLUMNS
+        recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
+        found = closure(before, after, [recording], stated, EFFECTS, horizons=False)
+    except GreyboxError:
+        return -inf
+    return float(found.closed)

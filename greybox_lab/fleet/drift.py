@@ -1,0 +1,195 @@
+"""Which vehicle left where it was: a parameter that rises or falls along its recordings, jumps between two, or wanders.
+
+A vehicle's recordings, in the order of their odometer or time, are those of `hierarchy` with one more unknown: the
+change of one parameter, along x from 0 to 1 (slope), at once (step), or by increments at random (walk), see `changes`.
+Over the fleet vehicles are found at a false discovery rate (Benjamini & Hochberg, Controlling the false discovery rate,
+JRSS B 57 (1995)); changes found are taken out before T and W are estimated again, which they would else inflate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from greybox_id.base.shorthands import Array
+
+from .apart import Flags, FleetDistances, distances, spared, strangers
+from .changes import WALK, VehicleChange, changes_of, dismissed, shows, together
+from .hierarchy import Informed, Population, marginal, population, scattered
+
+RATE = 0.05
+"""False discovery rate."""
+LEAST = 4
+"""Recordings below which a change cannot be distinguished from scatter: two on either side of a step."""
+ROUNDS = 4
+"""How often changes are taken out and T and W estimated again."""
+Order = Sequence[np.ndarray[tuple[int], np.dtype[np.int64]]]
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """A fleet with its changes.
+
+    Attributes
+    ----------
+    population : without what changed: vehicles where their series begin.
+    changes : the likeliest change of every parameter of every vehicle that has enough recordings.
+    today, covariance : (vehicles, parameters) and (vehicles, parameters, parameters) where series end.
+    apart : (recordings,) which are set apart.
+    distances : of recordings from their vehicles.
+    """
+
+    population: Population
+    changes: tuple[VehicleChange, ...]
+    today: Array
+    covariance: Array
+    apart: Flags
+    distances: FleetDistances
+
+
+def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | None = None) -> Drifted:
+    """Find what changed, and which recordings lie apart.
+
+    Parameters
+    ----------
+    seen : what recordings say.
+    order : per vehicle, its recordings' numbers in the order in which they were driven.
+    x : per vehicle, from 0 to 1 along that order.
+    doubted : recordings that count less the further they lie from their vehicle.
+    """
+    count, size = seen.vector.shape
+    doubts = np.zeros(count, dtype=bool) if doubted is None else doubted
+    apart, weight, softly = strangers(seen), np.ones(count), np.ones(count)
+    taken: dict[int, list[VehicleChange]] = {}
+    found: Population | None = None
+    kept: frozenset[tuple[int, int, str, int]] = frozenset()
+    for turn in range(ROUNDS):
+        part = weight * ~apart
+        found = population(_without(seen, taken, order).weighted(part), found)
+        both = scattered(seen, found.scatter)
+        far = _far(seen, both, found, order, x, taken, (part, softly))
+        softly = np.where(apart | doubts, far.weights(size), 1.0)
+        changes = _all(softly, both, found, order, x)
+        taken = _refined(changes, softly, both, found, order, x)
+        far = _far(seen, both, found, order, x, taken, (part, softly))
+        now = frozenset((own.vehicle, own.parameter, own.kind, own.at) for own in changes if own.drifts)
+        was, apart = apart, spared(seen, far.apart())
+        weight = np.where(doubts, far.weights(size), 1.0)
+        if now == kept and np.array_equal(was, apart) and (turn or not (now or doubts.any())):
+            break
+        kept = now
+    assert found is not None
+    part = np.where(apart, softly, weight)  # for vehicles that changed: what shows a change is not left out
+    information, vector = both[0] * part[:, None, None], both[1] * part[:, None]
+    today, covariance = found.vehicle.copy(), found.covariance.copy()
+    told = {(own.vehicle, own.parameter): own for own in changes}
+    for vehicle, of in taken.items():
+        rows = order[vehicle]
+        end = together(information[rows], vector[rows], found, x[vehicle], of)
+        today[vehicle], covariance[vehicle] = end.mean[-1], end.covariance[-1] + found.unsure[vehicle]
+        told |= {(vehicle, own.parameter): own for own in end.changes}
+    return Drifted(found, tuple(told.values()), today, covariance, apart, far)
+
+
+def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order) -> Informed:
+    """What recordings say of the vehicle before it changed.
+
+    A walk is not taken out as it was estimated, which would take scatter with it: recordings are as good as unknown in
+    that parameter, by the variance of the walk.
+    """
+    information, vector = seen.information.copy(), seen.vector.copy()
+    for vehicle, changes in taken.items():
+        rows = order[vehicle]
+        for own in changes:
+            tied = information[rows][:, :, own.parameter]
+            if own.kind == WALK:
+                share = own.wander / (1.0 + own.wander * tied[:, own.parameter])
+                vector[rows] -= tied * (share * vector[rows, own.parameter])[:, None]
+                information[rows] -= share[:, None, None] * tied[:, :, None] * tied[:, None, :]
+            else:
+                vector[rows] -= tied * own.moved[:, None]
+    return replace(seen, information=information, vector=vector)
+
+
+def _far(
+    seen: Informed, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
+    taken: dict[int, list[VehicleChange]], weights: tuple[Array, Array],
+) -> FleetDistances:  # fmt: skip
+    """How far recordings lie from where their vehicles are by then.
+
+    Vehicles that changed are where all of their recordings have them, by their soft weights: what lies apart from where
+    a vehicle was may be what shows that it changed.
+    """
+    weight = weights[0].copy()
+    at, covariance = found.vehicle[seen.vehicle], found.covariance[seen.vehicle]
+    for vehicle, changes in taken.items():
+        rows = order[vehicle]
+        weight[rows] = part = weights[1][rows]
+        own = together(both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], found, x[vehicle], changes)
+        at[rows], covariance[rows] = own.mean, own.covariance
+    return distances(seen, both, at, covariance, weight)
+
+
+def _refined(
+    changes: Sequence[VehicleChange], weight: Array, both: tuple[Array, Array], found: Population, order: Order,
+    x: Sequence[Array],
+) -> dict[int, list[VehicleChange]]:  # fmt: skip
+    """The changes that were found, by vehicle, those of one vehicle estimated together."""
+    taken: dict[int, list[VehicleChange]] = {}
+    for own in changes:
+        if own.drifts:
+            taken.setdefault(own.vehicle, []).append(own)
+    for vehicle, of in taken.items():
+        rows = order[vehicle]
+        part = weight[rows]
+        taken[vehicle] = together(
+            both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], found, x[vehicle], of
+        ).changes
+    return taken
+
+
+def _all(
+    weight: Array, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array]
+) -> list[VehicleChange]:  # fmt: skip
+    """The changes of all vehicles; those found at the rate are taken out before the vehicle's others are looked for."""
+    information, vector = both[0] * weight[:, None, None], both[1] * weight[:, None]
+    size = len(found.mean)
+    dof = float(max(1, len(vector) - len(order)))  # with which the scatter of recordings is known
+    series = [own for own in range(len(order)) if len(order[own]) >= LEAST]
+    alone = marginal(Informed(information, vector, np.zeros(len(vector), dtype=np.int64), 1))
+    taken: dict[int, list[VehicleChange]] = {own: [] for own in series}
+    best: dict[int, list[VehicleChange]] = {}
+    active = list(series)
+    for _ in range(size):
+        for own in active:
+            rows = order[own]
+            best[own] = [
+                each if shows(each, alone[0][rows], alone[1][rows]) else dismissed(each)
+                for each in changes_of(own, information[rows], vector[rows], found, x[own], taken[own], dof)
+            ]
+        firsts = {own: min(best[own], key=lambda each: each.p) for own in active if best[own]}
+        hits = _discovered([own.p for own in firsts.values()])
+        active = [own for own, hit in zip(firsts, hits, strict=True) if hit]
+        for own in active:
+            taken[own].append(replace(firsts[own], drifts=True))
+        if not active:
+            break
+    changes: list[VehicleChange] = []
+    for own in series:
+        done = {each.parameter for each in taken[own]}
+        changes += [*taken[own], *(each for each in best.get(own, ()) if each.parameter not in done)]
+    return changes
+
+
+def _discovered(p: Sequence[float]) -> list[bool]:
+    """Which of several hypotheses are rejected at the false discovery rate."""
+    if not p:
+        return []
+    order = np.argsort(p)
+    passed = np.flatnonzero(np.sort(p) <= RATE * np.arange(1, len(p) + 1) / len(p))
+    found = np.zeros(len(p), dtype=bool)
+    if len(passed):
+        found[order[: passed[-1] + 1]] = True
+    return [bool(own) for own in found]

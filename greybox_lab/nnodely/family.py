@@ -1,0 +1,142 @@
+"""Which models of the MS-NN family the outputs of a file are, and how they hang together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput
+
+from .evaluation import evaluate
+from .lateral import lateral
+from .local_models import PROBES, SAME, leaves
+from .longitudinal import longitudinal
+from .network import Network
+from .recognised import NetworkPart
+from .roles import assignments
+
+READERS = {
+    "msnn_lat": (lateral, ("v_x", "steer", "a_x"), ("v_x", "steer")),
+    "msnn_long": (longitudinal, ("v_x", "motor_current", "steer", "a_y"), ("v_x", "motor_current")),
+}
+"""Model -> what reads it, the signals it may take, and those it cannot do without."""
+MOST_OUTPUTS = 5
+
+
+@dataclass(frozen=True)
+class NetworkFamily:
+    """What a file holds.
+
+    Attributes
+    ----------
+    parts : MS-NN-lat, MS-NN-long, or both; in this order.
+    notes : sentences for the user.
+    """
+
+    parts: tuple[NetworkPart, ...]
+    notes: tuple[str, ...]
+
+
+def recognise(network: Network, said: Mapping[str, str]) -> NetworkFamily:
+    """Understand every output of a file.
+
+    Raises
+    ------
+    BadInput : an output is no model of the family; the sentence names what was not understood.
+    """
+    relations = list(dict.fromkeys(network.outputs.values()))
+    if not 0 < len(relations) <= MOST_OUTPUTS:
+        raise network.wrong(f"it has {len(relations)} outputs; 1 to {MOST_OUTPUTS} are read.")
+    derived = [own for own in relations if len(set(relations).intersection(network.order(own))) > 1]
+    parts = [_part(network, own, said) for own in relations if own not in derived]
+    models = [part.model for part in parts]
+    if len(set(models)) < len(models):
+        raise network.wrong(f"{len(models)} outputs are {models[0]}; save one model per file (saveModel(models=...)).")
+    parts.sort(key=lambda part: list(READERS).index(part.model))
+    for part in parts:
+        _must_be_ahead(network, part)
+    _must_accelerate(network, parts, derived)
+    return NetworkFamily(tuple(parts), _loops(network, parts, derived))
+
+
+def _part(network: Network, output: str, said: Mapping[str, str]) -> NetworkPart:
+    nearest = {network.relations[name].operation for name in leaves(network, output, ("Fir", "Linear"))[0]}
+    model = "msnn_long" if "Linear" in nearest else "msnn_lat"
+    reader, signals, needed = READERS[model]
+    found: list[NetworkPart] = []
+    errors: list[BadInput] = []
+    ways = list(assignments(network, output, signals, needed, said))
+    for roles in ways:
+        try:
+            found.append(reader(network, output, roles))
+        except BadInput as error:
+            errors.append(error)
+    if len(found) == 1:
+        return found[0]
+    if len(ways) == 1:
+        raise errors[0]
+    if not ways:
+        raise network.wrong(f"output {output} follows from too little: {model} needs {' and '.join(needed)}.")
+    unclear = ", ".join(name for name in ways[0] if len({roles[name] for roles in ways}) > 1)
+    hint = f"say what {unclear[:200]} are with ‹inputs› SIGNAL=INPUT ({', '.join(signals)})."
+    if found:
+        raise network.wrong(f"the names of its inputs do not tell which signal is which; {hint}")
+    raise BadInput(f"{errors[0]} If that is because of names, {hint}")
+
+
+def _must_be_ahead(network: Network, part: NetworkPart) -> None:
+    """What training compared with an output has to be the sample after the window."""
+    names = {part.relation, *(name for name, relation in network.outputs.items() if relation == part.relation)}
+    for pair in network.targets:
+        for own, other in (pair, pair[::-1]):
+            target = network.relations.get(other)
+            if own not in names or target is None or target.operation not in ("SamplePart", "TimePart"):
+                continue
+            ends = target.rest[1] if len(target.rest) > 1 else None
+            if isinstance(ends, list) and len(ends) == 2 and ends[-1] in (0, 0.0):
+                raise network.wrong(
+                    f"{part.relation} was trained to give the newest sample of {', '.join(target.inputs)[:100]}; "
+                    "models here give the sample after it (next() in place of last())."
+                )
+
+
+def _must_accelerate(network: Network, parts: list[NetworkPart], derived: list[str]) -> None:
+    """Outputs that follow from others have to be the lateral acceleration, which closes the loop."""
+    rng = np.random.default_rng(0)
+    turning = next((part for part in parts if part.model == "msnn_lat"), None)
+    for name in derived:
+        if turning is not None:
+            speed = next(own for own, signal in turning.roles.items() if signal == "v_x")
+            given = {own: rng.uniform(0.5, 2.0, (PROBES, 1, 1)) for own in network.inputs}
+            rate = rng.uniform(0.5, 2.0, (PROBES, 1, 1))
+            try:
+                value = evaluate(network, name, given | {turning.relation: rate})
+            except BadInput:
+                value = np.full_like(rate, np.nan)
+            if value.shape == rate.shape and np.allclose(value, rate * given[speed], rtol=SAME):
+                continue
+        raise network.wrong(f"output {name} follows from another output and is not the yaw rate times the newest v_x.")
+
+
+def _loops(network: Network, parts: list[NetworkPart], derived: list[str]) -> tuple[str, ...]:
+    """What is to be said of loops. Raises `BadInput` where one is closed by something else than the family's."""
+    roles = {name: signal for part in parts for name, signal in part.roles.items()}
+    closed = {name: own for name, own in network.inputs.items() if own is not None and name in roles}
+    closing = {"a_x": [part.relation for part in parts if part.output == "a_x"], "a_y": derived}
+    for name, own in closed.items():
+        if network.outputs.get(own, own) not in closing.get(roles[name], ()):
+            raise network.wrong(
+                f"input {name} is fed back from {own[:60]}; MS-NN-full feeds a_x back from its prediction and a_y from "
+                "yaw rate times speed."
+            )
+    if len(parts) < 2:
+        return ()
+    found = [
+        "in closed loop a_y is the predicted yaw rate times the speed of the same sample; nnodely multiplies by the "
+        "speed one sample before. One sample ahead (open loop) both are the same."
+    ]
+    if len({roles[name] for name in closed}) < 2:
+        found.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but in open loop.")
+    return tuple(found)

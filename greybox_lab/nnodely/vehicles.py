@@ -1,0 +1,218 @@
+"""Vehicles that other tools state: tyre property files, Autoware's, f1tenth_gym's and CommonRoad's parameter files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from pathlib import Path
+from typing import Any
+
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.safe_yaml import read_yaml
+from greybox_id.models.tyre_file import DIGITS, read_tyre_file
+from greybox_id.models.vehicle import ChosenModel, Stated, Vehicle
+
+G = 9.81
+SUFFIXES = (".tir", ".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class ImportedVehicle:
+    """What was made of a file.
+
+    Attributes
+    ----------
+    vehicle : what it states, each number with its source.
+    kind : what the file is, for people.
+    notes : sentences for the user.
+    """
+
+    vehicle: Vehicle
+    kind: str
+    notes: tuple[str, ...]
+
+
+def import_vehicle(path: str | Path) -> ImportedVehicle:
+    """A vehicle from a file of another tool.
+
+    Parameters
+    ----------
+    path : a .tir file, or a .yaml file: Autoware's vehicle_info.param.yaml, f1tenth_gym's parameters, CommonRoad's
+        vehicle or tyre parameters.
+
+    Raises
+    ------
+    BadInput : it is none of these, or a number in it is none or cannot be.
+    """
+    file = Path(path)
+    if file.suffix.lower() == ".tir":
+        return _of_tyre(file)
+    table = _inner(read_yaml(path))
+    if not isinstance(table, Mapping):
+        raise BadInput(f"{path}: no table of parameters; {_KNOWN}")
+    for needed, read in _KINDS:
+        if needed <= {key for key in table if isinstance(key, str)}:
+            return read(table, file)
+    raise BadInput(f"{path}: not understood; {_KNOWN}")
+
+
+_KNOWN = (
+    "understood are Autoware's vehicle_info.param.yaml (wheel_base, wheel_tread, ...), f1tenth_gym's parameters (mu, "
+    "C_Sf, lf, lr, m, I) and CommonRoad's (m, a, b, I_z, or tire)."
+)
+
+
+def _inner(table: Any) -> Any:
+    """What lies under the names of a ROS node."""
+    for _ in range(4):
+        if isinstance(table, Mapping) and len(table) == 1:
+            ((key, inner),) = table.items()
+            if isinstance(inner, Mapping) and key != "tire":
+                table = inner
+    return table
+
+
+class _Numbers:
+    """Numbers of a table, each with the file and key it comes from."""
+
+    def __init__(self, table: Mapping[str, Any], file: Path, kind: str) -> None:
+        self.table, self.file, self.kind, self.used = table, file, kind, set[str]()
+
+    def has(self, key: str) -> bool:
+        return key in self.table
+
+    def of(self, key: str, above: float | None = 0.0) -> float:
+        value = self.table.get(key)
+        self.used.add(key)
+        if isinstance(value, str):  # YAML 1.1 takes 10e3 for a text
+            try:
+                value = float(value)
+            except ValueError:
+                value = None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or abs(value) > 1e12:
+            raise BadInput(f"{self.file}: {key} must be a finite number, not {self.table.get(key)!r:.60}; mend it.")
+        if above is not None and value <= above:
+            raise BadInput(f"{self.file}: {key} = {value:g} must be above {above:g}; mend it.")
+        return float(value)
+
+    def stated(self, key: str) -> Stated:
+        return Stated(self.of(key), source=self.source(key))
+
+    def source(self, words: str) -> str:
+        return f"{self.kind} {self.file.name}: {words}"
+
+    def left(self) -> list[str]:
+        return sorted(str(key) for key in self.table if key not in self.used)
+
+    def notes(self) -> list[str]:
+        left = self.left()
+        more = f" and {len(left) - 12} more" if len(left) > 12 else ""
+        return [f"ignored: {', '.join(left[:12])}{more}"] if left else []
+
+
+def _of_tyre(file: Path) -> ImportedVehicle:
+    tyre = read_tyre_file(file)
+    notes = [f"ignored: {', '.join(tyre.ignored)}"] if tyre.ignored else []
+    notes.append("both axles have this tyre; mass, inertia and lengths are not in such a file: state them")
+    vehicle = Vehicle(file.stem, tyre.stated(), about=f"tyres of {file.name}, Magic Formula {tyre.version}")
+    return ImportedVehicle(vehicle, f"tyre property file, Magic Formula {tyre.version}", tuple(notes))
+
+
+def _of_autoware(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
+    own = _Numbers(table, file, "Autoware")
+    base = own.of("wheel_base")
+    between = Stated(base / 2, base / sqrt(12), 0.0, base, own.source("wheel_base; anywhere between the axles"))
+    values = {"l_f": between, "l_r": between}
+    values |= {name: own.stated("wheel_tread") for name in ("track_f", "track_r") if own.has("wheel_tread")}
+    if own.has("wheel_radius"):
+        values["wheel_radius"] = own.stated("wheel_radius")
+    limit = own.of("max_steer_angle") if own.has("max_steer_angle") else None
+    notes = [
+        "the file says how far apart the axles are, not where the centre of gravity lies: state l_f and l_r",
+        "mass, inertia and tyres are not in such a file: state them",
+        *own.notes(),
+    ]
+    vehicle = Vehicle(file.name.partition(".")[0], values, steer_max=limit, about=f"from Autoware's {file.name}")
+    return ImportedVehicle(vehicle, "Autoware's vehicle_info", tuple(notes))
+
+
+def _of_gym(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
+    own = _Numbers(table, file, "f1tenth_gym")
+    names = {"m": "m", "I": "I_z", "lf": "l_f", "lr": "l_r", "h": "h_cg"}
+    values = {name: own.stated(key) for key, name in names.items() if own.has(key)}
+    m, l_f, l_r, mu = own.of("m"), own.of("lf"), own.of("lr"), own.of("mu")
+    for suffix, other in (("f", l_r), ("r", l_f)):
+        stiffness = mu * own.of(f"C_S{suffix}") * m * G * other / (l_f + l_r)
+        values[f"C_alpha_{suffix}"] = Stated(stiffness, source=own.source(f"mu C_S{suffix} times the static load"))
+        values[f"mu_{suffix}"] = own.stated("mu")
+    limit = own.of("s_max") if own.has("s_max") else None
+    effects = {"steering_rate_limit": own.stated("sv_max")} if own.has("sv_max") else {}
+    model = ChosenModel("single_track", {"tyre": "linear"}, effects)
+    vehicle = Vehicle(file.stem, values, steer_max=limit, model=model, about=f"from f1tenth_gym's {file.name}")
+    return ImportedVehicle(vehicle, "f1tenth_gym's parameters", tuple(own.notes()))
+
+
+def _of_commonroad(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
+    own = _Numbers(table, file, "CommonRoad")
+    names = {"m": "m", "I_z": "I_z", "a": "l_f", "b": "l_r", "h_cg": "h_cg", "T_f": "track_f", "T_r": "track_r",
+             "R_w": "wheel_radius", "I_y_w": "I_w"}  # fmt: skip
+    values = {name: own.stated(key) for key, name in names.items() if own.has(key)}
+    if own.has("T_sb"):
+        values["brake_split_front"] = own.stated("T_sb")
+    if own.has("T_se"):
+        values["drive_split_front"] = Stated(own.of("T_se", above=None), source=own.source("T_se"))
+    limit, model = None, None
+    steering = table.get("steering")
+    if isinstance(steering, Mapping):
+        own.used.add("steering")
+        inner = _Numbers(steering, file, "CommonRoad")
+        limit = inner.of("max") if inner.has("max") else None
+        if inner.has("v_max"):
+            model = ChosenModel("single_track", {}, {"steering_rate_limit": inner.stated("v_max")})
+    tyres = table.get("tire")
+    if isinstance(tyres, Mapping):
+        own.used.add("tire")
+        values |= _tyres(tyres, file)
+    notes = [] if isinstance(tyres, Mapping) else ["tyres are in CommonRoad's parameters_tire.yaml: import that, too"]
+    vehicle = Vehicle(file.stem, values, steer_max=limit, model=model, about=f"from CommonRoad's {file.name}")
+    return ImportedVehicle(vehicle, "CommonRoad's vehicle parameters", (*notes, *own.notes()))
+
+
+def _of_commonroad_tyre(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
+    held = table.get("tire", table)
+    if not isinstance(held, Mapping):
+        raise BadInput(f"{file}: tire must be a table of parameters; mend it.")
+    values = _tyres(held, file)
+    notes = (
+        "ignored: longitudinal and combined slip, camber, shifts of the curve",
+        "mass, inertia and lengths are not in this file: state them",
+    )
+    return ImportedVehicle(
+        Vehicle(file.stem, values, about=f"tyres of CommonRoad's {file.name}"), "CommonRoad's tyre parameters", notes
+    )
+
+
+def _tyres(table: Mapping[str, Any], file: Path) -> dict[str, Stated]:
+    """B, C, D, E from coefficients of the Magic Formula at the nominal load; K = p_ky1 F_z."""
+    own = _Numbers(table, file, "CommonRoad")
+    C, D, E, K = own.of("p_cy1"), own.of("p_dy1"), own.of("p_ey1", above=None), abs(own.of("p_ky1", above=None))
+    if not K:
+        raise BadInput(f"{file}: p_ky1 must not be zero; mend it.")
+    found = {"B": (float(f"{K / (C * D):.{DIGITS}g}"), "p_ky1 over p_cy1 p_dy1"), "C": (C, "p_cy1"),
+             "D": (D, "p_dy1"), "E": (E, "p_ey1")}  # fmt: skip
+    return {
+        f"{letter}_{suffix}": Stated(value, source=own.source(words))
+        for letter, (value, words) in found.items()
+        for suffix in "fr"
+    }
+
+
+_KINDS: tuple[tuple[set[str], Callable[[Mapping[str, Any], Path], ImportedVehicle]], ...] = (
+    ({"wheel_base"}, _of_autoware),
+    ({"mu", "C_Sf", "C_Sr", "lf", "lr", "m"}, _of_gym),
+    ({"m", "a", "b", "I_z"}, _of_commonroad),
+    ({"tire"}, _of_commonroad_tyre),
+    ({"p_cy1", "p_ky1"}, _of_commonroad_tyre),
+)
+"""Keys that tell a kind of file -> how it is read."""

@@ -1,0 +1,1 @@
+"""Synthetic cars, made from a seed; no code is shared with the models."""

@@ -1,0 +1,369 @@
+"""Driving the virtual vehicle: a recording of what its sensors read and the truth beside it, or step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+from types import MappingProxyType
+
+import numpy as np
+
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording
+
+from .car import VirtualCar
+from .driver import Driver, driver
+from .effects import ALL, complete
+from .layout import OPEN_DRIVE, READABLE, ROAD, ROW_TRUTH, TURN, YAW, Car, Grid, Row, X, Y
+from .loop import STEP, first_moment, simulator
+from .manoeuvres import closed_road, planned, robot, steering_robot
+from .record import NOMINAL, Forms, other, record
+from .sensors import Motion, hung, instants, noisy, read
+
+_STREAMS = ("road", "plan", "forms", "when", "sensors", "noise", "drops", "gusts", "wind")
+
+
+class Simulation:
+    """A vehicle that carries out a plan; parameters as of `loop.simulator`.
+
+    Parameters
+    ----------
+    steps : how many there can be.
+    start : (3,) v_x, v_y, yaw_rate at the first row.
+
+    Attributes
+    ----------
+    done : steps that were taken.
+    state : (STATES,) as it is now.
+    commands, readable, truth : (rows, 2), (steps, 2, k) and (rows, k), as of `loop.simulator`; zero from `done` on.
+    """
+
+    def __init__(
+        self, car: Car, knows: Driver, road: Grid, spacing: float, plan: Grid, first: int, hold: int, steps: int,
+        start: Row, gusts: Row,
+    ) -> None:  # fmt: skip
+        self._given = (car, knows, road, spacing, plan, first, hold, gusts)
+        self._now = first_moment(car, start)
+        self.state = self._now.s
+        self.plan, self.steps, self.done = plan, steps, 0
+        self.commands, self.truth = np.zeros((len(plan), 2)), np.zeros((len(plan), len(ROW_TRUTH)))
+        self.readable = np.zeros((steps, 2, len(READABLE)))
+
+    def advance(self, to: int) -> None:
+        """Take steps until so many are done."""
+        simulator()(*self._given, self._now, self.done, to, self.commands, self.readable, self.truth)
+        self.done = to
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened in a recording.
+
+    Attributes
+    ----------
+    car : that was driven.
+    effects : magnitudes of all effects that were not at their null, small ones of the car included, and the second
+        parameters that were given or drawn.
+    forms : mathematical forms.
+    states : name -> (n,) just after every row's time: v_x, v_y, yaw_rate, a_x, a_y at the centre of gravity,
+        yaw_acceleration, roll, roll_acceleration and `layout.ROW_TRUTH`; SI units.
+    readings : name -> (n,) what sensors read without noise, and before readings hang.
+    """
+
+    car: VirtualCar
+    effects: Mapping[str, float]
+    forms: Forms
+    states: Mapping[str, Row]
+    readings: Mapping[str, Row]
+
+
+@dataclass(frozen=True)
+class MadeRecording:
+    """A vehicle in the form in which it is simulated."""
+
+    car: VirtualCar
+    effects: Mapping[str, float]
+    forms: Forms
+    rng: Mapping[str, np.random.Generator]
+    hold: int
+
+    def recorded(
+        self, name: str, plan: Grid, road: Grid, spacing: float, run_in: int, start: Row,
+        spoilt: tuple[float, float, float, float],
+    ) -> tuple[Recording, Truth]:  # fmt: skip
+        """Carry out a plan; spoilt: noise, colour, outliers, quantisation."""
+        car, size = self.car, self.car.size
+        ridden = self.simulation(plan, road, spacing, run_in, start)
+        ridden.advance(ridden.steps)
+        commands, readable, truth = ridden.commands, ridden.readable, ridden.truth
+        if not np.all(np.isfinite(readable)):
+            raise BadInput(f"{name}: the simulated motion blew up; the vehicle or its effects are beyond all bounds.")
+
+        period, rows = self.hold * STEP, len(plan) - run_in
+        time = np.asarray(period * np.arange(rows), float)
+        motion = Motion(readable, run_in * self.hold)
+        when = instants(time, self._complete, self.forms.latency == "jittering", self.rng["when"])
+        known = {**car.parameters, "top_speed": size.top_speed}
+        clean = read(motion, when, self._complete, known, self.rng["sensors"])
+        sd = {signal: spoilt[0] * own for signal, own in car.noise.items()}
+        read_ones = noisy(clean, sd, period, *spoilt[1:], self.rng["noise"])
+        read_ones = hung(read_ones, time, self._complete, self.rng["drops"])
+
+        signals = {**read_ones, "steer": commands[run_in:, 0], car.drive_channel: commands[run_in:, 1]}
+        now = readable[run_in * self.hold : len(plan) * self.hold : self.hold, 0]
+        states = {signal: now[:, k] for k, signal in enumerate(READABLE)}
+        states |= {signal: truth[run_in:, k] for k, signal in enumerate(ROW_TRUTH)}
+        there = {key: value for key, value in self._asked.items() if key not in ALL or value != ALL[key].null}
+        return Recording(name, time, signals), Truth(car, there, self.forms, states, clean)
+
+    def simulation(self, plan: Grid, road: Grid, spacing: float, run_in: int, start: Row) -> Simulation:
+        """The vehicle before the first row of a plan."""
+        effects = self._complete
+        steps = len(plan) * self.hold + ceil(8.0 * effects["timestamp_jitter"] / STEP) + 1
+        gusts = self._gusts(effects["side_gusts"], steps)
+        own = record(self.car, effects, self.forms)
+        return Simulation(own, driver(self.car), road, spacing, plan, run_in, self.hold, steps, start, gusts)
+
+    @cached_property
+    def _asked(self) -> dict[str, float]:
+        """Effects, small ones included; the direction of a wind is drawn where it is not given."""
+        asked = combined(self.car.small, self.effects)
+        if asked.get("wind_gust", 0.0) != 0.0 and "wind_direction" not in asked:
+            asked["wind_direction"] = float(self.rng["wind"].uniform(-np.pi, np.pi))
+        return asked
+
+    @cached_property
+    def _complete(self) -> dict[str, float]:
+        return complete(self._asked, self.car.size)
+
+    def _gusts(self, sd: float, steps: int) -> Row:
+        """Wind across, m/s, that changes within a second by scale."""
+        if sd == 0.0:
+            return np.zeros(1)
+        coarse = 20
+        n, keeps = steps // coarse + 2, np.exp(-coarse * STEP / (0.8 * self.car.size.time))
+        shocks, values = self.rng["gusts"].standard_normal(n), np.zeros(n)
+        for k in range(1, n):
+            values[k] = keeps * values[k - 1] + np.sqrt(1.0 - keeps**2) * shocks[k]
+        return np.asarray(sd * np.interp(np.arange(steps) / coarse, np.arange(n), values))
+
+
+def made(car: VirtualCar, effects: Mapping[str, float], forms: str | Forms, seed: int, rate: float) -> MadeRecording:
+    """A vehicle with effects in its forms, with all that is random drawn by a seed; parameters as for `drive.drive`."""
+    hold, rng = _hold(rate), _streams(seed)
+    return MadeRecording(car, effects, _forms(forms, rng["forms"]), rng, hold)
+
+
+def combined(*several: Mapping[str, float]) -> dict[str, float]:
+    """Effects acting together: factors multiply, what is added adds, of limits the smallest holds."""
+    total: dict[str, float] = {}
+    for effects in several:
+        for name, value in effects.items():
+            null = ALL[name].null if name in ALL else None
+            if name not in total or null is None:
+                total[name] = value
+            elif null == 0.0:
+                total[name] += value
+            elif null == 1.0:
+                total[name] *= value
+            else:
+                total[name] = min(total[name], value)
+    return total
+
+
+def _hold(rate: float) -> int:
+    """Steps of the simulation between rows."""
+    hold = int(round(1.0 / (rate * STEP)))
+    if hold < 1 or abs(hold * STEP * rate - 1.0) > 1e-6:
+        raise BadInput(f"At {rate:g} rows a second no whole number of milliseconds lies between rows; take 50 or 100.")
+    return hold
+
+
+def _forms(forms: str | Forms, rng: np.random.Generator) -> Forms:
+    if isinstance(forms, Forms):
+        return forms
+    if forms not in ("nominal", "other"):
+        raise BadInput(f'Forms are "nominal", "other" or chosen one by one, not "{forms}".')
+    return NOMINAL if forms == "nominal" else other(rng)
+
+
+def _streams(seed: int) -> dict[str, np.random.Generator]:
+    """Randomness by purpose, so that what one draws does not change the others."""
+    return {name: np.random.default_rng((seed, k, 4099)) for k, name in enumerate(_STREAMS)}
+
+
+RUN_IN = 3.0
+"""Time, s, that a driver drives straight on before the first row."""
+
+
+def drive(
+    car: VirtualCar,
+    manoeuvre: str = "mixed",
+    duration: float = 90.0,
+    rate: float = 100.0,
+    effects: Mapping[str, float] = MappingProxyType({}),
+    forms: str | Forms = "nominal",
+    seed: int = 0,
+    *,
+    noise: float = 1.0,
+    colour: float = 0.0,
+    outliers: float = 0.0,
+    quantisation: float = 0.0,
+) -> tuple[Recording, Truth]:
+    """Let a driver drive a vehicle, and record it.
+
+    Row k's commands are applied at its time and held until the next row's; row k is read just after.
+
+    Parameters
+    ----------
+    car : the vehicle; its small effects act together with `effects`.
+    manoeuvre : one of `manoeuvres.MANOEUVRES`.
+    duration : s.
+    rate : rows a second; a whole number of simulation steps of 1 ms lies between rows.
+    effects : magnitudes by name, of the vocabulary or outside it, and second parameters; the direction of a wind is
+        drawn where it is not given.
+    forms : "nominal", those of models; "other", another one of everything, drawn; or chosen ones.
+    seed : draws all that is random.
+    noise : sd of the sensors over that of `car.noise`.
+    colour : share of the noise's variance that is correlated over 0.08 s.
+    outliers : share of readings that are off by 5 to 10 sd.
+    quantisation : step of readings over their sd.
+
+    Raises
+    ------
+    BadInput : an effect, a manoeuvre, a form or the rate is not known.
+    """
+    own = made(car, effects, forms, seed, rate)
+    size, rows = car.size, max(int(round(duration * rate)), 2)
+    run_in = ceil(RUN_IN * rate)
+    road, spacing = closed_road(size, float(own.rng["plan"].uniform(0.6, 0.88)), own.rng["road"])
+    plan = planned(manoeuvre, size, rows, run_in, rate, float(road[0, 4]), own.rng["plan"])
+    start = np.array([plan[0, 2], 0.0, 0.0])
+    name = f"{car.name}, {manoeuvre} {seed}"
+    return own.recorded(name, plan, road, spacing, run_in, start, (noise, colour, outliers, quantisation))
+
+
+def replay(
+    car: VirtualCar,
+    commands: Recording,
+    start: Mapping[str, float],
+    effects: Mapping[str, float] = MappingProxyType({}),
+    forms: str | Forms = "nominal",
+    seed: int = 0,
+    *,
+    noise: float = 0.0,
+    colour: float = 0.0,
+    outliers: float = 0.0,
+    quantisation: float = 0.0,
+) -> tuple[Recording, Truth]:
+    """Drive a vehicle by commands as they stand in a recording, with no driver.
+
+    Parameters
+    ----------
+    commands : one run with steer and the drive channel of the car, equally spaced.
+    start : v_x, v_y [m/s] and yaw_rate [rad/s] at the first row; its commands were in force for ever before.
+
+    Other parameters, what is raised : as for `drive`.
+    """
+    own = made(car, effects, forms, seed, 1.0 / commands.sample_time)
+    begin = np.array([start.get(name, 0.0) for name in ("v_x", "v_y", "yaw_rate")])
+    plan = robot(commands["steer"], commands[car.drive_channel])
+    nowhere = np.zeros((8, ROAD))
+    return own.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, outliers, quantisation))
+
+
+def steered(
+    car: VirtualCar,
+    name: str,
+    steer: Row,
+    speed: Row,
+    rate: float = 100.0,
+    effects: Mapping[str, float] = MappingProxyType({}),
+    forms: str | Forms = "nominal",
+    seed: int = 0,
+    *,
+    noise: float = 1.0,
+    colour: float = 0.0,
+) -> tuple[Recording, Truth]:
+    """Let a robot steer as told while a driver keeps a speed, as on a proving ground; straight on before.
+
+    Parameters
+    ----------
+    name : of the recording.
+    steer : (n,) road-wheel angle, rad, of every row.
+    speed : (n,) m/s, that the driver keeps as well as the vehicle lets him; it starts at the first one.
+
+    Other parameters, what is raised : as for `drive`.
+    """
+    own = made(car, effects, forms, seed, rate)
+    begin = np.array([speed[0], 0.0, 0.0])
+    plan = steering_robot(steer, speed)
+    return own.recorded(name, plan, np.zeros((8, ROAD)), 1.0, 0, begin, (noise, colour, 0.0, 0.0))
+
+
+class SteppedCar:
+    """A vehicle that is commanded from outside; it starts at x = y = yaw = 0, with commands of zero before.
+
+    Parameters
+    ----------
+    car : the vehicle; its small effects act together with `effects`.
+    v_x : m/s, at which it starts straight ahead.
+    duration : s, that it can be driven at most.
+    rate : commands a second; a whole number of simulation steps of 1 ms lies between them.
+    effects, forms, seed : as for `drive.drive`.
+
+    Raises
+    ------
+    BadInput : an effect, a form or the rate is not known.
+    """
+
+    def __init__(
+        self,
+        car: VirtualCar,
+        v_x: float,
+        duration: float,
+        rate: float = 50.0,
+        effects: Mapping[str, float] = MappingProxyType({}),
+        forms: str | Forms = "nominal",
+        seed: int = 0,
+    ) -> None:
+        own = made(car, effects, forms, seed, rate)
+        nothing = np.zeros(max(int(round(duration * rate)), 1))
+        self._hold = own.hold
+        start = np.array([v_x, 0.0, 0.0])
+        self._simulation = own.simulation(robot(nothing, nothing), np.zeros((8, ROAD)), 1.0, 0, start)
+
+    @property
+    def time(self) -> float:
+        """s, since the start."""
+        return self._simulation.done * STEP
+
+    @property
+    def motion(self) -> dict[str, float]:
+        """Where it is and how it moves, as it really is: x, y [m], yaw [rad], v_x, v_y [m/s], yaw_rate [rad/s]."""
+        s = self._simulation.state
+        names = ("v_x", "v_y", "yaw_rate", "x", "y", "yaw")
+        return {name: float(s[k]) for name, k in zip(names, (0, 1, 2, X, Y, YAW), strict=True)}
+
+    def step(self, steer: float, drive: float) -> None:
+        """Hold a command for a period: steering, rad, and drive, in the unit of the vehicle's channel.
+
+        Raises
+        ------
+        BadInput : the duration is over, or the motion has blown up.
+        """
+        now = self._simulation
+        row = now.done // self._hold
+        if row >= len(now.plan):
+            raise BadInput(f"The drive was to last {self.time:g} s; start it with a longer duration.")
+        now.plan[row, TURN], now.plan[row, OPEN_DRIVE] = steer, drive
+        now.advance(now.done + self._hold)
+        if not np.all(np.isfinite(now.state)):
+            raise BadInput(f"The simulated motion blew up after {self.time:g} s.")
+
+    def truth(self) -> dict[str, Row]:
+        """Name -> (rows,) just after each command so far: road-wheel angle, forces, loads and slips, as in `Truth`."""
+        rows = self._simulation.done // self._hold
+        return {name: self._simulation.truth[:rows, k] for k, name in enumerate(ROW_TRUTH)}

@@ -1,0 +1,214 @@
+"""Proposals for recordings in disguise: what is decided is right, what is not is asked."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from greybox_id.datasets.column_map import parse_column_map
+from greybox_id.datasets.mapping import as_toml, propose
+from greybox_id.datasets.read import read
+from greybox_id.datasets.shipped import shipped
+
+TRUE = read(shipped("racer_train"), "roboracer")
+HABITS = {
+    "v_x": ("vx", "speed", "velocity_x", "Vx_mps", "vehicle speed [m/s]", "v_long", "longitudinal_velocity", "Tacho"),
+    "yaw_rate": ("yawrate", "gyro_z", "psi_dot", "YawRate", "yaw_rate_rad_s", "wz", "r", "Giergeschwindigkeit"),
+    "a_x": ("ax", "acc_x", "long_acc", "AccX", "a_x [m/s^2]", "beschl_laengs"),
+    "a_y": ("ay", "acc_y", "lat_acc", "AccY", "lateral_acceleration"),
+    "steer": ("delta", "steering_angle", "steer", "RoadWheelAngle", "delta_f [rad]", "servo_angle"),
+    "x": ("x", "pos_x", "px", "pose_x"),
+    "y": ("y", "pos_y", "py", "pose_y"),
+    "yaw": ("yaw", "psi", "heading", "yaw_angle"),
+    "time": ("t", "time", "Time [s]", "timestamp", "elapsed_time"),
+}
+PLAIN = {"v_x": "speed", "yaw_rate": "gyro_z", "a_x": "acc_x", "a_y": "acc_y", "steer": "steering",
+         "x": "px", "y": "py", "yaw": "heading", "time": "t"}  # fmt: skip
+OTHER = {"v_x": 3.6, "yaw_rate": 180 / np.pi, "a_x": 1 / 9.80665, "a_y": 1 / 9.80665, "steer": 180 / np.pi,
+         "yaw": 180 / np.pi}  # fmt: skip
+
+
+@pytest.fixture
+def disguised(tmp_path):
+    def disguised(names=PLAIN, factors=(), flipped=(), without=(), suffix=""):
+        columns = {names["time"]: TRUE.time}
+        for signal in ("a_y", "steer", "v_x", "x", "yaw", "yaw_rate", "y", "a_x"):
+            if signal not in without:
+                factor = (OTHER[signal] if signal in factors else 1.0) * (-1 if signal in flipped else 1)
+                columns[names[signal]] = TRUE[signal] * factor
+        columns["battery_voltage"] = 16 - 0.001 * TRUE.time
+        file = tmp_path / "lap.csv"
+        pd.DataFrame(columns).to_csv(file, index=False)
+        return file
+
+    return disguised
+
+
+def verdict(file, proposal):
+    """Signals that are decided and right, decided and wrong, and asked for."""
+    found = read(file, proposal.mapping())
+    right = {n for n in found.signals if np.allclose(found[n], TRUE[n], rtol=1e-6, atol=1e-9)}
+    return right, set(found.signals) - right, {entry.signal for entry in proposal.open}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_habits_of_naming_are_known(disguised, seed):
+    rng = np.random.default_rng(seed)
+    names = {signal: str(rng.choice(own)) for signal, own in HABITS.items()}
+    file = disguised(names)
+    right, wrong, asked = verdict(file, propose(file))
+    assert (right, wrong, asked) == (set(HABITS) - {"time"}, set(), set())
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [("v_x",), ("steer",), ("a_x", "a_y"), ("v_x", "yaw_rate", "steer"), tuple(OTHER)],
+)
+def test_units_that_nobody_states_are_told_by_the_other_channels(disguised, factors):
+    file = disguised(factors=factors)
+    right, wrong, asked = verdict(file, propose(file))
+    assert (right, wrong, asked) == (set(HABITS) - {"time"}, set(), set())
+
+
+@pytest.mark.parametrize("flipped", ["yaw_rate", "a_y", "steer", "a_x", "yaw"])
+def test_one_channel_that_counts_the_other_way_round_is_turned(disguised, flipped):
+    file = disguised(flipped=(flipped,))
+    right, wrong, asked = verdict(file, propose(file))
+    assert (right, wrong, asked) == (set(HABITS) - {"time"}, set(), set())
+
+
+def test_two_against_one_is_a_question_with_its_answer_beside_it(disguised):
+    file = disguised(flipped=("steer",), without=("x", "y", "yaw"))
+    proposal = propose(file)
+    _, wrong, asked = verdict(file, proposal)
+    assert (wrong, asked) == (set(), {"steer"})
+    (entry,) = proposal.open
+    assert entry.sign == -1
+    assert "contradicts" in " ".join(entry.reasons)
+    assert '#? steer = { column = "steering", unit = "rad", sign = -1 }' in as_toml(proposal, "car")
+
+
+def test_a_unit_that_nothing_tells_is_a_question(disguised):
+    file = disguised(without=("x", "y", "a_x", "a_y", "yaw", "steer"))
+    proposal = propose(file)
+    assert {entry.signal for entry in proposal.entries if not entry.decided} == {"v_x", "yaw_rate"}
+    assert not any(entry.decided for entry in proposal.entries)
+    text = as_toml(proposal, "car")
+    assert '#? v_x = { column = "speed", unit = "m/s" }\n#? v_x = { column = "speed", unit = "km/h" }' in text
+
+
+def test_a_name_that_says_nothing_is_asked_about_by_what_it_agrees_with(disguised):
+    file = disguised({**PLAIN, "steer": "ch7"}, flipped=("steer",))
+    (entry,) = propose(file).open
+    assert (entry.column, entry.signal, entry.sign, entry.units) == ("ch7", "steer", -1, ("rad",))
+
+
+def test_signals_that_no_column_looks_like_have_a_line_to_be_completed(disguised):
+    file = disguised({**PLAIN, **{name: f"ch{k}" for k, name in enumerate(PLAIN) if name != "time"}})
+    proposal = propose(file)
+    assert proposal.entries == ()
+    text = as_toml(proposal, "car")
+    for line in ("v_x = { column = %s, unit = 'm/s' }", "steer = { column = %s, unit = 'rad' }"):
+        assert f"#? {line}\n".replace("'", '"') % '"..."' in text
+    own = {"v_x": ("ch0", "m/s"), "yaw_rate": ("ch1", "rad/s"), "steer": ("ch4", "rad")}
+    for signal, (column, unit) in own.items():
+        asked = f'#? {signal} = {{ column = "...", unit = "{unit}" }}'
+        text = text.replace(asked, asked.removeprefix("#? ").replace("...", column))
+    found = read(file, parse_column_map(text, "car.toml"))
+    assert all(np.allclose(found[signal], TRUE[signal]) for signal in own)
+
+
+def test_a_motors_speed_is_counts_and_asked_for():
+    proposal = propose(shipped("racer_train"))
+    (entry,) = proposal.open
+    assert (entry.signal, entry.column) == ("v_x", "Speed")
+    assert entry.divide_by == pytest.approx(4244, rel=0.2)
+    assert {e.signal: e.unit for e in proposal.entries if e.decided and e.signal in ("a_x", "yaw_rate")} == {
+        "a_x": "g",
+        "yaw_rate": "deg/s",
+    }
+
+
+def test_a_hand_wheel_is_asked_for_its_ratio(disguised):
+    names = {**PLAIN, "steer": "SWA [deg]"}
+    file = disguised(names, factors=("steer",))
+    frame = pd.read_csv(file)
+    frame["SWA [deg]"] *= 16.0
+    frame.to_csv(file, index=False)
+    (entry,) = propose(file, wheelbase=0.33).open
+    assert entry.signal == "steer"
+    assert entry.divide_by == pytest.approx(16, rel=0.3)
+    assert "ratio" in " ".join(entry.reasons)
+
+
+@pytest.mark.parametrize("layout", [(";", ","), ("\t", ".")])
+def test_separators_and_decimals_are_seen(disguised, layout):
+    separator, decimal = layout
+    file = disguised()
+    pd.read_csv(file).to_csv(file, index=False, sep=separator, decimal=decimal)
+    proposal = propose(file)
+    assert (proposal.separator, proposal.decimal) == layout
+    assert not verdict(file, proposal)[1]
+
+
+def test_the_map_reads_as_it_was_proposed(disguised):
+    file = disguised(flipped=("a_y",), factors=("v_x",))
+    proposal = propose(file)
+    mapping = parse_column_map(as_toml(proposal, "car"), "car.toml")
+    again, before = read(file, mapping), read(file, proposal.mapping())
+    assert set(again.signals) == set(before.signals)
+    for name in again.signals:
+        np.testing.assert_array_equal(again[name], before[name])
+    assert "battery_voltage" in proposal.others
+
+
+REAL = {
+    "roboracer/train.csv": ("roboracer", {"v_x"}),
+    "roboracer/valid.csv": ("roboracer", {"v_x"}),
+    "roboracer/single_mass.csv": ("roboracer", {"v_x"}),
+    "roboracer/tire_set_1.csv": ("roboracer", {"v_x"}),
+    "truck/train.parquet": ("truck", {"steer"}),
+    "truck/val.parquet": ("truck", {"steer"}),
+    "revs_250lm/run1_first400s.csv.gz": ("revs_250lm", set()),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", list(REAL))
+def test_on_real_recordings_nothing_decided_is_wrong(real_data, file):
+    shipped_map, hard = REAL[file]
+    true = read(real_data / file, shipped_map)
+    proposal = propose(real_data / file)
+    found = read(real_data / file, proposal.mapping())
+    wrong = [n for n in found.signals if n in true and not np.allclose(found[n], true[n], equal_nan=True, rtol=1e-9)]
+    assert not wrong
+    assert {n for n in true.signals if n not in true.extra_units} - set(found.signals) <= hard
+    assert {entry.signal for entry in proposal.open} >= hard
+
+
+HEADING = {"time": "t", "v_x": "vx", "yaw_rate": "gyro_z", "steer": "delta", "yaw": "phi", "x": "px", "y": "py",
+           "a_x": "acc_x", "a_y": "acc_y"}  # fmt: skip
+
+
+@pytest.mark.parametrize("factors", [(), ("yaw",)])
+def test_a_heading_called_phi_is_asked_about_as_yaw(disguised, factors):
+    (entry,) = propose(disguised(HEADING, factors=factors)).open
+    assert (entry.column, entry.signal, entry.unit) == ("phi", "yaw", "deg" if factors else "rad")
+    assert "may be roll or heading" in " ".join(entry.reasons)
+
+
+def test_a_roll_angle_called_phi_is_a_question_that_says_what_else_it_may_be(disguised):
+    file = disguised(HEADING, without=("yaw",))
+    frame = pd.read_csv(file)
+    frame["phi"] = 0.03 * np.sin(frame["t"])
+    frame.to_csv(file, index=False)
+    (entry,) = propose(file).open
+    assert (entry.column, entry.signal) == ("phi", "roll")
+    assert "then write yaw instead of roll" in " ".join(entry.reasons)
+
+
+def test_omega_is_asked_about_as_yaw_rate(disguised):
+    proposal = propose(disguised({**PLAIN, "yaw_rate": "omega"}))
+    (entry,) = proposal.open
+    assert (entry.column, entry.signal, entry.unit) == ("omega", "yaw_rate", "rad/s")
+    assert "the angular velocity of a wheel or a motor" in " ".join(entry.reasons)
+    assert '#? yaw_rate = { column = "omega", unit = "rad/s" }' in as_toml(proposal, "car")

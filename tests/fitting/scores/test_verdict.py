@@ -1,0 +1,206 @@
+"""Verdicts: what is said of good fits, and of those that must not be used."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driven import driven
+
+from greybox_id.base.errors import BadInput
+from greybox_id.fitting import How, fit
+from greybox_id.fitting.choices.wanted import must_be_recorded
+from greybox_id.fitting.fit import load
+from greybox_id.fitting.judging import carried
+from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
+from greybox_id.fitting.scores.verdict import judged
+from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, weighed
+from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
+
+QUICK = How(horizon=1.0, start_from="measured")
+
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+
+
+def model():
+    """The full-size car's, but for its front tyres; few numbers are free."""
+    found = build("lateral", {"tyre": "linear"}, {}, vehicle("full_size_car"))
+    held = [replace(found[n], fixed=True, prior=None) for n in ("m", "C_alpha_r")]
+    free = [replace(found[n], prior=None) for n in ("I_z", "C_alpha_f")]
+    return found.with_parameters(*held, *free, ).with_parameters(
+        replace(found["C_alpha_f"], prior=None, value=0.6 * float(found["C_alpha_f"].array))
+    )  # fmt: skip
+
+
+def lap(seed, **signals):
+    recording = driven("lateral", runs=1, seed=seed, noise=0.3)
+    return recording.with_signals(**{n: change(recording[n]) for n, change in signals.items()})
+
+
+@pytest.fixture(scope="module")
+def good():
+    return fit(model(), [lap(0)], validate=lap(3), how=QUICK)
+
+
+def test_a_good_fit_that_was_validated_is_usable_and_says_why(good):
+    assert good.verdict.usability == USABLE
+    assert good.verdict.reasons[0] == "The optimum is confirmed."
+    assert "Held out, fit v_y" in good.verdict.reasons[1]
+    told = good.verdict.comparison["validate"]["1 s ahead"]["yaw_rate"]
+    assert told["rmse"] < 0.5 * told["persistence"]
+    assert told["rmse"] < 0.7 * told["unfitted"]
+    assert 80 < told["fit_percent"] <= 100
+
+
+def test_without_validation_a_fit_is_to_be_used_with_care():
+    found = fit(model(), [lap(0)], how=QUICK)
+    assert found.verdict.usability == WITH_CARE
+    assert "no recording was held out" in found.verdict.reasons[-1]
+
+
+def test_a_verdict_is_kept_in_the_file(good, tmp_path):
+    assert load(good.save(tmp_path / "fit.json"), build).verdict == good.verdict
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"yaw_rate": lambda v: np.full_like(v, 0.3)},
+        {"steer": lambda v: 0.05 * np.random.default_rng(0).standard_normal(len(v))},
+    ],
+    ids=["constant yaw rate", "steering that is noise"],
+)
+def test_nonsense_is_never_usable(spoilt):
+    found = fit(model(), [lap(0, **spoilt)], validate=lap(3, **spoilt), how=QUICK)
+    assert found.verdict.usability != USABLE
+
+
+def test_what_the_checks_distrust_makes_a_fit_not_usable():
+    wrong = driven("lateral", runs=1, seconds=40.0, noise=0.3)
+    wrong = wrong.with_signals(a_y=wrong["a_y"] / 9.81)
+    found = fit(model(), [wrong], validate=lap(3), how=QUICK)
+    assert found.verdict.usability == NOT_USABLE
+    assert found.verdict.reasons[0].startswith("Data check: a_y is")
+
+
+def test_parameters_that_do_not_carry_over_are_said(good):
+    assert carried(good.model, good, lap(3)) == []
+    wrong = good.model.with_parameters(good.model["C_alpha_f"].with_value(0.7 * float(good.model["C_alpha_f"].array)))
+    (why,) = carried(wrong, replace(good, model=wrong), lap(3))
+    assert why.at_best == WITH_CARE
+    assert "do not carry over" in why.sentence
+
+
+def test_an_optimum_that_is_not_confirmed_leaves_no_intervals_and_care(good):
+    stage = good.stages[-1]
+    unconfirmed = replace(stage, certificate=replace(stage.certificate, confirmed=False))
+    found = replace(good, stages=(unconfirmed,))
+    assert not found.confirmed
+    own, held = score_beside_hold(found.model, lap(3))
+    said = judged(found, {"validate": own}, held={"validate": held})
+    assert said.usability == WITH_CARE
+    assert "not confirmed" in said.reasons[0]
+    stuck = replace(found, stages=(replace(unconfirmed, steps=0),))  # shorter horizons had moved its numbers
+    assert judged(stuck, {"validate": own}, held={"validate": held}).usability == WITH_CARE
+    where_it_is = {p.name: float(p.array) for p in good.model.parameters if not p.fixed}
+    stuck = replace(stuck, how={**stuck.how, "unfitted": where_it_is})
+    assert judged(stuck, {"validate": own}, held={"validate": held}).usability == NOT_USABLE
+
+
+def test_a_fit_that_made_the_model_worse_is_not_usable(good):
+    own, held = score_beside_hold(good.model, lap(3))
+    better = {name: {o: replace(e, rmse=0.3 * e.rmse) for o, e in errors.items()} for name, errors in own.items()}
+    said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": better})
+    assert said.usability == NOT_USABLE
+    assert "3.3 times the errors of the unfitted model" in said.reasons[0]
+
+
+def test_one_output_that_was_made_worse_is_said(good):
+    own, held = score_beside_hold(good.model, lap(3))
+    before = {
+        name: {o: replace(e, rmse=e.rmse * (0.4 if o == "v_y" else 3.0)) for o, e in errors.items()}
+        for name, errors in own.items()
+    }
+    said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": before})
+    assert said.usability == WITH_CARE
+    assert "v_y: 2.5 times the RMSE of the unfitted model" in said.reasons[0]
+
+
+def test_errors_that_do_not_carry_over_are_said(good):
+    own, held = score_beside_hold(good.model, lap(3))
+    trained = {name: {o: replace(e, rmse=e.rmse / 3) for o, e in errors.items()} for name, errors in own.items()}
+    said = judged(good, {"train": trained, "validate": own}, held={"validate": held})
+    assert said.usability == WITH_CARE
+    assert "does not carry over" in said.reasons[0]
+
+
+def test_a_far_estimate_and_one_at_its_bound_are_said(good):
+    from greybox_id.models.parameter import Prior
+
+    far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 9.0))
+    own, held = score_beside_hold(good.model, lap(3))
+    changed = replace(good, model=good.model.with_parameters(far))
+    said = judged(changed, {"validate": own}, held={"validate": held})
+    assert said.usability == WITH_CARE
+    assert "I_z by 9 sd" in said.reasons[0]
+    value = float(good.model["I_z"].array)
+    bound = replace(good, model=good.model.with_parameters(replace(good.model["I_z"], bounds=(value, 2 * value))))
+    assert "I_z is at a bound." in judged(bound, {"validate": own}, held={"validate": held}).reasons
+
+
+def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
+    time = np.arange(100)
+    predicted = np.where(time < 40, 0.0, 10.0 ** (time - 40.0))[:, None]
+    measured = np.sin(0.3 * time)[:, None]
+    from greybox_id.engine.simulation import Prediction
+
+    found = Prediction(time, predicted, measured, np.where(time < 10, 0, 1))
+    error = prediction_errors(["v_y"], found, 0.1)["v_y"]
+    assert error.diverges == Divergence(2, pytest.approx(3.2, abs=0.11), 0.5, True)
+    assert error.rmse == np.inf
+    assert error.diverges.words == f"diverges after {error.diverges.after:.3g} s in run 2"
+    soon = prediction_errors(["v_y"], found, 0.1, 0.5)["v_y"]
+    assert soon.diverges.words == "diverges in 58 % of the predictions 0.5 s ahead"
+
+
+def test_a_fit_whose_predictions_diverge_is_not_usable(good):
+    own, held = score_beside_hold(good.model, lap(3))
+    astray = Divergence(2, 0.5, 0.6, False)
+    lost = {**own, "0.5 s ahead": {o: replace(e, rmse=np.inf, diverges=astray) for o, e in own["0.5 s ahead"].items()}}
+    said = judged(good, {"validate": lost}, held={"validate": held})
+    assert said.usability == NOT_USABLE
+    assert "diverges in 60 % of the predictions 0.5 s ahead" in said.reasons[0]
+
+
+def test_the_gravest_reason_decides():
+    reasons = [Reason(USABLE, "a"), Reason(NOT_USABLE, "c"), Reason(WITH_CARE, "b")]
+    assert weighed(reasons, {}).reasons == ("c", "b")
+    assert weighed(reasons, {}).usability == NOT_USABLE
+    assert weighed(reasons[:1], {}) == weighed([Reason(USABLE, "a")], {})
+
+
+def test_fit_percent_is_that_of_system_identification():
+    assert Error(0.5, 0.0, 0.25, 10, 2.0).fit_percent == pytest.approx(75.0)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(None, None, -1), None], ids=["one row", "reversed", "standing"])
+def test_a_recording_in_which_time_does_not_run_is_a_sentence(rows):
+    from greybox_id.datasets.recording import Recording
+
+    whole = lap(0)
+    if rows is None:
+        broken = Recording("r", np.ones(len(whole)), dict(whole.signals))
+    else:
+        broken = Recording("r", whole.time[rows], {n: v[rows] for n, v in whole.signals.items()})
+    with pytest.raises(BadInput, match="is its time reversed"):
+        fit(model(), [broken], how=QUICK)
+    with pytest.raises(BadInput, match="is its time reversed"):
+        must_be_recorded(model(), [broken])
+
+
+def test_many_missing_readings_are_no_traceback():
+    rng = np.random.default_rng(0)
+    holes = {n: (lambda v: np.where(rng.random(len(v)) < 0.4, np.nan, v)) for n in ("v_y", "yaw_rate", "a_y", "v_x")}
+    found = fit(model(), [lap(0, **holes)], how=QUICK)
+    assert found.verdict.usability == NOT_USABLE

@@ -1,0 +1,120 @@
+"""What runs have in common and how they scatter, on runs whose numbers are read directly."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from greybox_id.gap.changes.between_runs import Curve, Told, VaryingNumber, common, descended, explained, values_of
+
+NUMBERS = (
+    VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
+    VaryingNumber("varies", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
+)
+
+
+class Read:
+    """A ride is what is read of its numbers, and the standard deviation of that."""
+
+    numbers = NUMBERS
+
+    def cost(self, ride, x):
+        return 0.5 * float(np.sum(((x - ride.read) / ride.sd) ** 2))
+
+    def told(self, ride, x, moved=None):
+        del moved
+        g, H = (x - ride.read) / ride.sd**2, np.diag(1 / ride.sd**2)
+        return Told(self.cost(ride, x), g, H, g[None])
+
+
+def ride(read, sd):
+    return SimpleNamespace(read=np.asarray(read, float), sd=np.asarray(sd, float))
+
+
+def runs(count, scatter, sd, seed=0):
+    rng = np.random.default_rng(seed)
+    return [ride([3.0, 1.0 + scatter * rng.standard_normal() + sd * rng.standard_normal()], [0.01, sd])
+            for _ in range(count)]  # fmt: skip
+
+
+def test_values_stay_within_their_bounds():
+    assert values_of(NUMBERS, np.array([99.0, -99.0])) == {"shared": 50.0, "varies": -50.0}
+
+
+@pytest.mark.parametrize("scatter", [0.2, 1.0])
+def test_scatter_is_learned_from_many_runs(scatter):
+    known = common(Read(), runs(60, scatter, 0.1), {"varies": 0.5}, {"varies": 4.0})
+    for _ in range(4):
+        known = common(Read(), runs(60, scatter, 0.1), {"varies": 0.5}, {"varies": 4.0}, known)
+    assert known.scatter[1] == pytest.approx(scatter, rel=0.25)
+    assert known.scatter[0] == 0.0
+    assert known.x == pytest.approx([3.0, 1.0], abs=3 * scatter / np.sqrt(60))
+
+
+def test_runs_that_tell_nothing_leave_the_usual_scatter():
+    blind = [ride([3.0, 40.0 * (-1) ** k], [0.01, 1e4]) for k in range(6)]
+    known = common(Read(), blind, {"varies": 0.5}, {"varies": 4.0})
+    assert known.scatter[1] == pytest.approx(0.5, rel=0.05)
+
+
+def test_runs_stay_within_bounds_and_what_lies_beyond_is_no_scatter():
+    beyond = [ride([3.0, -80.0], [0.01, 1.0]) for _ in range(3)]  # the bound is at -50
+    known = common(Read(), beyond, {"varies": 0.5}, {"varies": 4.0})
+    firm = (
+        3 / 0.5**2
+    )  # of three runs at the bound; what is believed, 0 with an sd of 10, draws their mean a little back
+    assert known.x[1] == pytest.approx(-50.0 * firm / (firm + 1 / 10.0**2), abs=1e-4)
+    assert known.x[1] + known.deviations[:, 1] == pytest.approx(-50.0, abs=1e-9)
+    assert known.scatter[1] < 0.6
+
+
+def test_scatter_that_is_specified_is_not_learned():
+    known = common(Read(), runs(20, 2.0, 0.1), {"varies": 0.5}, {"varies": np.inf})
+    assert known.scatter[1] == 0.5
+
+
+def test_a_further_run_is_as_uncertain_as_the_mean_and_the_scatter():
+    known = common(Read(), runs(10, 0.5, 0.1), {"varies": 0.5}, {"varies": 4.0})
+    assert known.of_a_run[1, 1] == pytest.approx(known.covariance[1, 1] + known.scatter[1] ** 2)
+    assert known.of_a_run[0, 0] == pytest.approx(known.covariance[0, 0])
+
+
+def test_an_explanation_is_the_mean_of_belief_and_reading():
+    own = ride([2.0, 4.0], [1.0, 1.0])
+    found = explained(Read(), [own], np.zeros(2), np.zeros(2), np.diag([1.0, 3.0]))
+    assert found.x == pytest.approx([1.0, 3.0])
+    assert pytest.approx(np.diag([2.0, 4.0 / 3.0])) == found.H
+
+
+def test_what_would_leave_its_bounds_is_held_there():
+    own = ride([2.0, 400.0], [1.0, 1.0])
+    found = explained(Read(), [own], np.zeros(2), np.zeros(2), np.diag([1e6, 1e6]))
+    assert found.x == pytest.approx([2.0, 50.0], rel=1e-3)
+
+
+@pytest.mark.parametrize("known", [0.3, 1.0, 4.0])
+def test_a_hessian_that_is_wrong_by_a_factor_in_some_directions_leads_to_the_minimum_all_the_same(known):
+    rng = np.random.default_rng(3)
+    n = 12
+    ways = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    true = ways @ np.diag(np.geomspace(1.0, 1e5, n)) @ ways.T
+    told = ways @ np.diag(np.geomspace(1.0, 1e5, n) * np.where(np.arange(n) % 2, 1.0, known)) @ ways.T
+    best, counted = rng.standard_normal(n), []
+
+    def cost(u):
+        return 0.5 * float((u - best) @ true @ (u - best))
+
+    def curve(u):
+        counted.append(u)
+        return Curve(cost(u), true @ (u - best), told)
+
+    wide = np.full(n, 50.0)
+    _, found = descended(cost, curve, best + 0.3 * rng.standard_normal(n), -wide, wide)
+    assert found.cost < 0.3
+    assert len(counted) < 30
+    bound = best + wide
+    bound[0] = best[0] - 0.2
+    u, found = descended(cost, curve, best - 0.5, -wide, bound)
+    assert u[0] == pytest.approx(bound[0], abs=0.01)
+    rest = np.linalg.solve(true[1:, 1:], true[1:, 0] * 0.2)  # where the first is held at its bound
+    assert found.cost - cost(best + np.concatenate([[-0.2], rest])) < 0.5

@@ -1,0 +1,148 @@
+"""What changed between recordings of one car: grip that was lost is named with its size, and nothing is made up."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gap_cases import CAR, NUMBERS, lap, nominal
+
+from greybox_id.api.closed_vehicle import closed_vehicle
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording
+from greybox_id.gap.changes.between_runs import Told, VaryingNumber
+from greybox_id.gap.changes.search import Change, changes
+from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike
+from greybox_id.gap.changes.verb import diagnose_change, drifting, filtered_alike
+from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.vehicle import Stated, Vehicle
+
+TOLERANT = Vehicle(
+    "car",
+    {**NUMBERS, "I_z": Stated(NUMBERS["I_z"].value, 200.0), "B_f": Stated(NUMBERS["B_f"].value, 0.5)},
+    noise=CAR.noise,
+)
+
+
+def changed(effects, seconds=20.0, without=()):
+    def recorded(effects, seed):
+        own = lap(effects, seconds=seconds, seed=seed)
+        return replace(own, signals={name: values for name, values in own.signals.items() if name not in without})
+
+    before, after, held_out = [recorded({}, 1), recorded({}, 2)], [recorded(effects, 3)], [recorded(effects, 4)]
+    return diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT, held_out=held_out)
+
+
+def test_without_a_recording_from_before_nothing_can_have_changed():
+    with pytest.raises(BadInput, match="Since when"):
+        diagnose_change(nominal(), [lap(seconds=4.0)], [], EFFECTS, vehicle=CAR)
+
+
+@pytest.mark.slow
+def test_grip_that_was_lost_is_what_changed():
+    found = changed({"grip_scale": 0.6})
+    (own,) = found.changed
+    assert own["effect"] == "grip_scale"
+    assert own["magnitude"] == pytest.approx(0.6, abs=0.06)
+    assert own["before"] == pytest.approx(1.0, abs=0.05)
+    assert own["share"] > 0.5
+    assert {each["effect"] for each in found.not_changed} == set(found.scatter) - {"grip_scale"}
+    assert found.to_json()["since"] == ["lap1", "lap2"]
+
+
+@pytest.mark.slow
+def test_a_gyro_that_reads_later_is_no_delay_of_the_steering():
+    (own,) = changed({"sensor_latency_yaw": 0.08}, without=("v_y",)).changed
+    assert own["effect"] == "sensor_latency_yaw"
+    assert own["magnitude"] - own["before"] == pytest.approx(0.08, abs=0.02)
+
+
+def test_what_reads_v_y_reads_no_yaw_rate_that_is_late_alone():
+    late, read = EFFECTS["sensor_latency_yaw"], ("v_x", "yaw_rate")
+    assert acts(late, nominal(), read)
+    assert not acts(late, nominal(), (*read, "v_y"))
+    assert not acts(EFFECTS["sensor_latency_imu"], nominal(), read)  # whose accelerations are not read
+
+
+@pytest.mark.slow
+def test_where_nothing_changed_nothing_is_named():
+    found = changed({})
+    assert found.changed == []
+    assert set(found.scatter) <= set(USUAL)
+    wheelbase = NUMBERS["l_f"].value + NUMBERS["l_r"].value
+    assert all(0 < sd <= 1.2 * USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
+               for name, (_, sd) in found.scatter.items())  # fmt: skip
+    assert {own.effect for own in found.gap.ranking} <= set(USUAL)
+
+
+@pytest.mark.slow
+def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
+    before = [lap(seconds=20.0, seed=k) for k in (1, 2)]
+    after = [lap({"steering_delay": 0.12}, seconds=40.0, seed=3)]
+    found = diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT)
+    (own,) = found.changed
+    assert own["effect"] == "steering_delay"
+    assert own["magnitude"] == pytest.approx(0.12, abs=0.03)
+    assert closed_vehicle(found.vehicle, found.gap).model.effects["steering_delay"].value == own["magnitude"]
+
+
+def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
+    cost, elsewhere = CAL.cost_changed, CAL.cost_held_out
+    assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
+    assert Change(0, (1.0, 0.1), elsewhere + 0.5, elsewhere + 4.0).least == pytest.approx(0.5)
+    assert Change(0, (1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
+    assert Change(0, (1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
+
+
+def test_what_would_be_further_off_than_ever_changes_is_no_change():
+    far = Change(0, (1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.reach_sd)
+    assert far.least == -np.inf
+
+
+@pytest.mark.parametrize(("offsets", "said"), [([0.0, 0.02, 0.04], True), ([0.02, 0.0, 0.021], False)])
+def test_what_drifts_over_recordings_from_before_is_said(offsets, said):
+    known = SimpleNamespace(
+        deviations=np.array(offsets)[:, None], deviation_sds=np.full((3, 1), 0.002), varying=(0,),
+        numbers=(VaryingNumber("steering_offset", False, 0.0, 0.02, 1e-4, -0.2, 0.2, USUAL["steering_offset"]),),
+    )  # fmt: skip
+    names = [SimpleNamespace(name=f"lap{k}") for k in (1, 2, 3)]
+    found = drifting(known, {"steering_offset": "steering_offset"}, names)
+    assert bool(found) is said
+    assert not said or found[0].startswith("steering_offset drifts from lap1 to lap3")
+
+
+def test_nothing_is_asked_of_a_vehicle_of_which_nothing_is_stated():
+    with pytest.raises(BadInput, match="Of which vehicle"):
+        diagnose_change(nominal(), [lap(seconds=4.0)], [lap(seconds=4.0, seed=1)], EFFECTS, vehicle=None)
+
+
+def test_recordings_at_other_rates_have_passed_other_filters():
+    fast, slow = lap(seconds=4.0), lap(seconds=4.0, seed=1)
+    assert filtered_alike([fast, slow])
+    thinned = Recording("thin", slow.time[::3], {name: values[::3] for name, values in slow.signals.items()})
+    assert not filtered_alike([fast, thinned])
+
+
+def test_driven_alike_is_steered_and_as_fast_as_the_others_most_of_the_time():
+    def ride(steer, v_x, seconds=4.0):
+        time = np.arange(0.0, seconds, 0.05)
+        signals = {"steer": np.full(len(time), steer), "v_x": np.where(np.arange(len(time)) % 2, v_x, np.nan)}
+        return SimpleNamespace(recording=Recording("lap", time, signals))
+
+    left, right = ride(0.2, 2.0), ride(-0.1, 4.0)
+    assert driven_alike([ride(0.21, 2.1), right], [left, right]) == 1.0
+    assert driven_alike([ride(0.21, 4.0)], [left]) == 0.0  # of another speed
+    assert driven_alike([left, ride(0.5, 2.0)], [left]) == 0.5
+    assert driven_alike([left], [left, right]) == 0.5  # which says little of what they have in common
+    assert driven_alike([ride(0.2, 2.0, 0.5)], [left]) == 0.0  # not a second of it
+
+
+def test_where_nothing_may_be_named_nothing_is():
+    told = Told(1.0, np.zeros(1), np.eye(1), np.zeros((1, 1)))
+    number = VaryingNumber("yaw_rate_scale", True, 0.0, 0.1, 1e-3, -1.0, 1.0)
+    weigher = SimpleNamespace(numbers=(number,), told=lambda *_: told, cost=lambda *_: 1.0)
+    known = SimpleNamespace(weigher=weigher, of_a_run=np.eye(1), varying=(0,), numbers=(number,), x=np.zeros(1))
+    base, found = changes(known, ["ride"], ["other"], nameless=["yaw_rate_scale"])
+    assert found == []
+    assert base.cost == 1.0

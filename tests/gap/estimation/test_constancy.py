@@ -1,0 +1,137 @@
+"""A true cause has one magnitude everywhere; one that grows along a recording is seen to."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, axis, candidate, search_on
+from scipy.stats import kstest
+
+from greybox_id.gap.estimation.constancy import _stretched, spreads, stretch
+from greybox_id.gap.estimation.hypothesis import Start
+from greybox_id.gap.estimation.refit import refit
+
+ROWS, SD = 900, np.array([0.2, 0.5])
+
+
+def examined(truth, seed=0, nuisances=()):
+    """A hypothesis of a constant magnitude, where it is `truth` row by row; speed and time order the rows."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((ROWS, 2, 2))
+    speed = rng.uniform(5, 30, ROWS)
+    truth = truth(speed) if callable(truth) else np.full(ROWS, truth)
+    measured = X[:, :, 0] * truth[:, None] + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 2), SD, nuisances)
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    orders = {"speed": speed, "time": np.arange(ROWS)}
+    return {own.place: own for own in spreads(search, found, orders)}
+
+
+def test_p_values_of_a_constant_magnitude_are_uniform():
+    found = [own.p_value for seed in range(150) for own in examined(1.0, seed).values()]
+    assert kstest(found, "uniform").pvalue > 1e-3
+    assert np.mean(np.array(found) < 0.05) < 0.1
+    assert np.mean([own.relative for own in examined(1.0).values()]) < 0.05
+
+
+def test_tolerances_refitted_beside_it_do_not_make_small_p_values():
+    found = [examined(1.0, seed, [axis(1, sd=0.3)])["speed"].p_value for seed in range(100)]
+    assert np.mean(np.array(found) < 0.01) < 0.05
+
+
+def test_a_magnitude_that_grows_with_speed_is_seen_along_speed():
+    found = examined(lambda speed: 0.05 * speed)
+    assert found["speed"].p_value < 1e-12
+    assert found["speed"].p_value < found["time"].p_value
+    low, middle, high = found["speed"].parts
+    assert low < middle < high
+    assert low == pytest.approx(0.05 * (5 + 25 / 6), rel=0.1)
+    assert high == pytest.approx(0.05 * (5 + 25 * 5 / 6), rel=0.1)
+    thirds = 0.05 * np.array([5 + 25 * share for share in (1 / 6, 1 / 2, 5 / 6)])
+    assert found["speed"].relative == pytest.approx(np.std(thirds) / np.mean(thirds), rel=0.15)
+
+
+def test_a_magnitude_that_drifts_is_seen_along_time():
+    rng = np.random.default_rng(0)
+    drift = rng.permutation(np.ones(ROWS)) * np.linspace(0.5, 1.5, ROWS)
+    found = examined(lambda _: drift)
+    assert found["time"].p_value < 1e-12
+    assert found["time"].relative > 4 * found["speed"].relative
+
+
+def test_a_magnitude_that_differs_from_channel_to_channel_is_seen_between_them():
+    rng = np.random.default_rng(3)
+    X = rng.standard_normal((ROWS, 2, 1))
+    measured = X[:, :, 0] * [1.3, 0.6] + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 1), SD)
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    time, channels = spreads(search, found, {"time": np.arange(ROWS)})
+    assert channels.place == "between channels"
+    assert channels.p_value < 1e-12
+    np.testing.assert_allclose(channels.parts, [1.3, 0.6], atol=0.08)
+    assert time.relative < 0.05
+
+
+def test_a_part_that_says_nothing_has_no_magnitude():
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((ROWS, 1, 1))
+    X[300:] = 0
+    search = search_on(GivenBench(lambda p: X @ p, X[:, :, 0], 1), SD[:1])
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    own, _ = spreads(search, found, {"time": np.arange(ROWS)})
+    assert own.p_value == pytest.approx(1.0, abs=0.01)
+    assert np.nansum(own.parts) == pytest.approx(np.sum(np.isfinite(own.parts)), rel=1e-3)
+
+
+def test_an_effect_that_is_not_excited_has_no_spread():
+    X = np.zeros((ROWS, 1, 1))
+    search = search_on(GivenBench(lambda p: X @ p, np.ones((ROWS, 1)), 1), SD[:1])
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    assert spreads(search, found, {"time": np.arange(ROWS)}) == []
+
+
+def stretched(form, prior=1e3, seed=0):
+    """By what the cost of a magnitude grows that is 1, and beyond it `form` of the speed, beside a tolerance alike."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((ROWS, 2, 1)) * np.ones((1, 1, 2)) + [0.0, 0.1] * rng.standard_normal((ROWS, 2, 2))
+    speed = rng.uniform(-1, 1, ROWS)
+    measured = X[:, :, 0] * (1 + form * speed[:, None]) + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 2), SD, [axis(1, sd=prior)])
+    base = search.at_means()
+    (found,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    return stretch(search, found, {"along speed": speed, "along time": np.arange(ROWS)})
+
+
+def test_a_constant_magnitude_hardly_costs_more():
+    found = np.array([stretched(0.0, seed=seed) for seed in range(60)])
+    assert np.min(found) == 1.0
+    assert np.median(found) < 1.1
+    assert np.mean(found) < 2.0
+
+
+def test_a_variance_grows_by_that_between_parts_over_how_many_there_are():
+    """Information of three parts alike, and so much between them that their weighted squares are nine times noise's."""
+    assert _stretched(4.0 * np.eye(3), 16.0) == pytest.approx(9.0)
+
+
+def test_what_a_common_tolerance_leaves_open_of_the_whole_does_not_grow_with_what_differs_between_parts():
+    apart, common = 0.01, 0.5
+    information = np.linalg.inv(apart * np.eye(3) + common)
+    grown = (9.0 * apart / 3 + common) / (apart / 3 + common)
+    assert _stretched(information, 16.0) == pytest.approx(grown)
+    assert _stretched(information, 0.0) == 1.0
+
+
+def test_a_part_that_says_next_to_nothing_does_not_decide_how_uncertain_the_others_are():
+    """The truck's lever arm: 4.65 m by v_y, 6.9 m by a yaw rate that says little, 2.6 standard deviations apart."""
+    assert _stretched(np.diag([79.6, 1.6]), 5.3) == pytest.approx(6.3)
+
+
+def test_a_magnitude_that_differs_costs_more_where_its_variance_is_noise():
+    """Where a tolerance that acts alike is what makes it uncertain, what noise adds to that is little."""
+    assert stretched(1.0, prior=1e-4) > 100.0
+    tight, loose = stretched(0.15, prior=1e-4), stretched(0.15, prior=0.03)
+    assert tight > 3 * loose
+    assert loose > 1.0

@@ -1,0 +1,190 @@
+"""Foreign vehicles: what is withheld shows, what is stated fits, and what calibrates never examines."""
+
+import builtins
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import greybox_id.gap
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.read import read
+from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.exam.answers import read_answer
+from greybox_lab.exam.folder import unbroken
+from greybox_lab.exam.foreign.case import FORM_MOST, accelerations, identified
+from greybox_lab.exam.foreign.double_track import DoubleTrack, curve
+from greybox_lab.exam.foreign.families import (
+    DEVELOPMENT,
+    EXAMINATION,
+    FAMILIES,
+    OF_SENSORS,
+    OUTSIDE,
+    able,
+    dealt_out,
+    families,
+    magnitude,
+    withheld,
+)
+from greybox_lab.exam.foreign.ride import driven, readings, replayed
+from greybox_lab.exam.foreign.vehicles import single_track
+from greybox_lab.exam.make import make_foreign
+from greybox_lab.exam.plan import Counts
+from greybox_lab.virtual.virtual_vehicle import EFFECTS, random_vehicle
+
+needs_slipx = pytest.mark.skipif(find_spec("slipx") is None, reason="slipx is not installed")
+
+
+def said(*_, **__):
+    pass
+
+
+def drawn(family="tmeasy", number=0):
+    return FAMILIES[family].draw(np.random.default_rng(5), number)
+
+
+def ride(own, seconds=8.0, seed=2, rate=50.0, **effects):
+    numbers = withheld(own.numbers, effects, own.about)
+    gusts = np.random.default_rng(1).standard_normal(1000)
+    return driven(FAMILIES[own.family].build(numbers, gusts), own.about, seconds, rate, seed)
+
+
+def test_what_calibrates_never_examines():
+    assert not set(DEVELOPMENT) & set(EXAMINATION)
+    assert set(DEVELOPMENT) | set(EXAMINATION) == set(FAMILIES)
+    assert families(()) == EXAMINATION
+    assert families(("development", "slipx")) == (*DEVELOPMENT, "slipx")
+    with pytest.raises(BadInput, match='no family "bike"'):
+        families(("bike",))
+
+
+@pytest.mark.parametrize("family", sorted(FAMILIES))
+def test_what_lacks_nothing_has_hardly_anything_that_could_be_named(family):
+    traces = {"load_exponent": "load_sensitivity", "height": "longitudinal_load_transfer", "ellipse": "combined_slip"}
+    for number in range(8):
+        own = drawn(family, number)
+        assert all(0.0 <= own.numbers[key] <= 0.1 * EFFECTS[name].low for key, name in traces.items())
+        assert own.numbers.get("relaxation", 0.0) <= 0.3 * EFFECTS["tyre_relaxation"].sizes(own.about.size, "car")[0]
+        assert own.numbers.get("steer_time", 0.0) <= 0.2 * EFFECTS["steering_lag"].low
+
+
+def test_no_diagnosis_knows_a_foreign_simulator():
+    files = sorted(Path(greybox_id.gap.__file__).parent.glob("*.py"))
+    assert files
+    for file in files:
+        assert not re.search(r"(import|from) .*(\bexam\b|slipx|vehiclemodels)", file.read_text()), file.name
+
+
+def test_cases_are_dealt_to_families_that_can_be_made_to_have_them():
+    cases = dealt_out(Counts(nulls=5, singles=60, pairs=30, outside=20), 3, ())
+    assert all(own.family in able(EXAMINATION, own.effects) for own in cases)
+    assert {own.family for own in cases} == set(EXAMINATION)
+    of_one = dealt_out(Counts(nulls=0, singles=40, pairs=5, outside=5), 3, ("slipx",))
+    assert {name for own in of_one for name in own.effects} <= {*FAMILIES["slipx"].effects, *FAMILIES["slipx"].outside}
+    with pytest.raises(BadInput, match="at least one case"):
+        dealt_out(Counts(0, 0, 0, 0), 3, ())
+
+
+@pytest.mark.parametrize("tyre", range(5))
+def test_a_tyre_begins_with_its_stiffness_and_reaches_its_friction(tyre):
+    slips = np.linspace(0.0, 12.0, 2000)
+    forces = np.array([curve(tyre, s, 3.0, 1.4, 0.2) for s in slips])
+    assert (forces[1] - forces[0]) / (slips[1] - slips[0]) == pytest.approx(1.0, rel=0.02)
+    assert 0.9 < forces.max() <= 1.0 + 1e-9
+    assert curve(tyre, -1.3, 3.0, 1.4, 0.2) == -curve(tyre, 1.3, 3.0, 1.4, 0.2)
+
+
+@pytest.mark.slow
+def test_a_double_track_without_width_and_height_is_the_single_track():
+    car = random_vehicle(3, "car")
+    own = driven(DoubleTrack(single_track(car, True)), car, 8.0, 50.0, 1)
+    at = own.truth(0.5 * own.period)
+    told = accelerations(dict(car.parameters), at, own.arriving(0, 0.5), own.arriving(1, 0.5))
+    for name in ("a_x", "a_y", "yaw_acceleration"):
+        assert np.std(told[name] - at[name]) < 0.01 * np.std(at[name])
+
+
+@pytest.mark.parametrize("family", ["tmeasy", pytest.param("slipx", marks=[needs_slipx, pytest.mark.slow])])
+def test_what_is_identified_fits_what_lacks_nothing(family):
+    own = drawn(family, 4)
+    stated = identified(own.about, [ride(own, 40.0, seed) for seed in (1, 2)])
+    proof = ride(own, 30.0, 3)
+    flat = DoubleTrack(single_track(stated, proof.linear_hold))
+    model = replayed(flat, stated, proof.commands, proof.period, proof.start)
+    real, said_ = readings(proof, stated, {}, 0), readings(model, stated, {}, 0)
+    for name in ("v_x", "yaw_rate", "a_x", "a_y"):
+        assert np.std(real[name] - said_[name]) < 1.5 * FORM_MOST * np.std(real[name])
+
+
+@pytest.mark.parametrize("name", sorted({*EFFECTS, *OUTSIDE} - set(OF_SENSORS)))
+def test_every_effect_of_the_vehicle_changes_how_it_moves(name):
+    own = drawn(number=0)
+    size = magnitude(name, own.about, np.random.default_rng(4))
+    base = ride(own, 25.0)
+
+    def again(effects):
+        numbers = withheld(own.numbers, effects, own.about)
+        gusts = np.random.default_rng(1).standard_normal(3000)
+        found = replayed(DoubleTrack(numbers, gusts), own.about, base.commands, base.period, base.start)
+        return readings(found, own.about, effects, 0)
+
+    with_it, without = again({name: size}), again({})
+    shows = max(np.sqrt(np.mean((with_it[c] - without[c]) ** 2)) / sd for c, sd in own.about.noise.items())
+    assert shows > 0.1
+
+
+def test_a_delay_moves_the_motion_by_itself():
+    own = drawn(number=0)
+    base = ride(own, 10.0)
+    late = withheld(own.numbers, {"steering_delay": 0.04}, own.about)
+    found = replayed(DoubleTrack(late), own.about, base.commands, base.period, base.start)
+    straight = own.numbers | {"force_per_unit": 1e-9, "c_0": 0.0, "c_2": 0.0}
+    at_once = replayed(DoubleTrack(straight), own.about, base.commands, base.period, base.start)
+    later = replayed(DoubleTrack(straight | {"steer_delay": 0.04}), own.about, base.commands, base.period, base.start)
+    assert np.all(np.isfinite(found.truth()["yaw_rate"]))
+    a, b = at_once.truth()["yaw_rate"], later.truth()["yaw_rate"]
+    shift = [np.sum((a[5 : 100 - k] - b[5 + k : 100]) ** 2) for k in range(5)]
+    assert int(np.argmin(shift)) == 2  # rows of 20 ms
+
+
+def test_a_simulator_that_is_not_installed_is_told(monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest, **more):
+        if name.startswith(("slipx", "vehiclemodels")):
+            raise ImportError(name)
+        return real(name, *rest, **more)
+
+    own = drawn("slipx")
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(BadInput, match=r"greybox-id\[exam\]"):
+        FAMILIES["slipx"].build(withheld(own.numbers, {}, own.about), np.zeros(1))
+
+
+@needs_slipx
+def test_slipx_follows_its_commands():
+    own = drawn("slipx")
+    found = ride(own, 6.0)
+    at = found.truth()
+    assert np.all(np.isfinite(at["yaw_rate"]))
+    turns = np.abs(found.commands[:, 0]) > 0.05
+    assert np.mean(np.sign(at["yaw_rate"][turns]) == np.sign(found.commands[turns, 0])) > 0.7
+
+
+@pytest.mark.slow
+def test_a_foreign_examination_is_written_and_sealed(tmp_path):
+    made = make_foreign(tmp_path / "exam", 5, Counts(1, 1, 0, 0), ("fiala",), 1, said)
+    assert made.counts == {"null": 1, "single": 1}
+    assert unbroken(made.folder, made.seal) == made.seal
+    for case in ("case_000", "case_001"):
+        given = made.folder / "cases" / case
+        assert sorted(file.name for file in given.iterdir()) == ["columns.toml", "recording.csv", "vehicle.toml"]
+        recording, stated = read(given / "recording.csv", given / "columns.toml"), vehicle(given / "vehicle.toml")
+        answer = read_answer(made.folder / "sealed" / case / "answer.json")
+        assert 59 <= recording.duration <= 101
+        assert stated.noise.keys() == answer.car["noise"].keys()
+        assert max(answer.about["form_error"].values()) <= FORM_MOST
+        assert answer.sizable == (answer.kind == "single")
+        assert str(answer.seed) not in (given / "vehicle.toml").read_text()

@@ -1,0 +1,65 @@
+"""Cases are diagnosed in processes that see nothing but the case at hand; nothing that is done is done again."""
+
+import json
+
+import pytest
+
+from greybox_id.base.errors import BadInput
+from greybox_lab.exam.run import run
+
+
+def said(*_, **__):
+    pass
+
+
+def diagnoses(exam):
+    files = sorted(exam.glob("cases/*/diagnosis.json"))
+    return {file.parent.name: json.loads(file.read_text()) for file in files}
+
+
+def test_every_case_is_diagnosed_and_costs_are_told(exam, capfd):
+    lines = []
+    sat = run(exam / "cases", "exam.candidates:silent", 2, 20.0, lambda line, passing=False: lines.append(line))
+    assert (sat.cases, sat.before, sat.diagnosed, sat.failed) == (4, 0, 4, 0)
+    found = diagnoses(exam)
+    assert len(found) == 4
+    assert all(0 <= own["cost"]["cpu_s"] < 5 for own in found.values())
+    assert all((exam / "cases" / case / "closed.toml").is_file() for case in found)
+    assert capfd.readouterr().out == ""
+    assert "4 of 4 cases to diagnose" in lines[0]
+
+
+def test_what_is_diagnosed_already_is_left_alone(exam):
+    kept = exam / "cases" / "case_002" / "diagnosis.json"
+    kept.write_text('{"by": "hand"}')
+    sat = run(exam / "cases", "exam.candidates:silent", 1, 20.0, said)
+    assert (sat.before, sat.diagnosed) == (1, 3)
+    assert json.loads(kept.read_text()) == {"by": "hand"}
+    assert run(exam, "exam.candidates:silent", 1, 20.0, said).diagnosed == 0
+
+
+def test_errors_crashes_and_dawdling_become_sentences(exam):
+    sat = run(exam / "cases", "exam.candidates:lost", 1, 1.5, said)
+    assert (sat.diagnosed, sat.failed) == (4, 3)
+    found = diagnoses(exam)
+    assert found["case_000"]["error"].startswith("ValueError in candidates.py, line ")
+    assert found["case_001"]["error"] == "The process ended with exit code 7."
+    assert found["case_002"]["error"] == "Stopped after 1.5 s."
+    assert found["case_003"]["gap_detected"]
+
+
+@pytest.mark.parametrize("candidate", ["peeking", "swallowing", "neighbourly", "shelling"])
+def test_a_candidate_that_looks_for_answers_ends_the_run(exam, candidate):
+    with pytest.raises(BadInput, match=r"tried to open .*The run has ended"):
+        run(exam / "cases", f"exam.candidates:{candidate}", 2, 20.0, said)
+    assert diagnoses(exam) == {}
+
+
+def test_a_candidate_that_is_not_there_is_told(exam):
+    with pytest.raises(BadInput, match=r"candidates:nobody does not start"):
+        run(exam / "cases", "exam.candidates:nobody", 1, 20.0, said)
+
+
+def test_a_folder_without_cases_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="holds no cases"):
+        run(tmp_path, "exam.candidates:silent", 1, 20.0, said)

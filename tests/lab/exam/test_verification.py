@@ -1,0 +1,92 @@
+"""Closed models come back from what a diagnosis wrote down, and are tried on what was held out."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.json_data import without_nan
+from greybox_id.gap import Closure, Gap, Ranked, Where
+from greybox_id.models.registry import build
+from greybox_lab.cli.exam import diagnose_case
+from greybox_lab.exam.verification import held_out_closure, model_from, plain_model
+
+VEHICLE = """
+name = "car"
+[parameters]
+m = 1500.0
+[noise]
+yaw_rate = 0.01
+"""
+
+
+@pytest.fixture
+def closed():
+    model = build("single_track", effects={"steering_delay": 0.031, "wind_gust": 4.0})
+    return model.with_values(model.values * 1.01)
+
+
+@pytest.fixture
+def case(tmp_path):
+    (tmp_path / "vehicle.toml").write_text(VEHICLE)
+    (tmp_path / "recording.csv").write_text("time,yaw_rate,steer\n0,0,0\n0.01,0,0\n")
+    return tmp_path
+
+
+def test_a_model_survives_being_written_down(closed):
+    again = model_from(json.loads(json.dumps(without_nan(plain_model(closed)))))
+    assert again.name == closed.name
+    assert tuple(again.effects) == tuple(closed.effects)
+    assert [own.name for own in again.parameters] == [own.name for own in closed.parameters]
+    assert np.allclose([own.array for own in again.parameters], [own.array for own in closed.parameters], rtol=1e-14)
+
+
+def test_the_closed_model_is_compared_with_that_of_the_vehicle_file(case, closed, monkeypatch):
+    seen = []
+
+    def closure(before, after, recordings, vehicle, effects, horizons):
+        seen.append((before, after, recordings, vehicle))
+        assert "steering_delay" in effects
+        assert not horizons
+        return SimpleNamespace(closed=0.9)
+
+    monkeypatch.setattr("greybox_lab.exam.verification.closure", closure)
+    found = held_out_closure(case, case / "recording.csv", {"closed_model": plain_model(closed)})
+    ((before, after, recordings, stated),) = seen
+    assert found == 0.9
+    assert float(before["m"].array) == 1500.0
+    assert not before.effects
+    assert float(after["steering_delay"].array) == pytest.approx(0.031 * 1.01)
+    assert [len(own) for own in recordings] == [2]
+    assert dict(stated.noise) == {"yaw_rate": 0.01}
+
+
+def test_a_model_that_cannot_be_simulated_closes_nothing(case, closed, monkeypatch):
+    def closure(*_, **__):
+        raise BadInput("it blew up.")
+
+    monkeypatch.setattr("greybox_lab.exam.verification.closure", closure)
+    assert held_out_closure(case, case / "recording.csv", {"closed_model": plain_model(closed)}) == -np.inf
+
+
+def test_a_case_is_diagnosed_as_the_command_does_it(case, closed, monkeypatch):
+    gap = Gap(
+        model="single_track", recordings=("recording",), doubts=(), gap_detected=True, p_value=1e-9,
+        unknown_probability=0.1, unknown="", where=Where("yaw_rate"),
+        ranking=(Ranked("steering_delay", 0.9, 0.031, "s", (0.03, 0.032)),), applied=("steering_delay",),
+        gap=Closure(2.0, 1.0, 1.0, 1.0, (0.9, 1.0)), held_out=None, not_excited={}, absorbed=(), advice=(),
+        closed=closed,
+    )  # fmt: skip
+
+    def diagnosed(recordings, vehicle=None, fit=None, columns=None):
+        assert [own.name for own in recordings] == ["recording.csv"]
+        assert vehicle.name == "car"
+        return gap
+
+    monkeypatch.setattr("greybox_id.cli.gap.diagnosed", diagnosed)
+    body = diagnose_case(case)
+    assert body["ranking"][0]["effect"] == "steering_delay"
+    assert body["closed_model"]["values"]["steering_delay"] == pytest.approx(0.031 * 1.01)
+    assert "steering_delay" in (case / "closed.toml").read_text()

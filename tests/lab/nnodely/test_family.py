@@ -1,0 +1,263 @@
+"""Networks are known by their shape: by any names, in any words; what is another network is refused by its relation."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from networks import FOREIGN, NAMES, body_of, imported, said, stated
+
+from greybox_id.base.errors import BadInput
+
+
+def renaming(body, keep=()):
+    """The file with every name in it replaced, those of nnodely's operations and of inputs apart."""
+    names = [*body["Relations"], *body["Functions"], *body["Parameters"], *body["Constants"], *body["Outputs"]]
+    fresh = {name: f"n{k}" for k, name in enumerate(names) if name not in keep}
+    return json.loads(
+        json.dumps(body), object_pairs_hook=lambda pairs: {fresh.get(k, k): _new(v, fresh) for k, v in pairs}
+    )
+
+
+def _new(value, fresh):
+    if isinstance(value, str):
+        return fresh.get(value, value)
+    return [_new(own, fresh) for own in value] if isinstance(value, list) else value
+
+
+def function_of(body, word):
+    """The function whose source holds a word."""
+    return next(own for own in body["Functions"].values() if word in str(own.get("code")))
+
+
+def of(body, operation):
+    return {name: own for name, own in body["Relations"].items() if own[0] == operation}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_count_for_nothing(tmp_path, name):
+    body = body_of(name)
+    signals = stated(name)["roles"]
+    for key in list(body["Inputs"]):
+        fresh = f"signal {list(body['Inputs']).index(key)}"
+        text = json.dumps(body).replace(f'"{key}"', f'"{fresh}"')
+        body = json.loads(text)
+        signals = {fresh if own == key else own: signal for own, signal in signals.items()}
+    pairs = [f"{signal}={own}" for own, signal in signals.items()]
+    found = imported(tmp_path, renaming(body), pairs)
+    np.testing.assert_array_equal(
+        found.fit.model.values, imported(tmp_path, body_of(name), said(name)).fit.model.values
+    )
+    assert found.fit.model.settings == imported(tmp_path, body_of(name), said(name)).fit.model.settings
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "def g(d, v, d0, v0, a, a0, p, q, r, s):\n return v*p + v*q*d - q*v*d0 + r*v*v - r*v0*v + s*a*v - a0*v*s\n",
+        "def g(a, b, c, d, e, f, g, h, i, j):\n"
+        " slope = torch.mul(h, a - c) + torch.mul(i, torch.sub(b, d))\n"
+        " rest = j * (e - f)\n"
+        " return torch.mul(b, g + slope + rest)\n",
+    ],
+)
+def test_a_local_model_in_other_words_is_the_same(tmp_path, code):
+    body = body_of("lat_small")
+    wanted = imported(tmp_path, body).fit.model.values
+    function_of(body, "curvature")["code"] = code
+    np.testing.assert_allclose(imported(tmp_path, body).fit.model.values, wanted, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("k2 * (steer - steer_0)", "k2 * torch.sin(steer - steer_0)"),
+        ("return v *", "return v**2 *"),
+        ("v *", "0.1 + v *"),
+    ],
+)
+def test_another_local_model_is_refused_with_the_form_that_is_read(tmp_path, change):
+    body = body_of("lat_small")
+    own = function_of(body, "curvature")
+    own["code"] = own["code"].replace(*change)
+    with pytest.raises(BadInput, match=r"local model ParamFun\d+ is not of the form v_x \(k1 \+ k2"):
+        imported(tmp_path, body)
+
+
+def test_newtons_law_in_other_words_is_the_same(tmp_path):
+    body = body_of("long")
+    wanted = imported(tmp_path, body).fit.model.values
+    function_of(body, "newton")["code"] = (
+        "def n(T, v, F, d, r, m, a, b, c, I):\n"
+        " heavy = m + 4*I/r**2\n"
+        " return 2*T/(r*heavy) - (a*v.square() + b*v + torch.sin(d)*F + c*m*9.81)/heavy\n"
+    )
+    np.testing.assert_allclose(imported(tmp_path, body).fit.model.values, wanted, rtol=1e-12, atol=1e-13)
+
+
+def test_factors_of_newtons_terms_go_into_the_numbers(tmp_path):
+    body = body_of("long")
+    before = imported(tmp_path, body).fit.model
+    own = function_of(body, "newton")
+    own["code"] = own["code"].replace("k_a * v**2", "0.5 * k_a * v**2").replace("2 * (torque", "torch.neg(torque")
+    own["code"] = own["code"].replace("(torch.neg(torque / r)", "(torch.neg(torque / r)").replace("- F_y", "+ 3 * F_y")
+    after = imported(tmp_path, body).fit.model
+    assert float(after["k_a"].array) == pytest.approx(0.5 * float(before["k_a"].array), rel=1e-12)
+    np.testing.assert_allclose(after["G_2t"].array, -0.5 * before["G_2t"].array, rtol=1e-12)
+    np.testing.assert_allclose(after["F_y"].array, -3 * before["F_y"].array, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change", [("v**2", "v**3"), ("sin", "tanh"), ("r**2.0", "r**3"), ("c_r * gravity", "c_r * gravity * v")]
+)
+def test_another_law_is_refused_by_its_relation(tmp_path, change):
+    body = body_of("long")
+    own = function_of(body, "newton")
+    own["code"] = own["code"].replace(*change)
+    output = body["Outputs"]["acceleration"]
+    with pytest.raises(BadInput, match=f"relation {output} is not Newton's law of the family"):
+        imported(tmp_path, body)
+
+
+def test_the_numbers_are_told_apart_in_any_order(tmp_path):
+    wanted = imported(tmp_path, body_of("long")).fit.model
+    body = body_of("long")
+    own = function_of(body, "newton")
+    own["params_and_consts"].reverse()
+    own["code"] = own["code"].replace("r, m, k_a, c_l, c_r, I_w", "I_w, c_r, c_l, k_a, m, r")
+    np.testing.assert_array_equal(imported(tmp_path, body).fit.model.values, wanted.values)
+
+
+def test_a_part_of_the_current_that_is_neither_positive_nor_negative_is_refused(tmp_path):
+    body = body_of("long")
+    own = function_of(body, "driving")
+    own["code"] = own["code"].replace(", 0)", ", 1)")
+    with pytest.raises(BadInput, match="neither the positive nor the negative part of a window of crt"):
+        imported(tmp_path, body)
+
+
+def test_memberships_of_another_form_are_refused(tmp_path):
+    for form, word in (("Rectangular", "rectangular"), ("def f(x):\n  return x\n", "membership functions of its own")):
+        body = body_of("lat_small")
+        next(own for own in body["Functions"].values() if len(own.get("centers", ())) > 1)["functions"] = form
+        with pytest.raises(BadInput, match=word):
+            imported(tmp_path, body)
+
+
+def test_centres_that_differ_between_the_steady_and_the_transient_part_are_refused(tmp_path):
+    body = body_of("lat")
+    own = [own for own in body["Functions"].values() if own.get("centers", [0])[0] == -0.3]
+    own[0]["centers"] = [-0.4, 3.9]
+    with pytest.raises(BadInput, match="input vx has other centres in its steady"):
+        imported(tmp_path, body)
+
+
+def test_a_missing_local_model_is_refused(tmp_path):
+    body = body_of("lat_small")
+    name, own = next((name, own) for name, own in of(body, "Add").items() if own[1][0].startswith("Mul"))
+    body["Relations"][name] = ["Identity", own[1][:1]]
+    with pytest.raises(BadInput, match=r"lacks local models or impulse responses.*3 × 2 × 1"):
+        imported(tmp_path, body)
+
+
+def test_two_local_models_at_one_place_are_refused(tmp_path):
+    body = body_of("lat_small")
+    own = next(own for own in of(body, "Select").values() if own[-2:] == [3, 2])
+    own[-1] = 1
+    with pytest.raises(BadInput, match="at one place"):
+        imported(tmp_path, body)
+
+
+def test_an_operation_that_is_not_known_is_named(tmp_path):
+    body = body_of("lat_small")
+    own = next(iter(of(body, "Fuzzify").values()))
+    own[0] = "Interpolation"
+    with pytest.raises(BadInput, match=r"relation Select\d+ selects from something else than memberships"):
+        imported(tmp_path, body)
+
+
+def test_windows_that_end_before_the_newest_sample_are_refused(tmp_path):
+    body = body_of("lat_small")
+    for own in of(body, "SamplePart").values():
+        if own[-1] == [-4, 0]:
+            own[-1] = [-5, -1]
+    with pytest.raises(BadInput):
+        imported(tmp_path, body)
+
+
+def test_a_network_trained_on_the_newest_sample_is_refused(tmp_path):
+    body = body_of("lat_small")
+    next(own for own in of(body, "SamplePart").values() if own[-1] == [0, 1])[-1] = [-1, 0]
+    with pytest.raises(BadInput, match=r"trained to give the newest sample of yaw_rate.*next\(\)"):
+        imported(tmp_path, body)
+
+
+def test_a_window_that_is_longer_in_one_part_is_filled_with_zeros(tmp_path):
+    body = body_of("long_by_axle")
+    own = next(own for own in of(body, "Fir").values() if own[3] is not None)
+    weights = body["Parameters"][own[2]]["values"]
+    del weights[:2]
+    part = body["Relations"][own[1][0]][1][0]
+    body["Relations"][part][3] = [-3, 0]
+    model = imported(tmp_path, body).fit.model
+    assert np.any([np.all(model[name].array[:, :2] == 0) for name in ("G_1t", "G_1b")])
+
+
+def test_connected_inputs_and_other_loops_are_refused(tmp_path):
+    body = body_of("full_closed")
+    body["Inputs"]["acc"] = {**body["Inputs"]["acc"], "connect": "Add1"}
+    with pytest.raises(BadInput, match="addClosedLoop in place of addConnect"):
+        imported(tmp_path, body)
+    body = body_of("full_closed")
+    body["Inputs"]["vel"]["closedLoop"] = body["Outputs"]["acceleration"]
+    with pytest.raises(BadInput, match="input vel is fed back from"):
+        imported(tmp_path, body)
+
+
+def test_loops_are_said(tmp_path):
+    closed, opened = imported(tmp_path, body_of("full_closed")), imported(tmp_path, body_of("full"))
+    assert len(closed.notes) == 1
+    assert "the file closes no loop" in opened.notes[0]
+    assert closed.fit.model.feedback is not None
+
+
+def test_an_output_that_follows_from_another_has_to_be_the_lateral_acceleration(tmp_path):
+    body = body_of("full")
+    across = body["Outputs"]["across"]
+    body["Relations"][across][0] = "Add"
+    with pytest.raises(BadInput, match=f"output {across} follows from another output"):
+        imported(tmp_path, body)
+
+
+def test_a_file_of_two_models_of_a_kind_is_refused(tmp_path):
+    body = body_of("lat_small")
+    output = body["Outputs"]["yaw_rate_"]
+    body["Relations"]["Twin"] = list(body["Relations"][output])
+    body["Outputs"]["twin"] = "Twin"
+    with pytest.raises(BadInput, match="2 outputs are msnn_lat"):
+        imported(tmp_path, body)
+
+
+def test_names_that_do_not_tell_are_asked_for(tmp_path):
+    with pytest.raises(BadInput, match=r"do not tell.*inputs SIGNAL=INPUT"):
+        imported(tmp_path, body_of("renamed"))
+    with pytest.raises(BadInput, match=r"say what imu_long, handwheel are|say what handwheel, imu_long are"):
+        imported(tmp_path, body_of("renamed"), FOREIGN[:1])
+    assert imported(tmp_path, body_of("renamed"), FOREIGN[:2]).roles["imu_long"] == "a_x"
+
+
+@pytest.mark.parametrize(
+    ("pairs", "word"),
+    [
+        (["v_x"], "write SIGNAL=INPUT"),
+        (["speed=omega_rear"], "one of v_x, steer"),
+        (["v_x=omega"], "there is no input omega; there are"),
+        (["v_x=omega_rear", "steer=omega_rear"], "both v_x and steer"),
+        (["v_x=omega_rear", "v_x=handwheel"], "one input each"),
+        (["motor_current=omega_rear"], "is said to be motor_current"),
+        (["steer=omega_rear", "v_x=handwheel", "a_x=imu_long"], "is not of the form"),
+    ],
+)
+def test_what_is_said_of_inputs_is_checked(tmp_path, pairs, word):
+    with pytest.raises(BadInput, match=re.escape(word)):
+        imported(tmp_path, body_of("renamed"), pairs)
