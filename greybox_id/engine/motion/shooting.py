@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -130,6 +130,13 @@ class MotionProblem:
         """The same problem with other weights of rows or readings; all that was laid out is shared."""
         other = copy(self)
         other.targets = self._targets(self.targets.robust, keep)
+        return other
+
+    def driven_by(self, inputs: Sequence[Array]) -> MotionProblem:
+        """The same problem with other inputs, (n, inputs) per run; starts and readings are shared."""
+        other = copy(self)
+        other.runs = [replace(run, inputs=own) for run, own in zip(self.runs, inputs, strict=True)]
+        other._plans = other._chain = other._tiled = None
         return other
 
     @property

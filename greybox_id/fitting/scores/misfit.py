@@ -29,6 +29,8 @@ OF_FORM, FOREIGN_FORM = 0.1, 0.2
 tolerances, of other forms of tyres and with delays of milliseconds, have up to 0.12 (median 0.06)."""
 TIMES_NOISE = 5.0
 """Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
+ALSO = 0.25
+"""Of what explains most of the residuals, the part that is named beside it."""
 HALVES, CLEARLY = 0.1, 10.0
 """Error over the spread that other parameters in the second half explain; log of how much likelier that has to be."""
 
@@ -88,11 +90,11 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     """What residuals depend on, where it matters."""
     error, noise = _of_form(one), stated.get(name, one["noise"])
     times = one["residual"] / noise if noise > 0 else 0.0
-    on = [word for word, part in one["on"].items() if part > 0.25 * max(one["on"].values())][:2]
+    on = [word for word, part in one["on"].items() if part > ALSO * max(one["on"].values())][:2]
     against = f", {times:.2g} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Their mean is off" if on[:1] == ["none of the drive"] else f"They depend on {_listed(on)}"
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"That goes with {_listed(on)}"
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"{name} is missed by {left}{against}. {depends}: the model lacks an effect. Intervals count it; "

@@ -88,6 +88,7 @@ def judged(
         reasons += _predicted(own[role], held.get(role, {}), unfitted.get(role, {}), what)
         if role != TRAINED:
             reasons += _carried_over(own.get(TRAINED) or _trained(fit), own[role], what)
+    reasons += misfit(fit)
     if roles == [TRAINED]:
         reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
     return weighed(reasons, comparison)

@@ -5,7 +5,8 @@ what is predicted, nor on time. Of a model that lacks something they do, and wha
 error that no parameter could take up. How large the other part is, which moved the parameters, cannot be seen; but both
 are of one error, so that the one tells the size of the other. Here the error of every output is a sum of functions of
 the drive (`_functions`), each with a size of normal distribution about none, all of one spread: a share of the output's
-own. The share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to
+own. What drives the vehicle may err as well, and then all outputs at once: a sensor's offset, a ratio that varies, a
+command that comes late. So every input has such functions too (`_of_inputs`), which the model itself passes on. The share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to
 be explained. Parameters have a wider covariance beside such an error, and another optimum: intervals count both.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001); Brynjarsdottir &
@@ -30,6 +31,10 @@ QUARTERS = 4
 SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0)
 """Shares that are compared: of an output's spread, that one function of the drive adds to its error."""
 SWEEPS = 3
+MOST_ROWS = 50_000
+"""Rows that are looked at, evenly spread: what they depend on shows in fewer, and memory is bounded."""
+STEP = 0.01
+"""Of an input's spread, by which it is moved to see what follows."""
 RIDGE = 1e-9
 """Of a column's own power: on some drives one function is a sum of others."""
 
@@ -93,13 +98,16 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     x : (unknowns,) an optimum of it.
     nodes : the problem's simulation there.
     """
-    drives = list(_drives(problem, nodes))
+    every = max(1, -(-len(nodes.y) // MOST_ROWS))
+    drives = list(_drives(problem, nodes, every))
+    passed = _of_inputs(problem, x, nodes, every)
     low, high = problem.bounds
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
-    H, g = _normal_equations(problem, x, nodes, drives, kept)
-    count, halves = int(np.sum(kept)), len(drives)
-    owner = np.repeat(np.arange(halves + 1), [*(one.columns.shape[1] for one in drives), count])
+    H, g = _normal_equations(problem, x, nodes, drives, passed, kept, every)
+    count, halves = int(np.sum(kept)), len(drives) + len(passed)
+    sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
+    owner = np.repeat(np.arange(halves + 1), sizes_of)
     unit = np.ones(len(owner))
     power = np.diag(H)[-count:] if count else np.zeros(0)
     whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in drives)
@@ -109,11 +117,31 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
-    outputs = {one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k])) for k, one in enumerate(drives)}
+    of_inputs = [(one, sizes[owner == len(drives) + k]) for k, one in enumerate(passed)]
+    outputs = {
+        one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs)
+        for k, one in enumerate(drives)
+    }
     own = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(own @ H[-count:, -count:] @ own) / max(total, 1e-300) if count else 0.0
     return FormError(outputs, covariance, min(1.0, explained), float(gains[halves]))
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """What follows where one input is another than recorded.
+
+    Attributes
+    ----------
+    name : of the input.
+    words : how it is another, function by function.
+    effect : (N, outputs, functions) change of the predictions, for a change as large as the input's own spread.
+    """
+
+    name: str
+    words: Sequence[str]
+    effect: Array
 
 
 @dataclass(frozen=True)
@@ -144,45 +172,51 @@ class _Drive:
     alone: float
     correlation: float
 
-    def seen(self, share: float, sizes: Array, gain: float) -> OutputForm:
-        """What its residuals say, if functions of the drive have these sizes in them."""
+    def seen(self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]]) -> OutputForm:
+        """What its residuals say, if functions of the drive and errors of inputs have these sizes in them."""
         unit = 1.0 / self.weight[self.read]
         square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
-        parts = self.columns[self.read] * sizes * unit[:, None]
+        parts, words = [self.columns[self.read] * sizes * unit[:, None]], list(self.words)
+        for one, own in of_inputs:
+            parts.append(one.effect[self.read, self.place] * own)
+            words += one.words
+        table = np.hstack(parts)
         on = {
-            word: float(np.mean(parts[:, [own == word for own in self.words]].sum(axis=1) ** 2)) / square
-            for word in dict.fromkeys(self.words)
+            word: float(np.mean(table[:, [own == word for own in words]].sum(axis=1) ** 2)) / square
+            for word in dict.fromkeys(words)
         }
         readings = np.where(self.read, self.reading, np.nan)
         pieces = [readings[a:b] for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
         return OutputForm(
             float(np.sqrt(square)), float(np.std(self.reading[self.read])), white_noise_sd(pieces, held=True), share,
-            min(1.0, float(np.mean(parts.sum(axis=1) ** 2)) / square),
+            min(1.0, float(np.mean(table.sum(axis=1) ** 2)) / square),
             dict(sorted(on.items(), key=lambda item: -item[1])), gain,
             float(np.count_nonzero(self.read)) / self.correlation,
         )  # fmt: skip
 
 
-def _drives(problem: MotionProblem, nodes: SimulatedRuns) -> Iterator[_Drive]:
+def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
     model, runs = problem.model, problem.runs
-    errors = problem.errors(nodes)
+    errors = problem.errors(nodes)[::every]
     inputs = np.vstack([runs[i.run].inputs[i.start : i.stop] for i in problem.intervals])
     time = np.concatenate([runs[i.run].time[i.start : i.stop] for i in problem.intervals])
     edges = np.concatenate([[0], np.cumsum([i.stop - i.start for i in problem.intervals])])
     predicted = np.where(np.isfinite(nodes.y), nodes.y, 0.0)
     table = {name: predicted[:, k] for k, name in enumerate(model.outputs)}
     table |= {name: inputs[:, k] for k, name in enumerate(model.inputs)}
-    rates = {name: _rate(values, time, edges) for name, values in table.items()}
-    quarter = QUARTERS * np.arange(len(time)) // len(time)
+    rates = {name: _rate(values, time, edges)[::every] for name, values in table.items()}
+    table, edges = {name: values[::every] for name, values in table.items()}, -(-edges // every)
+    predicted, count = predicted[::every], len(errors)
+    quarter = QUARTERS * np.arange(count) // count
     for k, name in enumerate(model.outputs):
         read = np.isfinite(errors[:, k])
         if not np.any(read):
             continue
         error = np.where(read, errors[:, k], 0.0)
         reading = np.where(read, predicted[:, k] - error, 0.0)
-        weight = np.where(read, problem.weight[:, k], 0.0)
+        weight = np.where(read, problem.weight[::every, k], 0.0)
         spread = float(np.std(reading[read]))
-        columns, words = [np.zeros(len(time))], ["nothing"]
+        columns, words = [np.zeros(count)], ["nothing"]
         for word, values in _functions(name, table, rates, quarter, model.inputs):
             power = float(np.sqrt(np.mean(values[read] ** 2)))
             if np.isfinite(power) and power > 1e-9 * float(np.max(np.abs(values), initial=0.0)):
@@ -220,6 +254,48 @@ def _functions(
             yield f"the rate of {other}", rates[other]
 
 
+def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
+    """What follows of each input's error: it is moved a little, and all is simulated again."""
+    runs, found = problem.runs, list[_Passed]()
+    edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
+    time = np.concatenate([run.time for run in runs])
+    inputs = np.vstack([run.inputs for run in runs])
+    table = {name: inputs[:, k] for k, name in enumerate(problem.model.inputs)}
+    for k, name in enumerate(problem.model.inputs):
+        u, spread = inputs[:, k], float(np.std(inputs[:, k]))
+        if not spread > 1e-9 * max(1.0, float(np.max(np.abs(u)))):
+            continue
+        words, effects = [], []
+        for word, values in _errors_of_input(name, table, _rate(u, time, edges), spread):
+            power = float(np.sqrt(np.mean(values**2)))
+            if not 0.0 < power < np.inf:
+                continue
+            moved = inputs.copy()
+            moved[:, k] += STEP * spread / power * values
+            other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
+            change = (other.simulated_nodes(x).y[::every] - nodes.y[::every]) / STEP
+            words.append(word)
+            effects.append(np.where(np.isfinite(change), change, 0.0))
+        if effects:
+            found.append(_Passed(name, words, np.stack(effects, axis=2)))
+    return found
+
+
+def _errors_of_input(
+    name: str, table: Mapping[str, Array], du: Array, spread: float
+) -> Iterator[tuple[str, Array]]:
+    """How an input may be another than recorded: words and (n,) values."""
+    u, v = table[name], table.get("v_x")
+    yield f"an offset of {name}", np.ones(len(u))
+    yield f"a gain on {name}", u
+    yield f"a gain on {name} that varies with it", u * np.abs(u)
+    yield f"a gain on {name} that varies with it", u**3
+    yield f"the sign of {name}", np.abs(u)
+    yield f"the rate of {name}", du
+    if v is not None and name != "v_x" and float(np.std(v)) > 1e-3 * float(np.mean(np.abs(v))):
+        yield f"a gain on {name} that varies with v_x", u * (v - np.mean(v)) / np.std(v)
+
+
 def _rate(values: Array, time: Array, edges: Array) -> Array:
     """(N,) derivative by time, interval by interval; zero in intervals of one row."""
     found = np.zeros(len(values))
@@ -243,23 +319,28 @@ def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
 
 
 def _normal_equations(
-    problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], kept: Mask
-) -> tuple[Array, Array]:
-    """Curvature and gradient by kept parameters, by the sizes of functions of the drive, and by kept parameters of the
-    second half of the rows.
+    problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
+    kept: Mask, every: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
+    kept parameters of the second half of the rows.
 
     Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
     """
     place, count = np.cumsum(kept) - 1, int(np.sum(kept))
     firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
-    H, g = np.zeros((firsts[-1] + count, firsts[-1] + count)), np.zeros(firsts[-1] + count)
-    half = drives[0].edges[-1] // 2
+    common = np.dstack([one.effect for one in passed]) if passed else np.zeros((*nodes.y[::every].shape, 0))
+    last = int(firsts[-1]) + common.shape[2]
+    H, g = np.zeros((last + count, last + count)), np.zeros(last + count)
+    half = len(drives[0].error) // 2
     H[:count, :count] = problem.believed[np.ix_(kept, kept)]
     g[:count] = problem.pull_of_priors(x)[kept]
     first_loose = problem.parameters.size
     for k, (rows, (residuals, J)) in enumerate(
         zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
     ):
+        chosen = rows % every == 0
+        rows, residuals, J = rows[chosen] // every, residuals[chosen], J[chosen]
         index = problem.layout.index[k]
         loose, there = index >= first_loose, kept[index]
         few = int(np.sum(loose))
@@ -272,7 +353,8 @@ def _normal_equations(
             wide = np.zeros((len(rows), len(g)))
             wide[:, at] = by_p[:, there]
             wide[:, first : first + by_z.shape[1]] = by_z
-            wide[:, firsts[-1] + at] = by_p[:, there] * (rows >= half)[:, None]
+            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows] * scale)[:, None]
+            wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
             own += wide.T @ wide
             pull += wide.T @ r
             by_loose += by_p[:, loose].T @ by_p[:, loose]
