@@ -1,1 +1,1 @@
-"""What proves, drives, or runs many: examinations, papers' tables, virtual cars, fleets, driving."""
+"""What proves the library, drives with it, or shows it: built on `greybox_id`, never imported by it."""

@@ -1,0 +1,34 @@
+"""What the page takes from the library beside `gb` itself: words, units, colours, equations, maps by name."""
+
+from __future__ import annotations
+
+from greybox_id.base.errors import GreyboxError
+from greybox_id.base.files import write_atomically
+from greybox_id.base.numbers import counted, listed, number, percent, pretty_unit, quantity, with_interval
+from greybox_id.base.signals import SIGNALS, unit_of
+from greybox_id.datasets.column_map import shipped_maps
+from greybox_id.models.model import Model
+from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
+
+__all__ = [
+    *("BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY"),
+    *("GreyboxError", "counted", "equations", "listed", "number", "percent", "pretty_unit", "quantity", "sentence"),
+    *("shipped_maps", "unit_of", "with_interval", "write_atomically"),
+]
+
+
+def equations(model: Model) -> list[str]:
+    """The model's equations as MathML, written by the model itself; escaped by their typesetter."""
+    from greybox_id.reports.equations.expression import readable
+    from greybox_id.reports.equations.tracing import traced
+    from greybox_id.reports.equations.typesetting import in_mathml
+
+    shown, _ = readable(traced(model))
+    return [in_mathml(equation) for equation in shown]
+
+
+def sentence(error: Exception) -> str:
+    """An error for people; names of arguments are read as options of the command line."""
+    if isinstance(error, GreyboxError):
+        return error.said(lambda argument: f"--{argument.replace('_', '-')}")
+    return str(error) or type(error).__name__
