@@ -1,1 +1,13 @@
-"""What proves the library, drives with it, or shows it: built on `greybox_id`, never imported by it."""
+"""What proves, drives, shows, or runs many: examinations, papers' tables, virtual cars, fleets, driving, a page.
+
+The library never imports it; its commands come in by entry points. What it offers in Python is imported from its rooms:
+
+    from greybox_lab import fleet
+    from greybox_lab.driving.learn_policy import learn_policy
+
+Importing it lets Gymnasium know `greybox/Track-v0`.
+"""
+
+from .driving.registration import register as _register
+
+_register()
