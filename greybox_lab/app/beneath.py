@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from greybox_id.base.errors import GreyboxError
 from greybox_id.base.files import write_atomically
-from greybox_id.base.numbers import counted, listed, number, percent, pretty_unit, quantity, with_interval
+from greybox_id.base.numbers import counted, number, percent, pretty_unit, with_interval
 from greybox_id.base.signals import SIGNALS, unit_of
 from greybox_id.datasets.column_map import shipped_maps
 from greybox_id.models.model import Model
 from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
 
 __all__ = [
-    *("BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY"),
-    *("GreyboxError", "counted", "equations", "listed", "number", "percent", "pretty_unit", "quantity", "sentence"),
-    *("shipped_maps", "unit_of", "with_interval", "write_atomically"),
-]
+    "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "GreyboxError", "counted",
+    "equations", "number", "percent", "pretty_unit", "sentence", "shipped_maps", "unit_of", "with_interval",
+    "write_atomically",
+]  # fmt: skip
 
 
 def equations(model: Model) -> list[str]:

@@ -11,11 +11,12 @@ from typing import Any
 
 from nicegui import ui
 
-from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, number, percent, pretty_unit
+from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, percent, pretty_unit
 from .traces import Points
 from .why import UNNAMED, Step
 
 SERIF = '"Libertinus Serif", "STIX Two Text", "Times New Roman", Times, serif'
+BASE = {"animation": False, "textStyle": {"fontFamily": SERIF, "color": INK}, "aria": {"enabled": True}}
 LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": INK, "width": 1.2, "type": "solid"},
     "before": {"color": PALE, "width": 1.2, "type": [2, 3]},
@@ -23,7 +24,6 @@ LOOKS: dict[str, dict[str, Any]] = {
     "cause": {"color": RUST, "width": 1.8, "type": [10, 3, 2, 3]},
     "other": {"color": ORANGE, "width": 1.4, "type": [3, 3]},
     "third": {"color": PURPLE, "width": 1.4, "type": [8, 2, 2, 2]},
-    "sky": {"color": SKY, "width": 1.4, "type": "solid"},
 }
 TOP, BETWEEN, BOTTOM = 30, 26, 64
 """Pixels above the first strip, between strips, and below the last, where the zoom's handle is."""
@@ -45,35 +45,28 @@ class Strip:
     name: str
     unit: str
     curves: Sequence[Curve]
+    span: tuple[float, float] = (0.0, 1.0)
 
 
 def strips(
     rows: Sequence[Strip], span: tuple[float, float], *, height: int = 92, zoom: bool = True, legend: bool = False,
-    marks: Sequence[tuple[float, float]] = (), cursor: float | None = None, axis: str = "s",
+    marks: Sequence[tuple[float, float]] = (), cursor: float | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Strips under each other over one axis of time, with one cursor and one zoom through all."""
-    count = len(rows)
     top = TOP if legend else 12
     grids, x, y, series = [], [], [], []
     for k, row in enumerate(rows):
+        last = k == len(rows) - 1
         grids.append({"left": 78, "right": 18, "top": top + k * (height + BETWEEN), "height": height})
-        last = k == count - 1
-        x.append({
-            "type": "value", "gridIndex": k, "min": span[0], "max": span[1],
-            "axisLabel": {"show": last, "color": INK, "fontSize": 12, "hideOverlap": True, "showMinLabel": False, "showMaxLabel": False},
-            "axisTick": {"show": last}, "axisLine": {"lineStyle": {"color": PALE}, "onZero": False},
-            "splitLine": {"show": True, "lineStyle": {"color": FAINT}},
-            "name": f"time [{axis}]" if last else "", "nameLocation": "middle", "nameGap": 24,
-            "axisPointer": {"show": True, "label": {"show": last, "precision": 2}},
-        })  # fmt: skip
-        y.append({
-            "type": "value", "gridIndex": k, "scale": True, "splitNumber": 3,
-            "name": f"{row.name} [{pretty_unit(row.unit)}]", "nameLocation": "middle", "nameGap": 56,
-            "nameTextStyle": {"fontSize": 12, "color": INK, "width": height + 18, "overflow": "truncate"},
-            "axisLabel": {"color": INK, "fontSize": 11, "hideOverlap": True},
-            "axisLine": {"show": True, "lineStyle": {"color": PALE}},
-            "splitLine": {"lineStyle": {"color": FAINT}},
-        })  # fmt: skip
+        pointer = {"show": True, "label": {"show": last, "precision": 2}}
+        ticks = {"min": span[0], "max": span[1], "axisTick": {"show": last}, "axisPointer": pointer}
+        along = _axis("time [s]" if last else "", 24, gridIndex=k, **ticks)
+        along["axisLabel"]["show"] = last
+        x.append(along)
+        name = {"fontSize": 12, "color": INK, "width": height + 18, "overflow": "truncate"}
+        up = _axis(f"{row.name} [{pretty_unit(row.unit)}]", 56, gridIndex=k, scale=True, splitNumber=3)
+        up["axisLabel"] |= {"showMinLabel": None, "showMaxLabel": None, "fontSize": 11}
+        y.append(up | {"nameTextStyle": name})
         for curve in row.curves:
             line = dict(LOOKS[curve.look])
             entry: dict[str, Any] = {
@@ -91,26 +84,22 @@ def strips(
                         "lineStyle": {"color": RUST, "type": "solid", "width": 1}, "data": [{"xAxis": cursor}],
                     }  # fmt: skip
             series.append(entry)
-    every = list(range(count))
+    words = {"fontSize": 12, "fontFamily": SERIF}
     options: dict[str, Any] = {
-        "animation": False, "textStyle": {"fontFamily": SERIF, "color": INK},
-        "grid": grids, "xAxis": x, "yAxis": y, "series": series,
+        **BASE, "grid": grids, "xAxis": x, "yAxis": y, "series": series,
         "axisPointer": {"link": [{"xAxisIndex": "all"}], "lineStyle": {"color": INK}},
-        "tooltip": {
-            "trigger": "axis", "confine": True, "transitionDuration": 0, "textStyle": {"fontSize": 12, "fontFamily": SERIF},
-            "padding": 6,
-        },
-        "aria": {"enabled": True},
+        "tooltip": {"trigger": "axis", "confine": True, "transitionDuration": 0, "textStyle": words, "padding": 6},
     }  # fmt: skip
     if legend:
         options["legend"] = {
-            "top": 0, "left": 70, "itemWidth": 34, "itemStyle": {"opacity": 0}, "textStyle": {"fontFamily": SERIF, "fontSize": 13},
+            "top": 0, "left": 70, "itemWidth": 34, "itemStyle": {"opacity": 0},
+            "textStyle": {"fontFamily": SERIF, "fontSize": 13},
             "data": list(dict.fromkeys(curve.name for row in rows for curve in row.curves)),
         }  # fmt: skip
     if zoom:
         options["dataZoom"] = [
-            {"type": "inside", "xAxisIndex": every, "filterMode": "none", "throttle": 60},
-            {"type": "slider", "xAxisIndex": every, "filterMode": "none", "height": 18, "bottom": 6, "throttle": 60,
+            {"type": "inside", "xAxisIndex": "all", "filterMode": "none", "throttle": 60},
+            {"type": "slider", "xAxisIndex": "all", "filterMode": "none", "height": 18, "bottom": 6, "throttle": 60,
              "showDataShadow": False, "brushSelect": True, "labelPrecision": 1, "handleLabel": {"show": False}},
         ]  # fmt: skip
     return options
@@ -163,81 +152,72 @@ def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
     element.run_chart_method("setOption", {"series": series})
 
 
-def plane(name: str, across: str, up: str, points: Points, *, equal: bool, dots: bool = False) -> dict[str, Any]:
+def plane(across: str, up: str, points: Points, *, equal: bool = False, dots: bool = False) -> dict[str, Any]:
     """Points of one quantity over another: the drive from above, speed against a_y; a dot follows the cursor."""
-    line = {
-        "type": "scatter" if dots else "line", "id": "all", "name": name, "data": points, "showSymbol": dots, "symbolSize": 3,
-        "animation": False, "lineStyle": LOOKS["measured"], "itemStyle": {"color": BLUE if dots else INK, "opacity": 0.45 if dots else 1},
-        "silent": True,
+    ink = {"color": BLUE, "opacity": 0.45} if dots else {"color": INK}
+    every = {
+        "type": "scatter" if dots else "line", "id": "all", "data": points, "showSymbol": dots, "symbolSize": 3,
+        "animation": False, "lineStyle": LOOKS["measured"], "itemStyle": ink, "silent": True,
     }  # fmt: skip
     here = {
-        "type": "scatter", "id": "here", "name": "cursor", "data": [], "symbol": "diamond", "symbolSize": 14,
-        "itemStyle": {"color": RUST, "borderColor": "#fff", "borderWidth": 1}, "animation": False, "silent": True,
+        "type": "scatter", "id": "here", "data": [], "symbol": "diamond", "symbolSize": 14, "animation": False,
+        "itemStyle": {"color": RUST, "borderColor": "#fff", "borderWidth": 1}, "silent": True, "z": 5,
     }  # fmt: skip
-    x_axis, y_axis = (
-        {"type": "value", "scale": True, "name": label, "nameLocation": "middle", "nameGap": gap,
-         "axisLabel": {"color": INK, "hideOverlap": True, "showMinLabel": False, "showMaxLabel": False},
-         "axisLine": {"lineStyle": {"color": PALE}, "onZero": False}, "splitLine": {"lineStyle": {"color": FAINT}}}
-        for label, gap in ((across, 26), (up, 44))
-    )  # fmt: skip
-    if equal and points:
-        known = [point for point in points if point is not None]
-        xs, ys = [point[0] for point in known], [point[1] for point in known]
-        half = max(max(xs) - min(xs), max(ys) - min(ys), 1e-9) * 0.55
-        for axis, values in ((x_axis, xs), (y_axis, ys)):
-            middle = (max(values) + min(values)) / 2
+    x, y = (_axis(name, gap, scale=True) for name, gap in ((across, 26), (up, 44)))
+    known = [point for point in points if point is not None]
+    if equal and known:
+        sides = [[point[k] for point in known] for k in (0, 1)]
+        half = 0.55 * max(max(max(side) - min(side) for side in sides), 1e-9)
+        for axis, side in zip((x, y), sides, strict=True):
+            middle = (max(side) + min(side)) / 2
             axis["min"], axis["max"] = float(f"{middle - half:.3g}"), float(f"{middle + half:.3g}")
-    return {
-        "animation": False, "textStyle": {"fontFamily": SERIF, "color": INK},
-        "grid": {"left": 66, "right": 16, "top": 14, "bottom": 46}, "xAxis": x_axis, "yAxis": y_axis, "series": [line, here],
-        "aria": {"enabled": True},
-    }  # fmt: skip
+    return {**BASE, "grid": {"left": 66, "right": 16, "top": 14, "bottom": 46}, "xAxis": x, "yAxis": y,
+            "series": [every, here]}  # fmt: skip
+
+
+STRIPED = {"symbol": "rect", "dashArrayX": [1, 0], "dashArrayY": [3, 4], "rotation": 0.7, "color": "rgba(0,0,0,.25)"}
+GREY = "#b9b9b9"
 
 
 def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
     """The budget: from the whole excess down, cause by cause, to what nothing explains."""
-    names = ["whole gap", *(step.name for step in steps)]
-    base, bars, whiskers = [0.0], [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}], []
+    base, whiskers = [0.0], []
+    bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}]
     for k, step in enumerate(steps, 1):
-        end = step.start - step.share
-        low, high = sorted((100 * step.start, 100 * end))
-        base.append(low)
+        low, high = sorted((100 * step.start, 100 * (step.start - step.share)))
         named = step.name != UNNAMED
-        colour = BLUE if step.applied else SKY if named else "#b9b9b9"
-        bars.append({
-            "value": high - low, "label": _label(percent(step.share)),
-            "itemStyle": {"color": colour, "decal": None if step.applied or not named else {"symbol": "rect", "dashArrayX": [1, 0], "dashArrayY": [3, 4], "rotation": 0.7, "color": "rgba(0,0,0,.25)"}},
-        })  # fmt: skip
+        look: dict[str, Any] = {"color": BLUE if step.applied else SKY if named else GREY}
+        if named and not step.applied:
+            look["decal"] = STRIPED
+        base.append(low)
+        bars.append({"value": high - low, "label": _label(percent(step.share)), "itemStyle": look})
         if named:
-            whiskers.append([100 * (step.start - step.high), k, 100 * (step.start - step.low), k])
-    lines = [[{"coord": [a, y], "symbol": "none"}, {"coord": [b, z], "symbol": "none"}] for a, y, b, z in whiskers]
+            ends = (100 * (step.start - step.high), 100 * (step.start - step.low))
+            whiskers.append([{"coord": [end, k], "symbol": "none"} for end in ends])
+    line = {"color": INK, "type": "solid", "width": 1.4}
+    marks = {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": line}
+    names = {"fontSize": 14, "width": 160, "overflow": "truncate", "color": INK}
     return {
-        "animation": False, "textStyle": {"fontFamily": SERIF, "color": INK},
-        "grid": {"left": 176, "right": 70, "top": 8, "bottom": 42},
-        "xAxis": {"type": "value", "name": "share of the excess error [%]", "nameLocation": "middle", "nameGap": 26,
-                  "min": "dataMin" if min([0.0, *base]) < 0 else 0, "axisLabel": {"color": INK}, "splitLine": {"lineStyle": {"color": FAINT}}},
-        "yAxis": {"type": "category", "inverse": True, "data": names, "axisTick": {"show": False},
-                  "axisLabel": {"color": INK, "fontSize": 14, "width": 160, "overflow": "truncate"}, "axisLine": {"lineStyle": {"color": PALE}}},
+        **BASE, "grid": {"left": 176, "right": 70, "top": 8, "bottom": 42},
+        "xAxis": _axis("share of the excess error [%]", 26, min="dataMin" if min(base) < 0 else 0),
+        "yAxis": {"type": "category", "inverse": True, "data": ["whole gap", *(step.name for step in steps)],
+                  "axisTick": {"show": False}, "axisLabel": names, "axisLine": {"lineStyle": {"color": PALE}}},
         "series": [
-            {"type": "bar", "stack": "all", "data": base, "itemStyle": {"color": "transparent"}, "silent": True, "barWidth": "62%"},
-            {"type": "bar", "stack": "all", "id": "shares", "name": "share", "data": bars, "cursor": "pointer",
-             "markLine": {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": {"color": INK, "type": "solid", "width": 1.4}, "data": lines}},
+            {"type": "bar", "stack": "all", "data": base, "itemStyle": {"color": "transparent"}, "silent": True,
+             "barWidth": "62%"},
+            {"type": "bar", "stack": "all", "id": "shares", "data": bars, "cursor": "pointer",
+             "markLine": {**marks, "data": whiskers}},
         ],
-        "tooltip": {"show": False}, "aria": {"enabled": True},
     }  # fmt: skip
 
 
-def objective(history: Sequence[float]) -> dict[str, Any]:
-    """How far above its end the objective was, step by step."""
-    end = min(history)
-    points = [[k, float(f"{max(value - end, 1e-12):.4g}")] for k, value in enumerate(history)]
+def _axis(name: str, gap: int, **more: Any) -> dict[str, Any]:
+    """An axis of values with its name and unit."""
+    label = {"color": INK, "fontSize": 12, "hideOverlap": True, "showMinLabel": False, "showMaxLabel": False}
+    line = {"show": True, "lineStyle": {"color": PALE}, "onZero": False}
     return {
-        "animation": False, "textStyle": {"fontFamily": SERIF, "color": INK},
-        "grid": {"left": 66, "right": 16, "top": 12, "bottom": 44},
-        "xAxis": {"type": "value", "name": "step", "nameLocation": "middle", "nameGap": 24, "axisLabel": {"color": INK}, "splitLine": {"show": False}},
-        "yAxis": {"type": "log", "name": "above its end", "nameLocation": "middle", "nameGap": 48, "axisLabel": {"color": INK, "hideOverlap": True}, "splitLine": {"lineStyle": {"color": FAINT}}},
-        "series": [{"type": "line", "data": points, "showSymbol": False, "lineStyle": LOOKS["simulated"], "animation": False, "silent": True}],
-        "aria": {"enabled": True},
+        "type": "value", "name": name, "nameLocation": "middle", "nameGap": gap, "axisLabel": label, "axisLine": line,
+        "splitLine": {"lineStyle": {"color": FAINT}}, **more,
     }  # fmt: skip
 
 
@@ -247,19 +227,3 @@ def _label(text: str) -> dict[str, Any]:
 
 def _attribute(text: str) -> str:
     return text.replace("\\", "").replace('"', "'")
-
-
-__all__ = [
-    "Curve",
-    "Strip",
-    "chart",
-    "height_of",
-    "number",
-    "objective",
-    "on_cursor",
-    "on_zoom",
-    "plane",
-    "strips",
-    "waterfall",
-    "with_curves",
-]

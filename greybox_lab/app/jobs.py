@@ -26,12 +26,12 @@ MEMORY = 8 * 2**30
 RUN = (
     "import sys\n"
     "try:\n"
-    "    import resource; resource.setrlimit(resource.RLIMIT_AS, ({0}, {0}))\n"
+    f"    import resource; resource.setrlimit(resource.RLIMIT_AS, ({MEMORY}, {MEMORY}))\n"
     "except (ImportError, ValueError, OSError): pass\n"
     "from greybox_id.cli import main\n"
     "try: main()\n"
-    "except MemoryError: sys.exit('greybox: this takes more than {1} GB of memory; use a smaller file.')\n"
-).format(MEMORY, MEMORY >> 30)
+    f"except MemoryError: sys.exit('greybox: this takes more than {MEMORY >> 30} GB of memory; use a smaller file.')\n"
+)
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,12 @@ USUAL_UNITS = {
 }
 """SI unit -> units that loggers write, where nothing tells which: offered in this order."""
 TIME_UNITS = ("s", "ms", "us", "ns")
+KEPT = ("hold", "separator", "decimal", "runs")
+"""What a map says beside time and signals."""
 
 
 def entries_of(answer: Mapping[str, Any], prefix: str = "") -> list[Entry]:
-    """What `greybox data map --json` says of a file as entries; `prefix` stands before its columns, as joining reads."""
+    """What `greybox data map --json` says of a file as entries; `prefix` stands before its columns, for joining."""
     entries = []
     for each in answer["signals"]:
         entry = dict(each)
@@ -46,7 +48,7 @@ def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
         text = tomllib.loads(proposed.read_text("utf-8"))
     except (OSError, tomllib.TOMLDecodeError):
         text = {}
-    base = {key: text[key] for key in ("hold", "separator", "decimal", "runs") if key in text}
+    base: dict[str, Any] = {key: text[key] for key in KEPT if key in text}
     time = answer["time"]
     if time is not None:
         base["time"] = {"column": time["column"], "unit": time["unit"] or (time["units"] or ["s"])[0]}
@@ -84,8 +86,8 @@ def answered(entries: Sequence[Entry], entry: Entry, **answer: Any) -> list[Entr
 
 
 def table_of(
-    base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] = {}
-) -> dict[str, Any]:  # noqa: B006
+    base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
     """The column map as plain data."""
     table = {key: base[key] for key in ("hold", "separator", "decimal", "time", "runs") if key in base}
     signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
@@ -105,7 +107,7 @@ def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
 def as_toml(table: Mapping[str, Any]) -> str:
     """Plain data as TOML: values, then tables; JSON's strings are TOML's."""
     plain = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
-    lines = ["# Made by greybox app; greybox data check RECORDING --columns map.toml reads it as well.", *plain]
+    lines = ["# Made by greybox app; every command reads it: --columns map.toml", *plain]
     for key, inner in table.items():
         if not isinstance(inner, Mapping):
             continue
@@ -118,9 +120,11 @@ def as_toml(table: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_map(path: Path, base: Mapping[str, Any], entries: Sequence[Entry], **extra: Mapping[str, Any]) -> None:
+def write_map(
+    path: Path, base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] | None = None
+) -> None:
     """Write the column map, atomically."""
-    write_atomically(path, as_toml(table_of(base, entries, extra)))
+    write_atomically(path, as_toml(table_of(base, entries, extra or {})))
 
 
 def _value(value: Any) -> str:
@@ -167,7 +171,7 @@ def repairs_of(sentence: str, channel: str) -> list[Repair]:
     unit = re.search(r'Set unit = "([^"]+)"', rest)
     if unit and named:
         return [Repair(f"Read {' and '.join(named)} in {unit[1]}", "unit", named, unit[1])]
-    if "other's column" in rest and len(named) >= 2 or "IMU" in head and "other's column" in rest:
+    if ("other's column" in rest and len(named) >= 2) or ("IMU" in head and "other's column" in rest):
         pair = tuple(name for name in named if name != "yaw_rate")[:2] or ("a_x", "a_y")
         pair = pair if len(pair) == 2 else ("a_x", "a_y")
         also = re.search(r"turn the sign of ([\w ,]+)", rest)
@@ -212,7 +216,7 @@ def _signals(text: str) -> Iterable[str]:
 def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:
     """Base and entries of a map that lies in a file, such as one that a person edited."""
     text = tomllib.loads(path.read_text("utf-8"))
-    base = {key: text[key] for key in ("hold", "separator", "decimal", "time", "runs") if key in text}
+    base: dict[str, Any] = {key: text[key] for key in (*KEPT, "time") if key in text}
     entries = [
         {
             "signal": name, "column": column.get("column", name), "unit": column["unit"], "units": [],

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 import greybox_id as gb
 
+from .beneath import sentence
+
 Array = NDArray[np.float64]
 MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
 """Models with a page: equations of motion whose parameters mean something one by one."""
@@ -45,8 +47,6 @@ def lacking(name: str, recording: gb.Recording) -> str:
     try:
         gb.simulate(name, recording.rows(0, min(len(recording), 60)))
     except gb.GreyboxError as error:
-        from .beneath import sentence
-
         return sentence(error)
     return ""
 
@@ -59,7 +59,7 @@ class Slider:
     ----------
     name, unit, about : the parameter's.
     low, high, step, value : in its unit.
-    prior : mean and standard deviation; None where nothing is believed.
+    prior : mean and standard deviation; None where there is none.
     fixed : whether a fit holds it unless asked otherwise.
     """
 
@@ -83,7 +83,7 @@ def sliders(model: gb.Model) -> list[Slider]:
         value = float(each.array)
         prior = None
         if each.prior is not None and each.prior.mean is not None and np.ndim(each.prior.mean) == 0:
-            prior = (float(each.prior.mean), float(np.asarray(each.prior.sd)))
+            prior = (float(np.asarray(each.prior.mean)), float(np.asarray(each.prior.sd)))
         if not np.isfinite(value):
             continue
         if prior is not None:
@@ -99,18 +99,29 @@ def sliders(model: gb.Model) -> list[Slider]:
     return sorted(found, key=lambda slider: slider.fixed)
 
 
+def longest(recording: gb.Recording) -> gb.Recording:
+    """The longest run of a recording, `MOST_ROWS` rows of it at most."""
+    start, stop = max(recording.runs, key=lambda run: run[1] - run[0])
+    return recording.rows(start, min(stop, start + MOST_ROWS))
+
+
+def effects_of(chosen: Mapping[str, Any]) -> list[str]:
+    """Names of effects that a model may have."""
+    model = getattr(gb.models, chosen["name"])()
+    return [name for name in gb.effects.names() if getattr(gb.effects, name).concerns(model)]
+
+
 class Bench:
     """A model over the part of a recording that is looked at, simulated anew as often as one likes.
 
     Parameters
     ----------
     model : at its nominal values.
-    recording : cut to `MOST_ROWS` rows, those of its longest run.
+    recording : cut to its longest run.
     """
 
     def __init__(self, model: gb.Model, recording: gb.Recording) -> None:
-        start, stop = max(recording.runs, key=lambda run: run[1] - run[0])
-        self.recording = recording.rows(start, min(stop, start + MOST_ROWS))
+        self.recording = longest(recording)
         self.model = model
         self.outputs = [name for name in model.outputs if self.recording.has(name)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +13,7 @@ import greybox_id as gb
 from . import step_check, step_drop, step_fit, step_model, step_see, step_take, step_why
 from .beneath import sentence
 from .jobs import Job
+from .widgets import quiet, tell, verdict
 from .work import STEPS, Work
 
 MODULES: tuple[ModuleType, ...] = (step_drop, step_see, step_check, step_model, step_fit, step_why, step_take)
@@ -38,20 +39,17 @@ class Page:
         self.picked: dict[str, Any] = {}
         self._drawing = 0
         self._ticking: list[Callable[[], None]] = []
-        self._trouble = ""
+        self._trouble = self.work.trouble
 
     async def build(self) -> None:
         """Make the page."""
-        from .server import CSS
-
-        ui.add_css(CSS)
         ui.colors(primary="#0072b2", negative="#a34a12", accent="#7b3f8c")
         with ui.row(align_items="center").classes("bar"):
-            ui.html(f"<h1>greybox</h1>", sanitize=False)
+            ui.label("greybox").classes("h3").props("role=heading aria-level=1")
             with ui.row().classes("steps").props('role=navigation aria-label="steps"'):
                 self.buttons = [self._button(k, name) for k, name in enumerate(STEPS)]
             ui.space()
-            ui.label(self.session.folder.name).classes("quiet").tooltip(str(self.session.folder))
+            quiet(self.session.folder.name).tooltip(str(self.session.folder))
         with ui.column().classes("page").props("role=main"):
             self.running = ui.column().classes("w-full")
             self.body = ui.column().classes("w-full")
@@ -64,18 +62,20 @@ class Page:
 
         return ui.button(f"{k + 1} {name}", on_click=go).props("flat dense no-caps").classes("step").mark(f"step-{k}")
 
+    @property
+    def reach(self) -> int:
+        """The last step that is open: the fit and what follows stay locked until the check was looked at."""
+        return 0 if self.work.ready else 6 if self.session["looked"] == self.session.key else 2
+
     async def go(self, step: int) -> None:
-        """Show another step; the fit and what follows it stay locked until the check was looked at."""
-        if step >= 3 and self.session["looked"] != self.session.key:
-            step = min(step, 2)
-        if step in (1, 2) and self.work.ready:
-            step = 0
-        self.step, self.window = step, None
-        self.session.keep_quietly(step=step)
+        """Show another step, as far as it is open."""
+        self.step, self.window = min(step, self.reach), None
+        self.session.keep_quietly(step=self.step)
         await self.draw()
 
     async def draw(self) -> None:
         """Draw the step anew."""
+        self.step = min(self.step, self.reach)
         self._drawing += 1
         mine, self.seen = self._drawing, self.session.version
         module = MODULES[self.step]
@@ -86,14 +86,13 @@ class Page:
         if mine != self._drawing or self.body.is_deleted:
             return
         self._ticking = []
-        locked = self.session["looked"] != self.session.key
         for k, button in enumerate(self.buttons):
-            button.set_enabled(not (k >= 3 and locked) and not (k in (1, 2) and bool(self.work.ready)))
+            button.set_enabled(k <= self.reach)
             button.props(f"aria-current={'step' if k == self.step else 'false'}")
         self.running.clear()
         with self.running:
             for job in self.session.jobs.running():
-                job_card(self, job)
+                self._job(job)
         self.body.clear()
         with self.body:
             if isinstance(data, Exception):
@@ -101,11 +100,27 @@ class Page:
             else:
                 module.draw(self, data)
 
+    def _job(self, job: Job) -> None:
+        """What runs: its command, its last line, for how long, and a stop."""
+        with ui.row(align_items="center").classes("card no-wrap") as card:
+            ui.spinner(size="1.2rem")
+            ui.label(job.command).classes("col mono")
+            line = quiet("")
+            ui.button("Stop", on_click=job.stop).props("outline dense no-caps").mark("stop")
+
+        def tick() -> None:
+            last = next((text for text in reversed(job.lines) if text.strip()), "starting")
+            line.set_text(f"{last[:110]} · {job.seconds:.0f} s")
+            card.set_visibility(job.seconds > SOON)
+
+        tick()
+        self.every_tick(tick)
+
     async def _tick(self) -> None:
         for tick in self._ticking:
             tick()
         if self.work.trouble and self.work.trouble != self._trouble:
-            ui.notify(self.work.trouble, type="negative", multi_line=True, timeout=15000, close_button="close")
+            tell(self.work.trouble)
         self._trouble = self.work.trouble
         if self.seen != self.session.version:
             await self.draw()
@@ -121,55 +136,3 @@ class Page:
     async def off(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function in a thread, so that the page stays alive."""
         return await run.io_bound(function, *arguments)
-
-
-def guarded(page: Page, action: Callable[[], Any]) -> Callable[[], Awaitable[None]]:
-    """An action of a button: what goes wrong is a sentence on the page."""
-
-    async def act() -> None:
-        try:
-            result = action()
-            if isinstance(result, Awaitable):
-                await result
-        except gb.GreyboxError as error:
-            ui.notify(sentence(error), type="negative", multi_line=True, timeout=15000, close_button="close")
-
-    return act
-
-
-def job_card(page: Page, job: Job) -> None:
-    """What runs: its command, its last line, for how long, and a stop."""
-    with ui.row(align_items="center").classes("card") as card:
-        ui.spinner(size="1.2rem")
-        ui.label(job.command).style("font-family: monospace; font-size: .84rem; overflow-wrap: anywhere").classes("col")
-        line = ui.label("").classes("quiet")
-        ui.button("Stop", on_click=job.stop).props("outline dense no-caps").mark("stop")
-    card.set_visibility(job.seconds > SOON)
-
-    def tick() -> None:
-        last = next((text for text in reversed(job.lines) if text.strip()), "starting")
-        line.set_text(f"{last[:110]} · {job.seconds:.0f} s")
-        card.set_visibility(job.seconds > SOON)
-
-    tick()
-    page.every_tick(tick)
-
-
-def verdict(head: str, words: str = "", *, bad: bool = False) -> None:
-    """What a reader does with it, first."""
-    with ui.column().classes("verdict bad" if bad else "verdict"):
-        ui.label(head).style("font-weight: bold").classes("sentence")
-        if words:
-            ui.label(words)
-
-
-def heading(words: str, sentence: str = "") -> None:
-    """A step's one sentence."""
-    ui.label(words).style("font-size: 1.35rem; font-weight: bold; line-height: 1.25").props("role=heading aria-level=2")
-    if sentence:
-        ui.label(sentence).classes("quiet")
-
-
-def title(words: str) -> None:
-    """A heading within a step."""
-    ui.label(words).style("font-weight: bold; font-size: 1.08rem").props("role=heading aria-level=3")

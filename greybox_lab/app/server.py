@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from nicegui import app, ui
+from nicegui import app, run, ui
 
 from .session import LARGEST
 from .work import Work
@@ -120,6 +120,7 @@ def set_up(work: Work) -> None:
 
     @ui.page("/", title=f"greybox app: {work.session.folder.name}", response_timeout=30)
     async def index() -> None:
+        ui.add_css(CSS)
         page = Page(work)
         await page.build()
 
@@ -130,7 +131,10 @@ def set_up(work: Work) -> None:
             raise HTTPException(404, "There is no such file in this session.")
         return FileResponse(place, headers={"Content-Security-Policy": "sandbox", "X-Content-Type-Options": "nosniff"})
 
-    app.on_startup(lambda: app.timer(TICK, work.watch))
+    async def watch() -> None:
+        await run.io_bound(work.watch)
+
+    app.on_startup(lambda: app.timer(TICK, watch))
     app.on_shutdown(work.session.jobs.stop)
 
 

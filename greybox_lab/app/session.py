@@ -52,6 +52,10 @@ DEFAULTS: dict[str, Any] = {
     "gap": "",
     "step": 0,
     "cursor": None,
+    "joining": [],
+    "requests": {},
+    "taken": [],
+    "arena": "disc:10",
 }
 
 
@@ -201,9 +205,7 @@ def must_be_takeable(path: Path) -> None:
         if len(first) > LONGEST_LINE:
             raise BadInput(f"{path.name}: its first line is longer than 1 MB: this is no table of channels.")
         if max(first.count(mark) for mark in (b",", b";", b"\t")) > MOST_COLUMNS:
-            raise BadInput(
-                f"{path.name} has more than {MOST_COLUMNS} columns; export the channels of the vehicle alone."
-            )
+            raise BadInput(f"{path.name} has more than {MOST_COLUMNS} columns; export fewer channels.")
 
 
 def unpacked(path: Path) -> int:
@@ -222,8 +224,8 @@ def must_be_small(name: str, size: int) -> None:
     """Raise `BadInput` for a file that is larger than the page takes."""
     if size > LARGEST:
         raise BadInput(
-            f"{name} has {size / 2**20:.0f} MB, and this page takes {LARGEST // 2**20} MB at most. Cut it into parts, or "
-            "use the command line: greybox data convert writes parts of a recording with --between."
+            f"{name} has more than {LARGEST // 2**20} MB, the most that this page takes. Cut it into parts: greybox "
+            "data convert writes a part of a recording with --between."
         )
 
 

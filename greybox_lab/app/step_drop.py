@@ -10,10 +10,11 @@ from nicegui import events, ui
 import greybox_id as gb
 
 from . import charts, mapping
-from .beneath import SIGNALS, counted, pretty_unit
+from .beneath import SIGNALS, counted, pretty_unit, sentence
 from .mapping import TIME_UNITS, Entry, questions, units_for
 from .session import LARGEST, MAP, ROLES, must_be_small, must_be_takeable, safe_name
 from .traces import Shown, companion
+from .widgets import button, choose, heading, quiet, tell, title, verdict
 
 if TYPE_CHECKING:
     from .page import Page
@@ -21,65 +22,56 @@ if TYPE_CHECKING:
 LITTLE = 92
 """Height of the plot that decides a question, pixels."""
 LOOKS = ("simulated", "other", "third")
+MOST_ROWS = 200_000
+"""Rows of the plot that decides a question."""
 
 
 async def prepare(page: Page) -> dict[str, Any]:
-    """Candidates of the first open question as curves."""
+    """Open questions, with the little plot of each."""
     session = page.session
-    open_ones = questions(session["entries"]) if session["columns"] == MAP else []
-    base = session["map"]
-    if not open_ones or "time" not in base or session.state.get("joining"):
-        return {"open": open_ones, "curves": {}}
-    return {"open": open_ones, "curves": await page.off(_candidates, page, open_ones)}
+    entries = questions(session["entries"]) if session["columns"] == MAP else []
+    if not entries or "time" not in session["map"] or session["joining"]:
+        return {"open": entries, "strips": {}}
+    return {"open": entries, "strips": await page.off(_strips, page, entries)}
 
 
-def _candidates(page: Page, open_ones: list[Entry]) -> dict[int, charts.Strip]:
-    """The little plot of each question: the column in each unit that comes into question, and what others say of it."""
+def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.Strip]:
+    """Each column in the units that come into question, and what the other channels say it should be."""
     session = page.session
     extra = {
         f"q{k}_{j}": {**mapping.column_of(entry, unit), "optional": True}
-        for k, entry in enumerate(open_ones) for j, unit in enumerate(units_for(entry)[:3])
-    }  # fmt: skip
+        for k, entry in enumerate(entries)
+        for j, unit in enumerate(units_for(entry)[: len(LOOKS)])
+    }
     place = session.folder / "jobs" / "candidates.toml"
-    mapping.write_map(place, session["map"], session["entries"], **extra)
+    mapping.write_map(place, session["map"], session["entries"], extra)
     try:
         recording = page.work.library.read(session.folder / session.files()[0], place)
     except gb.GreyboxError:
         return {}
-    shown = Shown(recording.rows(0, min(len(recording), 200_000)))
+    over = Shown(recording.rows(0, min(len(recording), MOST_ROWS)))
     strips = {}
-    for k, entry in enumerate(open_ones):
-        curves = []
-        beside = companion(shown.recording, entry["signal"])
-        if beside is not None:
-            curves.append(charts.Curve(beside[0], shown.points(beside[1]), "measured"))
-        for j, unit in enumerate(units_for(entry)[:3]):
-            if f"q{k}_{j}" in shown.recording:
-                curves.append(
-                    charts.Curve(
-                        f"{entry['column']} in {pretty_unit(unit)}",
-                        shown.points(shown.recording[f"q{k}_{j}"]),
-                        LOOKS[j],
-                    )
-                )
-        if curves:
-            unit = SIGNALS[entry["signal"]].unit if entry["signal"] in SIGNALS else "1"
-            strips[k] = charts.Strip(entry["signal"], unit, curves)
+    for k, entry in enumerate(entries):
+        beside = companion(over.recording, entry["signal"])
+        curves = [charts.Curve(beside[0], over.points(beside[1]))] if beside is not None else []
+        for j, unit in enumerate(units_for(entry)[: len(LOOKS)]):
+            if (name := f"q{k}_{j}") in over.recording:
+                words = f"{entry['column']} in {pretty_unit(unit)}"
+                curves.append(charts.Curve(words, over.points(over.recording[name]), LOOKS[j]))
+        strips[k] = charts.Strip(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
     return strips
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
-    from .page import heading
-
-    session, work = page.session, page.work
+    session = page.session
     heading("Drop recordings", "The first is fitted, the second is held out. Nothing leaves this machine.")
     with ui.element("div").classes("left"):
         with ui.column():
             _upload(page)
             if not session["recordings"]:
-                ui.button("Take the shipped racer", on_click=lambda: work.take_racer()).props("no-caps").mark("racer")
-                ui.label("Two drives of a 1:10 car, 182 s at 20 Hz.").classes("quiet")
+                button("Take the shipped racer", page.work.take_racer, "racer")
+                quiet("Two drives of a 1:10 car, 182 s at 20 Hz.")
             _files(page)
         with ui.column():
             if session["recordings"]:
@@ -88,35 +80,27 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 
 def _upload(page: Page) -> None:
     async def take(event: events.UploadEventArguments) -> None:
-        from .beneath import sentence
-
-        session = page.session
         try:
             name = safe_name(event.file.name)
             must_be_small(name, event.file.size())
-            place = session.folder / "recordings" / name
-            if place.is_symlink():
-                place.unlink()
+            place = page.session.folder / "recordings" / name
+            place.unlink(missing_ok=True)
             await event.file.save(place)
             try:
-                must_be_takeable(place)
+                await page.off(must_be_takeable, place)
             except gb.GreyboxError:
                 place.unlink(missing_ok=True)
                 raise
-            session.add(name)
+            page.session.add(name)
             page.work.look()
         except gb.GreyboxError as error:
-            ui.notify(sentence(error), type="negative", multi_line=True, timeout=20000, close_button="close")
+            tell(sentence(error))
 
-    def refuse() -> None:
-        words = f"A file of more than {LARGEST >> 20} MB is not taken here: cut it into parts, or use the command line."
-        ui.notify(words, type="negative", multi_line=True, timeout=20000, close_button="close")
-
-    upload = ui.upload(
-        multiple=True, max_file_size=LARGEST, auto_upload=True, on_upload=take, on_rejected=refuse,
-        label="Drop files here, or choose with +",
-    )  # fmt: skip
-    upload.props('flat aria-label="recordings"').mark("upload")
+    words = f"A file of more than {LARGEST >> 20} MB is not taken here: cut it into parts, or use the command line."
+    element = ui.upload(
+        multiple=True, max_file_size=LARGEST, auto_upload=True, on_upload=take, on_rejected=lambda: tell(words)
+    )
+    element.props('flat label="Drop files here, or choose with +" aria-label="recordings"').mark("upload")
 
 
 def _files(page: Page) -> None:
@@ -127,23 +111,15 @@ def _files(page: Page) -> None:
         session.change(recordings=rows, looked="")
 
     for each in session["recordings"]:
+        name = each["file"].removeprefix("recordings/")
         with ui.row(align_items="center").classes("w-full no-wrap"):
-            name = each["file"].removeprefix("recordings/")
             ui.label(name).classes("col").style("overflow-wrap: anywhere; min-width: 0")
-            ui.select(dict(ROLES), value=each["role"], on_change=partial(role, each["file"])).props(
-                f'dense outlined options-dense aria-label="role"'
-            ).style("width: 8.5rem").mark(f"role-{name}")
-    used = session.files()
-    if len(used) > 1 and not session.state.get("joining") and session["columns"] != "canonical":
-        button = ui.button("They are parts of one drive: join them", on_click=page.work.join).props(
-            "flat dense no-caps"
-        )
-        button.tooltip("greybox data join: one file per sensor or topic, each with a clock of its own").mark("join")
+            choose(ROLES, each["role"], "role", 8.5, partial(role, each["file"]), f"role-{name}")
+    if len(session.files()) > 1 and not session["joining"] and session["columns"] != "canonical":
+        button("They are parts of one drive: join them", page.work.join, "join", "flat")
 
 
 def _columns(page: Page, data: dict[str, Any]) -> None:
-    from .page import title, verdict
-
     session, work = page.session, page.work
     if not session["columns"]:
         job = session.latest("map")
@@ -152,164 +128,112 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
         else:
             ui.label("Looking at the columns …").classes("sentence")
         return
-    if session["columns"] != MAP:
-        verdict(f"Read through the map {session['columns']}.", work.ready)
-        _onward(page)
-        if session["columns"] != "canonical":
-            ui.button("Look at the columns instead", on_click=work.own_map).props("flat dense no-caps")
-        return
     state = work.ready
-    verdict(
-        state or "Every column has its signal.",
-        "" if state else "A wrong one is changed by a click on it.",
-        bad=bool(state),
-    )
+    if session["columns"] != MAP:
+        verdict(f"Read through the map {session['columns']}.", state)
+    else:
+        words = "" if state else "A wrong one is changed by a click on it."
+        verdict(state or "Every column has its signal.", words, bad=bool(state))
     with ui.row():
-        for name in work.maps:
-            ui.button(f"Read it through the shipped map {name}", on_click=partial(work.use_map, name)).props(
-                "outline dense no-caps"
-            ).mark(f"map-{name}")
-        if not state and not session.state.get("joining"):
-            _onward(page)
-    if not state and session.state.get("joining"):
-        ui.button("Join the files", on_click=work.make_joined).props("no-caps").mark("make-joined")
+        if session["columns"] == MAP:
+            for name in work.maps:
+                act = partial(work.use_map, name)
+                button(f"Read it through the shipped map {name}", act, f"map-{name}", "outline")
+        elif session["columns"] != "canonical":
+            button("Look at the columns instead", work.unmap, kind="flat")
+        if not state:
+            if session["joining"]:
+                button("Join the files", work.make_joined, "make-joined")
+            else:
+                button("See it", partial(page.go, 1), "onward")
+    if session["columns"] == MAP:
+        _map(page, data)
+
+
+def _map(page: Page, data: dict[str, Any]) -> None:
+    session = page.session
     if "time" not in session["map"] or session["map"].get("time_units"):
         _time(page)
     for k, entry in enumerate(data["open"]):
-        _question(page, entry, data["curves"].get(k))
+        _question(page, entry, data["strips"].get(k))
     title("Decided")
     with ui.row().classes("w-full").style("gap: .4rem"):
         for entry in session["entries"]:
             if entry["use"]:
                 _chip(page, entry)
-    dropped = [entry for entry in session["entries"] if entry["use"] is False]
+    dropped = [entry["column"] for entry in session["entries"] if entry["use"] is False]
     if dropped:
-        ui.label(f"Left out: {', '.join(entry['column'] for entry in dropped)}").classes("quiet")
+        quiet(f"Left out: {', '.join(dropped)}")
     if session["others"]:
         _others(page)
 
 
-def _onward(page: Page) -> None:
-    async def go() -> None:
-        await page.go(1)
-
-    if not page.work.ready:
-        ui.button("See it", on_click=go).props("no-caps").mark("onward")
-
-
 def _time(page: Page) -> None:
-    from .page import title
-
-    session, base = page.session, page.session["map"]
+    base, others = page.session["map"], page.session["others"]
+    columns = [*([base["time"]["column"]] if "time" in base else []), *others]
+    first = next((name for name in ("time", "t", "timestamp", "s", "stamp") if name in columns), None)
     with ui.column().classes("card"):
         title("Which column is the time?")
-        columns = [*([base["time"]["column"]] if "time" in base else []), *session["others"]]
-        known = [each for each in ("time", "t", "timestamp", "s", "stamp") if each in columns]
-        column = (
-            ui.select(columns, value=known[0] if known else columns[0] if columns else None, label="column")
-            .props("dense outlined")
-            .style("width: 14rem")
-        )
-        rest = (
-            ui.select(["", *columns], value="ns" if "ns" in columns else "", label="nanoseconds within the second")
-            .props("dense outlined")
-            .style("width: 16rem")
-        )
+        with ui.row():
+            column = choose(columns, first or (columns[0] if columns else None), "column", 14)
+            rest = choose(["", *columns], "ns" if "ns" in columns else "", "nanoseconds within the second", 16)
         with ui.row():
             for unit in base.get("time_units") or TIME_UNITS:
-                act = lambda unit=unit: page.work.set_time(column.value, unit, rest.value or "")  # noqa: E731
-                ui.button(f"in {unit}", on_click=act).props("outline dense no-caps").mark(f"time-{unit}")
+
+                def answer(unit: str = unit) -> None:
+                    page.work.set_time(column.value, unit, rest.value or "")
+
+                button(f"in {unit}", answer, f"time-{unit}", "outline")
 
 
 def _question(page: Page, entry: Entry, strip: charts.Strip | None) -> None:
-    from .page import title
-
-    work = page.work
-    with ui.column().classes("card").mark(f"question-{entry['signal']}"):
-        title(f"Is “{entry['column']}” {entry['signal']}, the {SIGNALS[entry['signal']].about}?")
-        ui.label("; ".join(entry["reasons"])).classes("quiet")
-        if strip is not None:
-            options = charts.strips([strip], _span(strip), height=LITTLE, zoom=False, legend=True)
-            charts.chart(
-                options,
-                charts.height_of(1, LITTLE, True, False),
-                f"{entry['column']} in the units that come into question",
-            )
+    signal, counts = entry["signal"], entry["divide_by"] != 1.0
+    with ui.column().classes("card").mark(f"question-{signal}"):
+        title(f"Is “{entry['column']}” {signal}, the {SIGNALS[signal].about}?")
+        quiet("; ".join(entry["reasons"]))
+        if strip is not None and strip.curves:
+            options = charts.strips([strip], strip.span, height=LITTLE, zoom=False, legend=True)
+            height = charts.height_of(1, LITTLE, True, False)
+            charts.chart(options, height, f"{entry['column']} in the units that come into question")
         with ui.row(align_items="center"):
-            factor = None
-            if entry["divide_by"] != 1.0:
-                factor = (
-                    ui.number("divide by", value=entry["divide_by"], format="%.6g")
-                    .props("dense outlined")
-                    .style("width: 9rem")
-                )
+            factor = ui.number("divide by", value=entry["divide_by"], format="%.6g").props("dense outlined")
+            factor.style("width: 9rem").set_visibility(counts)
             for unit in units_for(entry):
-                yes = lambda unit=unit: work.answer(
-                    entry,
-                    use=True,
-                    unit=unit,
-                    units=[],
-                    divide_by=float(factor.value) if factor is not None and factor.value else 1.0,
-                )  # noqa: E731
-                words = (
-                    f"Yes, divided by {entry['divide_by']:g} in {pretty_unit(unit)}"
-                    if factor is not None
-                    else f"Yes, in {pretty_unit(unit)}"
-                )
-                ui.button(words, on_click=yes).props("dense no-caps outline").mark(f"yes-{entry['signal']}-{unit}")
-            ui.button("No, leave it out", on_click=lambda: work.answer(entry, use=False)).props(
-                "dense no-caps flat"
-            ).mark(f"no-{entry['signal']}")
 
+                def yes(unit: str = unit) -> None:
+                    divisor = float(factor.value or 1.0)
+                    page.work.answer(entry, use=True, unit=unit, units=[], divide_by=divisor)
 
-def _span(strip: charts.Strip) -> tuple[float, float]:
-    instants = [point[0] for curve in strip.curves for point in curve.points if point is not None]
-    return (min(instants), max(instants)) if instants else (0.0, 1.0)
+                words = f"Yes, {'divided, ' if counts else ''}in {pretty_unit(unit)}"
+                button(words, yes, f"yes-{signal}-{unit}", "outline")
+            button("No, leave it out", partial(page.work.answer, entry, use=False), f"no-{signal}", "flat")
 
 
 def _chip(page: Page, entry: Entry) -> None:
-    unit = units_for(entry)[0]
-    sign = "−" if entry["sign"] < 0 else ""
+    unit, signal = units_for(entry)[0], entry["signal"]
     divided = f" ÷ {entry['divide_by']:g}" if entry["divide_by"] != 1.0 else ""
-    with (
-        ui.button(f"{entry['signal']} = {sign}{entry['column']}{divided} [{pretty_unit(unit)}]")
-        .props("outline dense no-caps color=primary")
-        .mark(f"chip-{entry['signal']}") as button
-    ):
-        with ui.menu(), ui.column().style("padding: .6rem 1rem; max-width: 30rem"):
-            ui.label("; ".join(entry["reasons"]) or SIGNALS[entry["signal"]].about)
-            usual = mapping.USUAL_UNITS.get(SIGNALS[entry["signal"]].unit, (unit,))
-            units = (
-                ui.select(list(dict.fromkeys((unit, *usual))), value=unit, label="unit")
-                .props("dense outlined")
-                .style("width: 9rem")
-            )
-            sign_of = ui.checkbox("turn its sign", value=entry["sign"] < 0)
-            with ui.row():
-                act = lambda: page.work.answer(entry, unit=units.value, units=[], sign=-1 if sign_of.value else 1)  # noqa: E731
-                ui.button("Change", on_click=act).props("dense no-caps")
-                ui.button("Leave it out", on_click=lambda: page.work.answer(entry, use=False)).props(
-                    "dense no-caps flat"
-                )
-    button.props("aria-haspopup=true")
+    words = f"{signal} = {'−' if entry['sign'] < 0 else ''}{entry['column']}{divided} [{pretty_unit(unit)}]"
+    with button(words, lambda: None, f"chip-{signal}", "outline"), ui.menu(), ui.column().classes("menu"):
+        ui.label("; ".join(entry["reasons"]) or SIGNALS[signal].about)
+        usual = mapping.USUAL_UNITS.get(SIGNALS[signal].unit, (unit,))
+        units = choose(list(dict.fromkeys((unit, *usual))), unit, "unit", 9)
+        turned = ui.checkbox("turn its sign", value=entry["sign"] < 0)
+
+        def change() -> None:
+            page.work.answer(entry, unit=units.value, units=[], sign=-1 if turned.value else 1)
+
+        with ui.row():
+            button("Change", change)
+            button("Leave it out", partial(page.work.answer, entry, use=False), kind="flat")
 
 
 def _others(page: Page) -> None:
-    session = page.session
-    taken = {entry["signal"] for entry in session["entries"] if entry["use"]}
+    others = page.session["others"]
+    taken = {entry["signal"] for entry in page.session["entries"] if entry["use"]}
     free = [name for name in SIGNALS if name not in taken]
-    with (
-        ui.expansion(
-            f"{counted(len(session['others']), 'further column')}: {', '.join(session['others'][:12])}{' …' if len(session['others']) > 12 else ''}"
-        ).classes("w-full"),
-        ui.row(align_items="center"),
-    ):
-        column = (
-            ui.select(session["others"], value=session["others"][0], label="column")
-            .props("dense outlined")
-            .style("width: 14rem")
-        )
-        signal = ui.select(free, value=free[0], label="is the signal").props("dense outlined").style("width: 12rem")
-        ui.button("Ask about it", on_click=lambda: page.work.add_entry(column.value, signal.value)).props(
-            "dense no-caps outline"
-        )
+    listed = ", ".join(others[:12]) + (" …" if len(others) > 12 else "")
+    words = f"{counted(len(others), 'further column')}: {listed}"
+    with ui.expansion(words).classes("w-full"), ui.row(align_items="center"):
+        column = choose(others, others[0], "column", 14)
+        signal = choose(free, free[0], "is the signal", 12)
+        button("Ask about it", lambda: page.work.add_entry(column.value, signal.value), kind="outline")

@@ -11,127 +11,98 @@ from nicegui import ui
 from . import charts
 from .beneath import number, pretty_unit
 from .traces import Shown
+from .widgets import button, choose, heading, quiet, title
 
 if TYPE_CHECKING:
     from .page import Page
 
 MOST_STRIPS = 12
+Planes = list[tuple[ui.echart, str, str]]
 
 
-async def prepare(page: Page) -> Shown:
+async def prepare(page: Page) -> tuple[Shown, list[charts.Strip]]:
     """The recording that is looked at, and its curves."""
     files = page.session.files()
-    file = page.picked.get("file")
-    file = file if file in files else files[0]
-    page.picked["file"] = file
-    shown = Shown(await page.off(page.work.recording, file))
-    page.picked["strips"] = await page.off(_strips, shown)
-    return shown
+    page.picked["file"] = page.picked["file"] if page.picked.get("file") in files else files[0]
+    over = Shown(await page.off(page.work.recording, page.picked["file"]))
+    return over, await page.off(_strips, over)
 
 
-def _strips(shown: Shown) -> list[charts.Strip]:
-    recording = shown.recording
+def _strips(over: Shown) -> list[charts.Strip]:
+    recording = over.recording
     names = [name for name in recording.signals if recording.has(name) and not name.startswith("sd_")]
     return [
-        charts.Strip(name, recording.unit(name), [charts.Curve(name, shown.points(np.asarray(recording[name])))])
+        charts.Strip(name, recording.unit(name), [charts.Curve(name, over.points(np.asarray(recording[name])))])
         for name in names[:MOST_STRIPS]
     ]
 
 
-def draw(page: Page, shown: Shown) -> None:
+def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
     """The step."""
-    from .page import guarded, heading, title
-
-    session, recording = page.session, shown.recording
+    (over, strips), session = data, page.session
+    recording, files = over.recording, session.files()
     rate = f" at {number(1 / recording.sample_time)} Hz" if recording.sample_time > 0 else ""
     heading(
         "See what was recorded",
-        f"{len(recording)} rows in {len(recording.runs)} runs, {number(recording.duration)} s{rate}. One cursor goes through all; turn the wheel or drag the bar to zoom.",
+        f"{len(recording)} rows in {len(recording.runs)} runs, {number(recording.duration)} s{rate}. One cursor goes "
+        "through all; turn the wheel or drag the bar to zoom.",
     )
-    strips: list[charts.Strip] = page.picked["strips"]
-    height = 66 if len(strips) > 6 else 92
     with ui.row(align_items="center").classes("w-full"):
-        files = session.files()
         if len(files) > 1:
             labels = {file: file.removeprefix("recordings/") for file in files}
-            ui.select(labels, value=page.picked["file"], on_change=partial(_other, page), label="recording").props(
-                "dense outlined"
-            ).style("min-width: 14rem")
-        if not shown.laid:
-            ui.button("Crop to what is seen", on_click=guarded(page, lambda: _crop(page, shown))).props(
-                "outline dense no-caps"
-            ).mark("crop")
+            choose(labels, page.picked["file"], "recording", 14, partial(_other, page))
+        if not over.laid:
+            button("Crop to what is seen", partial(_crop, page, over), "crop", "outline")
         if session["between"]:
-            ui.button(
-                f"Undo the crop {session['between']} s", on_click=lambda: session.change(between="", looked="")
-            ).props("outline dense no-caps")
-
-        async def onward() -> None:
-            await page.go(2)
-
-        ui.button("Check it", on_click=onward).props("no-caps").mark("onward")
+            undo = partial(session.change, between="", looked="")
+            button(f"Undo the crop {session['between']} s", undo, "uncrop", "outline")
+        button("Check it", partial(page.go, 2), "onward")
+    height = 66 if len(strips) > 6 else 92
+    planes: Planes = []
     with ui.element("div").classes("side"):
         with ui.column():
-            options = charts.strips(strips, shown.span, height=height, cursor=session["cursor"])
-            element = charts.chart(
-                options,
-                charts.height_of(len(strips), height),
-                f"strips of {', '.join(strip.name for strip in strips)} over time",
-            ).mark("strips")
-            if shown.laid:
-                ui.label("Clocks begin anew in this recording: runs are laid one behind the other.").classes("quiet")
-        planes = []
+            options = charts.strips(strips, over.span, height=height, cursor=session["cursor"])
+            words = f"{', '.join(strip.name for strip in strips)} over time"
+            element = charts.chart(options, charts.height_of(len(strips), height), words).mark("strips")
+            if over.laid:
+                quiet("Clocks begin anew in this recording: runs are laid one behind the other.")
         with ui.column():
             if recording.has("x", "y"):
                 title("From above")
-                points = shown.along(recording["x"], recording["y"])
-                plane = charts.plane("path", "x [m]", "y [m]", points, equal=True)
+                plane = charts.plane("x [m]", "y [m]", over.along(recording["x"], recording["y"]), equal=True)
                 planes.append((charts.chart(plane, 378, "the drive from above"), "x", "y"))
             if recording.has("v_x", "a_y"):
                 title("Speed against lateral acceleration")
-                points = shown.along(recording["a_y"], recording["v_x"])
-                plane = charts.plane(
-                    "speed", f"a_y [{pretty_unit('m/s^2')}]", "v_x [m/s]", points, equal=False, dots=True
-                )
+                points = over.along(recording["a_y"], recording["v_x"])
+                plane = charts.plane(f"a_y [{pretty_unit('m/s^2')}]", "v_x [m/s]", points, dots=True)
                 planes.append((charts.chart(plane, 290, "speed against lateral acceleration"), "a_y", "v_x"))
-            here = ui.label("").classes("quiet").mark("cursor")
-    _connect(page, shown, element, planes, strips, here)
+            here = quiet("").mark("cursor")
+    _connect(page, over, element, planes, strips, here)
 
 
 def _connect(
-    page: Page,
-    shown: Shown,
-    element: ui.echart,
-    planes: list[tuple[ui.echart, str, str]],
-    strips: list[charts.Strip],
-    here: ui.label,
+    page: Page, over: Shown, element: ui.echart, planes: Planes, strips: list[charts.Strip], here: ui.label
 ) -> None:
     """Zoom asks for finer curves; the cursor moves a dot through the other pictures."""
-    recording = shown.recording
+    recording = over.recording
+
+    def fine(low: float, high: float) -> dict[str, Any]:
+        named = [(f"{strip.name}/{strip.name}", np.asarray(recording[strip.name])) for strip in strips]
+        return {name: over.points(values, (low, high)) for name, values in named}
 
     async def zoomed(low: float, high: float) -> None:
         page.window = (low, high)
-        fine = await page.off(
-            lambda: {
-                f"{strip.name}/{strip.name}": shown.points(np.asarray(recording[strip.name]), (low, high))
-                for strip in strips
-            }
-        )
-        charts.with_curves(element, fine)
+        charts.with_curves(element, await page.off(fine, low, high))
 
     def cursor(event: Any) -> None:
-        instant = event.args.get("t") if isinstance(event.args, dict) else None
-        if instant is None:
-            return
-        row = shown.row(float(instant))
-        page.session.state["cursor"] = round(float(shown.time[row]), 4)
+        row = over.row(float(event.args["t"]))
+        page.session.state["cursor"] = round(float(over.time[row]), 4)
         for chart, across, up in planes:
             point = [float(recording[across][row]), float(recording[up][row])]
-            data = [point] if all(np.isfinite(point)) else []
-            chart.run_chart_method("setOption", {"series": [{"id": "here", "data": data}]})
-        here.set_text(f"cursor at {shown.time[row]:.2f} s")
+            charts.with_curves(chart, {"here": [point] if np.isfinite(point).all() else []})
+        here.set_text(f"cursor at {over.time[row]:.2f} s")
 
-    charts.on_zoom(element, shown.span, zoomed)
+    charts.on_zoom(element, over.span, zoomed)
     charts.on_cursor(element, cursor)
 
 
@@ -140,7 +111,7 @@ async def _other(page: Page, event: Any) -> None:
     await page.draw()
 
 
-def _crop(page: Page, shown: Shown) -> None:
-    low, high = page.window or shown.span
+def _crop(page: Page, over: Shown) -> None:
+    low, high = page.window or over.span
     page.window = None
     page.session.change(between=f"{low:.6g}:{high:.6g}", looked="")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -18,7 +17,7 @@ COMMANDS, NOTEBOOK = "commands.sh", "notebook.ipynb"
 
 def request_of(session: Session, target: str) -> Request | None:
     """The request that a fit or a gap was made of."""
-    body = session.state.get("requests", {}).get(target)
+    body = session["requests"].get(target)
     return (
         None
         if body is None
@@ -26,18 +25,19 @@ def request_of(session: Session, target: str) -> Request | None:
     )
 
 
+ORDER = ("join", "check", "fit", "gap", "since", "design", "report", "export")
+"""Kinds of jobs that are handed over, in the order in which they are run."""
+
+
 def kept_jobs(session: Session) -> list[Job]:
-    """The jobs that made what the session shows now: the last check, the chosen fit and gap, what was written."""
-    chosen = {session["fit"], session["gap"]} - {""}
-    last: dict[tuple[str, str], Job] = {}
+    """The jobs that made what the session shows now: the last of a kind, the chosen fit and gap."""
+    chosen = {session["fit"], session["gap"]}
+    last: dict[str, Job] = {}
     for job in session.jobs.all():
-        if job.answer is not None and (
-            job.kind in ("join", "check") or job.target in chosen or job.kind in ("report", "export", "design")
-        ):
-            last.pop((job.kind, job.target), None)
-            last[job.kind, job.target] = job
-    order = ("join", "check", "fit", "gap", "since", "design", "report", "export")
-    return sorted(last.values(), key=lambda job: order.index(job.kind) if job.kind in order else len(order))
+        made = job.answer is not None and (job.kind not in ("fit", "gap", "since") or job.target in chosen)
+        if made and job.kind in ORDER:
+            last[f"export {job.target}" if job.kind == "export" else job.kind] = job
+    return sorted(last.values(), key=lambda job: ORDER.index(job.kind))
 
 
 def commands(session: Session) -> str:
@@ -48,31 +48,28 @@ def commands(session: Session) -> str:
     return "\n".join([*lines, *(job.command for job in kept_jobs(session))]) + "\n"
 
 
-def notebook(session: Session) -> dict[str, Any]:
-    """The same as a notebook of Jupyter's format 4."""
+def code(session: Session) -> list[str]:
+    """Python that does the same, in cells."""
     fit, gap = request_of(session, session["fit"]), request_of(session, session["gap"])
     first = fit or gap
-    cells = [
-        _words(
-            f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings lie beside this file."
-        )
-    ]
-    if first is not None:
-        cells += [_words("## Recordings"), _code(first.read_code())]
-        cells.append(
-            _code(
-                "for recording in train:\n    for finding in gb.check(recording):\n        print(finding.severity.value, finding.sentence)"
-            )
-        )
+    if first is None:
+        return []
+    cells = [first.read_code(), "for recording in train:\n    print(gb.check(recording))"]
     if fit is not None:
-        cells += [_words("## Fit"), _code(fit.fit_code())]
+        cells.append(fit.fit_code())
     if gap is not None:
-        job = next((each for each in session.jobs.all() if each.target == session["gap"]), None)
-        words = job.words if job is not None else ()
-        cells += [_words("## Why not"), _code(gap.gap_code("--fit" in words, "--since" in words))]
+        words = next((job.words for job in session.jobs.all() if job.target == session["gap"]), ())
+        cells.append(gap.gap_code("--fit" in words, "--since" in words))
     results = [name for name, request in (("fit", fit), ("gap", gap)) if request is not None]
-    if results:
-        cells += [_words("## Report"), _code(f'gb.report([{", ".join(results)}], "report.html")')]
+    return [*cells, f'gb.report([{", ".join(results)}], "report.html")']
+
+
+def notebook(session: Session) -> dict[str, Any]:
+    """The same as a notebook of Jupyter's format 4."""
+    words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings lie beside this file."
+    cells: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
+    for source in code(session):
+        cells.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})
     return {
         "cells": [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(cells)],
         "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
@@ -88,21 +85,17 @@ def write(session: Session) -> None:
 
 
 def pack(session: Session) -> str:
-    """Everything in one file: recordings, map, commands, notebook, results. Returns its name in the session's folder."""
+    """Everything in one file: recordings, map, commands, notebook, results. Returns its name."""
     write(session)
     name = f"{session.folder.name}.zip"
     beside = session.folder / f".{name}"
-    chosen = [COMMANDS, NOTEBOOK, *([MAP] if session["columns"] == MAP else []), *session.files()]
-    for folder in filter(None, (session["fit"], session["gap"], "report.html", "report.pdf")):
-        place = session.folder / folder
-        chosen += [
-            str(file.relative_to(session.folder))
-            for file in ([place] if place.is_file() else place.rglob("*"))
-            if file.is_file()
-        ]
-    chosen += [
-        file for job in kept_jobs(session) if job.kind == "join" for file in job.words if file.startswith("recordings/")
-    ]
+    chosen = [COMMANDS, NOTEBOOK, *([MAP] if MAP in commands(session) else []), *session.files()]
+    for job in kept_jobs(session):
+        chosen += [word for word in job.words if word.startswith("recordings/")]
+        place = session.folder / job.target
+        if job.kind != "check":
+            inside = [place] if place.is_file() else sorted(place.rglob("*"))
+            chosen += [str(each.relative_to(session.folder)) for each in inside if each.is_file()]
     with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as packed:
         total = 0
         for file in dict.fromkeys(chosen):
@@ -112,15 +105,3 @@ def pack(session: Session) -> str:
                 packed.write(place, file)
     beside.replace(session.folder / name)
     return name
-
-
-def _words(text: str) -> dict[str, Any]:
-    return {"cell_type": "markdown", "metadata": {}, "source": _lines(text)}
-
-
-def _code(text: str) -> dict[str, Any]:
-    return {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": _lines(text)}
-
-
-def _lines(text: str) -> Sequence[str]:
-    return text.splitlines(keepends=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ import greybox_id as gb
 Array = NDArray[np.float64]
 Points = list[list[float] | None]
 
+THIN: Any = NaNMinMaxLTTBDownsampler()  # type: ignore[no-untyped-call]
 OVERVIEW, DETAIL = 1500, 2400
 """Points of a trace over everything, and within the part that is looked at: never more than 4 000 together."""
 DIGITS = 5
@@ -94,7 +95,7 @@ class Shown:
 def thinned(time: Array, values: Array, count: int) -> Points:
     """At most so many points of a curve, its extremes among them; None where there is no value."""
     if len(time) > count and count >= 3:
-        order = np.sort(NaNMinMaxLTTBDownsampler().downsample(time, np.ascontiguousarray(values), n_out=count))
+        order = np.sort(THIN.downsample(time, np.ascontiguousarray(values), n_out=count))
         time, values = time[order], values[order]
     shown: Points = []
     for instant, value in zip(time.tolist(), values.tolist(), strict=True):
@@ -169,8 +170,3 @@ def _slope(recording: gb.Recording, values: Array) -> Array:
         if stop - start > 4:
             found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
     return found
-
-
-def names(recordings: Sequence[gb.Recording]) -> list[str]:
-    """Signals of the first recording, in the order of the library's list, then its further channels."""
-    return list(recordings[0].signals) if recordings else []

@@ -69,7 +69,8 @@ def headline(gap: Mapping[str, Any]) -> str:
     if gap["applied"]:
         closure = gap["held_out"] or gap["gap"]
         on = "what was held out" if gap["held_out"] else "the same recordings"
-        return f"The simulation lacks {' and '.join(names)}, which closes {percent(closure['closed'])} of the gap on {on}{size}."
+        lacks, closed = " and ".join(names), percent(closure["closed"])
+        return f"The simulation lacks {lacks}, which closes {closed} of the gap on {on}{size}."
     if names:
         return f"There is a gap, and no name is sure of it; {names[0]} comes nearest{size}."
     return f"There is a gap that no known effect explains{size}."
@@ -78,7 +79,7 @@ def headline(gap: Mapping[str, Any]) -> str:
 def unseen(gap: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Effects that could not have been seen, with why: too small for these recordings, or taken up by tolerances."""
     rows = {name: f"could be {size} without showing" for name, size in gap["not_excited"].items()}
-    rows |= {name: "stated tolerances or free parameters take it up" for name in gap["absorbed"]}
+    rows |= dict.fromkeys(gap["absorbed"], "absorbed by stated tolerances or free parameters")
     for name, limit in gap["limits"].items():
         if limit["share"] is not None and limit["share"] > 1 and name not in rows:
             size = (
@@ -91,11 +92,11 @@ def unseen(gap: Mapping[str, Any]) -> list[tuple[str, str]]:
     return list(rows.items())
 
 
-def alone(base: gb.Model, ranked: Sequence[Mapping[str, Any]], names: Sequence[str]) -> gb.Model:
-    """The model with some causes, each at the magnitude that the diagnosis gives it."""
+def alone(base: gb.Model, ranked: Sequence[Mapping[str, Any]], name: str) -> gb.Model:
+    """The model with one cause, at the magnitude that the diagnosis gives it."""
     model = base
     for each in ranked:
-        if each["effect"] in names and each["effect"] not in model.effects:
+        if each["effect"] == name and name not in model.effects:
             model = model + getattr(gb.effects, each["effect"]).at(float(each["magnitude"]))
             for name, value in (each.get("others") or {}).items():
                 model = replace(

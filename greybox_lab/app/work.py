@@ -71,8 +71,8 @@ class Work:
         answer = job.answer
         if answer is None:
             return
-        self.maps = self._maps_that_fit()
-        if self.session.state.get("joining"):
+        self.maps = self._maps_that_fit() if job.kind == "map" else []
+        if self.session["joining"]:
             self._joined(job, answer)
             return
         base = mapping.base_of(self.session.folder / job.target, answer)
@@ -87,7 +87,7 @@ class Work:
         fitting = []
         for name in shipped_maps():
             with suppress(gb.GreyboxError):
-                if name != "canonical" and gb.read(str(files[0]), columns=name).has("v_x"):
+                if name != "canonical" and self.library.read(files[0], name).has("v_x"):
                     fitting.append(name)
         return fitting
 
@@ -95,7 +95,7 @@ class Work:
         """Read the recordings through a shipped map."""
         self.session.change(columns=name, entries=[], looked="", repairs=[])
 
-    def own_map(self) -> None:
+    def unmap(self) -> None:
         """Look at the columns again, in place of a shipped map."""
         self.session.change(columns="", entries=[], map={}, looked="")
         self.look()
@@ -240,7 +240,7 @@ class Work:
         return job
 
     def _keep(self, target: str, request: Request) -> None:
-        self.session.change(requests=self.session.state.get("requests", {}) | {target: asdict(request)})
+        self.session.change(requests=self.session["requests"] | {target: asdict(request)})
 
     def design(self, arena: str) -> Job:
         """Run `greybox design` on the gap."""
@@ -265,23 +265,18 @@ class Work:
         self.session.version += 1
         return job
 
-    def fit_result(self) -> tuple[Job | None, dict[str, Any] | None]:
-        """The job of the fit that is shown, and what it says; the file alone where the job's folder is gone."""
-        job = self.session.latest("fit", self.session["fit"]) if self.session["fit"] else None
-        return job, None if job is None else job.answer
+    def result(self, kind: str) -> tuple[Job | None, dict[str, Any] | None]:
+        """The job of the fit or the gap that is shown, and what it printed."""
+        target = self.session[kind]
+        kinds = ("gap", "since") if kind == "gap" else (kind,)
+        jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
+        return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
 
-    def gap_result(self) -> tuple[Job | None, dict[str, Any] | None]:
-        """The same of the gap."""
-        gap = self.session["gap"]
-        job = next(
-            (
-                each
-                for each in reversed(self.session.jobs.all())
-                if gap and each.target == gap and each.kind in ("gap", "since")
-            ),
-            None,
-        )
-        return job, None if job is None else job.answer
+    def likely_vehicle(self) -> str:
+        """A shipped vehicle called like the shipped map, or that of the shipped recordings; else a full-size car."""
+        names, columns = gb.vehicles(), self.session["columns"]
+        shipped = Path(gb.shipped("racer_train")).name in "".join(self.session.files())
+        return columns if columns in names else "roboracer" if shipped else "full_size_car"
 
     # ---- what runs
 
@@ -290,7 +285,7 @@ class Work:
     def watch(self) -> bool:
         """Look after what runs; whether something ended since the last time."""
         ended = False
-        taken = set(self.session.state.get("taken", []))
+        taken = set(self.session["taken"])
         for job in self.session.jobs.all():
             if job.folder.name in taken or job.running:
                 continue
