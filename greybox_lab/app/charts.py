@@ -196,10 +196,12 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
             whiskers.append([{"coord": [end, k], "symbol": "none"} for end in ends])
     line = {"color": INK, "type": "solid", "width": 1.4}
     marks = {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": line}
+    percent_axis = _axis("share of the excess error [%]", 26, min="dataMin" if min(base) < 0 else 0)
+    percent_axis["axisLabel"] |= {"showMinLabel": True, "showMaxLabel": True}
     names = {"fontSize": 14, "width": 160, "overflow": "truncate", "color": INK}
     return {
         **BASE, "grid": {"left": 176, "right": 70, "top": 8, "bottom": 42},
-        "xAxis": _axis("share of the excess error [%]", 26, min="dataMin" if min(base) < 0 else 0),
+        "xAxis": percent_axis,
         "yAxis": {"type": "category", "inverse": True, "data": ["whole gap", *(step.name for step in steps)],
                   "axisTick": {"show": False}, "axisLabel": names, "axisLine": {"lineStyle": {"color": PALE}}},
         "series": [

@@ -1,4 +1,4 @@
-"""The whole way in Chromium, with the network off: from the drop to the report without typing, at two sizes of a screen.
+"""The whole way in Chromium, with the network off: from the drop to the report without typing, at two sizes.
 
 Pictures of every step are kept in the folder that GREYBOX_PICTURES names, to be looked at.
 """
@@ -17,7 +17,6 @@ import greybox_id as gb
 
 pytest.importorskip("nicegui", reason="The page needs the extra app.")
 webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium drives the browser: pip install selenium.")
-from selenium.webdriver.common.by import By
 
 pytestmark = pytest.mark.slow
 SIZES = ((1280, 800), (1920, 1080))
@@ -32,7 +31,7 @@ class Reader:
 
     @property
     def text(self):
-        return self.driver.find_element(By.TAG_NAME, "body").text
+        return self.driver.find_element("tag name", "body").text
 
     def see(self, words, seconds=240):
         until = time.time() + seconds
@@ -43,7 +42,7 @@ class Reader:
     def click(self, words, seconds=30):
         until = time.time() + seconds
         while True:
-            for button in self.driver.find_elements(By.TAG_NAME, "button"):
+            for button in self.driver.find_elements("tag name", "button"):
                 try:
                     if words in button.text and button.is_enabled():
                         self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
@@ -139,7 +138,7 @@ def test_from_the_drop_to_the_report_without_typing(server, reader):
     reader.click("Why not better?")
     reader.click("Diagnose the fit")
     reader.see("What could not have been seen")
-    cause = next(b for b in reader.driver.find_elements(By.CSS_SELECTOR, "button.cause") if "probability" in b.text)
+    cause = next(b for b in reader.driver.find_elements("css selector", "button.cause") if "probability" in b.text)
     reader.driver.execute_script("arguments[0].dispatchEvent(new Event('mouseenter'))", cause)
     reader.see("alone: ")
     reader.fits("6_why")
