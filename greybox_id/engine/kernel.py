@@ -16,6 +16,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
 from .compiler import CannotCompile, library, tell_slow
-from .vectors import FEW, WIDE, narrow_source, source
+from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
 
 PAYS = 20_000
@@ -36,6 +37,11 @@ what the cache holds: a first run and a later one give the same digits."""
 
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
+
+
+MOST_FUSED = 128
+"""Unknowns up to which what each reading adds to J'J is added at once: 8 000 vectors of eight, half of what a second-level
+cache holds. Beyond, J is laid out, and multiplied block by block."""
 
 
 class Kernel:
@@ -167,20 +173,96 @@ class Kernel:
         """
         given = self._checked(z0, s, p, reads)
         lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
-        chosen = np.asarray(columns, dtype=np.intp)
-        moving = np.full(self._model.parameters, -1, dtype=np.intp)
-        moving[chosen] = np.arange(len(chosen))
-        if np.count_nonzero(moving >= 0) != len(chosen):
-            raise ValueError("A parameter moves once: columns holds one twice.")
+        states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
+        moved = states + len(chosen)
+        moving = self._placed(chosen, states + np.arange(len(chosen)))
         self._load(LINEARISED * lanes * segments)
         if self._library is None:
             return self._model.virtual.linearise(*given, chosen)
-        states, outputs, moved = self._model.states, self._model.outputs, self._model.states + len(chosen)
         z, Z = np.empty((lanes, states)), np.empty((lanes, states, moved))
         y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, moved))
-        apart = given[1].strides[0] // given[1].itemsize
-        self._library.linearise(lanes, segments, readings, len(chosen), apart, *_places(moving, *given, z, Z, y, Y))
+        seed = np.tile(np.eye(states, moved), (lanes, 1, 1))
+        self._call(given, moving, seed, z, Z, y, Y)
         return z, Z, y, Y
+
+    def normal_equations(
+        self,
+        z0: ArrayLike,
+        s: ArrayLike,
+        p: ArrayLike,
+        reads: ArrayLike,
+        columns: ArrayLike,
+        seed: Array,
+        places: ArrayLike,
+        against: Against,
+        residuals: Array | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """J'J and J'r of every lane, with r what readings are away from targets and J its derivative.
+
+        J is never laid out: what a reading adds is added while it is in the processor's cache.
+
+        Parameters
+        ----------
+        z0, s, p, reads, columns : as for `linearise`.
+        seed : (L, nz, c) derivative of the initial states by c unknowns.
+        places : (q,) which of the unknowns the parameters that move are.
+        against : what readings are held against.
+        residuals : (L, R, ny) taken for r, weighted; J'J is left out then. None: those at hand.
+
+        Returns
+        -------
+        Z : (L, nz, c) derivative of the states at the end.
+        H : (L, c, c) J'J; (L, 0, 0) where residuals are given.
+        g : (L, c) J'r.
+        """
+        given = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
+        count, placed = seed.shape[2], np.asarray(places, dtype=np.intp)
+        moving, wide = self._placed(chosen, placed), (lanes, readings, outputs)
+        shapes = [own.shape for own in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
+        if {*shapes} != {wide} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
+            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not go with {wide}.")
+        self._load(LINEARISED * lanes * segments)
+        if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
+            _, Z_free, y, Y_free = self.linearise(*given, chosen)
+            Z, Y = (_led(own, seed, placed) for own in (Z_free, Y_free))
+            return Z, *against.accumulated(y, Y, residuals)
+        whole = np.ascontiguousarray
+        z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
+        H = np.empty((lanes, packed + count))
+        held = [whole(own, dtype=float) for own in (seed, against.target, against.weight)]
+        r = None if residuals is None else whole(residuals, dtype=float)
+        scratch = np.empty(scratch_size(count, outputs))
+        self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H, scratch)
+        return Z, _square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
+
+    def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Of each parameter, which column is its derivative's; -1 where it does not move."""
+        moving = np.full(self._model.parameters, -1, dtype=np.intp)
+        moving[chosen] = places
+        if np.count_nonzero(moving >= 0) != len(chosen):
+            raise ValueError("A parameter moves once: columns holds one twice.")
+        return moving
+
+    def _call(
+        self,
+        given: tuple[Array, Array, Array, NDArray[np.bool_]],
+        moving: NDArray[np.intp],
+        seed: Array,
+        z: Array,
+        Z: Array,
+        y: Array | None,
+        Y: Array | None,
+        robust: float | None = None,
+        *others: Array | None,
+    ) -> None:
+        """The compiled function that linearises: readings' derivatives are laid out, or added up."""
+        z0, s, p, reads = given
+        counts = *s.shape[:2], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
+        arrays = moving, z0, s, p, reads, seed, z, Z, y, Y, *(others or [None] * 5)
+        assert self._library is not None
+        self._library.linearise(*counts, np.inf if robust is None else robust, *_places(*arrays))
 
     def _checked(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike
@@ -214,6 +296,66 @@ class Kernel:
                 tell_slow("The model", "five", error)
                 self._cannot = True
         self.compiled = self._library is not None
+
+
+@dataclass(frozen=True)
+class Against:
+    """What the readings of lanes are held against.
+
+    Attributes
+    ----------
+    target : (L, R, ny) what should be read.
+    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
+    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
+    """
+
+    target: Array
+    weight: Array
+    robust: float | None = None
+
+    def misfit(self, y: Array) -> float:
+        """Half the sum of squared residuals, those in the tails linear."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
+            e = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+            if self.robust is None:
+                return 0.5 * float(np.vdot(e, e))
+            e = np.abs(e)
+            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
+
+    def weighted(self, y: Array) -> tuple[Array, Array]:
+        """Weighted residuals of readings and their weights, (L, R, ny) each."""
+        r = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+        if self.robust is None:
+            return r, self.weight
+        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
+        return r * tail, self.weight * tail
+
+    def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
+        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
+        r, weight = self.weighted(y)
+        J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
+        along = J.swapaxes(1, 2)
+        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
+        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
+
+
+def _led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
+    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
+    states = seed.shape[1]
+    flat = free.reshape(len(free), -1, free.shape[-1])
+    found: Array = flat[:, :, :states] @ seed
+    found[:, :, places] += flat[:, :, states:]
+    return found.reshape(*free.shape[:-1], -1)
+
+
+def _square(packed: Array, count: int) -> Array:
+    """Symmetric matrices, of their lower triangles, which are packed row by row."""
+    if not packed.shape[1]:
+        return np.empty((len(packed), 0, 0))
+    row, column = np.tril_indices(count)
+    found = np.empty((len(packed), count, count))
+    found[:, row, column] = found[:, column, row] = packed
+    return found
 
 
 class _Functions:
@@ -267,13 +409,13 @@ def _writers() -> str:
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library that has been told what its functions take: counts, then arrays."""
     made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 7
-    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
+    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
     made.simulate.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):
         made.simulate_few.argtypes, made.simulate_few.restype = made.simulate.argtypes, None
     return made
 
 
-def _places(*arrays: NDArray[np.generic]) -> list[int]:
+def _places(*arrays: NDArray[np.generic] | None) -> list[int | None]:
     """Where arrays begin in memory."""
-    return [array.ctypes.data for array in arrays]
+    return [None if array is None else array.ctypes.data for array in arrays]
