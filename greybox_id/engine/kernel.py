@@ -16,7 +16,6 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
+from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
 from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
@@ -40,8 +40,8 @@ LINEARISED = 5
 
 
 MOST_FUSED = 128
-"""Unknowns up to which what each reading adds to J'J is added at once: 8 000 vectors of eight, half of what a second-level
-cache holds. Beyond, J is laid out, and multiplied block by block."""
+"""Unknowns up to which what readings add to J'J is added at once: it takes a megabyte, what a second-level cache holds.
+Beyond, J is laid out, and multiplied as a whole."""
 
 
 class Kernel:
@@ -226,7 +226,7 @@ class Kernel:
         self._load(LINEARISED * lanes * segments)
         if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
             _, Z_free, y, Y_free = self.linearise(*given, chosen)
-            Z, Y = (_led(own, seed, placed) for own in (Z_free, Y_free))
+            Z, Y = (led(own, seed, placed) for own in (Z_free, Y_free))
             return Z, *against.accumulated(y, Y, residuals)
         whole = np.ascontiguousarray
         z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
@@ -235,7 +235,7 @@ class Kernel:
         r = None if residuals is None else whole(residuals, dtype=float)
         scratch = np.empty(scratch_size(count, outputs))
         self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H, scratch)
-        return Z, _square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
+        return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
 
     def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
         """Of each parameter, which column is its derivative's; -1 where it does not move."""
@@ -296,66 +296,6 @@ class Kernel:
                 tell_slow("The model", "five", error)
                 self._cannot = True
         self.compiled = self._library is not None
-
-
-@dataclass(frozen=True)
-class Against:
-    """What the readings of lanes are held against.
-
-    Attributes
-    ----------
-    target : (L, R, ny) what should be read.
-    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
-    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
-    """
-
-    target: Array
-    weight: Array
-    robust: float | None = None
-
-    def misfit(self, y: Array) -> float:
-        """Half the sum of squared residuals, those in the tails linear."""
-        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
-            e = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
-            if self.robust is None:
-                return 0.5 * float(np.vdot(e, e))
-            e = np.abs(e)
-            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
-
-    def weighted(self, y: Array) -> tuple[Array, Array]:
-        """Weighted residuals of readings and their weights, (L, R, ny) each."""
-        r = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
-        if self.robust is None:
-            return r, self.weight
-        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
-        return r * tail, self.weight * tail
-
-    def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
-        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
-        r, weight = self.weighted(y)
-        J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
-        along = J.swapaxes(1, 2)
-        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
-        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
-
-
-def _led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
-    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
-    states = seed.shape[1]
-    flat = free.reshape(len(free), -1, free.shape[-1])
-    found: Array = flat[:, :, :states] @ seed
-    found[:, :, places] += flat[:, :, states:]
-    return found.reshape(*free.shape[:-1], -1)
-
-
-def _square(packed: Array, count: int) -> Array:
-    """Symmetric matrices, of their lower triangles, which are packed row by row."""
-    if not packed.shape[1]:
-        return np.empty((len(packed), 0, 0))
-    row, column = np.tril_indices(count)
-    found = np.empty((len(packed), count, count))
-    found[:, row, column] = found[:, column, row] = packed
-    return found
 
 
 class _Functions:

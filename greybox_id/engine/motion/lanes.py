@@ -158,7 +158,8 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
     run, start, stop = (np.array([getattr(own, name) for own in intervals]) for name in ("run", "start", "stop"))
-    edge = np.concatenate([np.append(own.row_segment, len(own.segments)) + at for own, at in zip(schedules, offsets)])
+    numbered = list(zip(schedules, offsets[:-1], strict=True))
+    edge = np.concatenate([np.append(own.row_segment, len(own.segments)) + at for own, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]
     if cuts > 1:
         rows = [cut_rows(schedules[own.run], own.start, own.stop, cuts) for own in intervals]
@@ -172,9 +173,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
-    read = _joined([np.where(own.read_segment < 0, -1, own.read_segment + at) for own, at in zip(schedules, offsets)])[
-        row
-    ]
+    read = _joined([np.where(own.read_segment < 0, -1, own.read_segment + at) for own, at in numbered])[row]
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
@@ -217,9 +216,10 @@ def _filled(schedules: Sequence[Schedule], begin: Index, length: Index) -> tuple
 
 
 MOST_PASSES, CLOSED, SHRINKS = 5, 1e-9, 0.3
-"""Lanes are matched in so many passes at most, until no gap exceeds this share of a state's size; where a pass leaves more
-than the last share of the widest gap before it, one lane after the other is simulated instead. Motion forgets where it
-began: however wide gaps are at first, a pass or two closes them, in a sixth of the time that lanes in turn take."""
+"""Lanes are matched in so many passes at most, until no gap exceeds this share of a state's size; where a pass leaves
+more than the last share of the widest gap before it, one lane after the other is simulated instead. Motion forgets
+where it began: however wide gaps are at first, a pass or two closes them, in a sixth of the time that lanes in turn
+take."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
-from ..kernel import Against
+from ..against import Against
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import MotionRun, motion_runs
