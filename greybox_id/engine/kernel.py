@@ -138,8 +138,8 @@ class Kernel:
         z = np.empty((len(numbers) + 1, self._model.states))
         everything = np.ones(len(z), dtype=bool)
         arrays = (start, numbers, parameters, nothing, everything, z, y)  # C knows where they are: they must stay there
-        at_start, at_numbers, *others = _places(*arrays)
-        size = numbers.strides[0]
+        at_start, _, *others = _places(*arrays)
+        at_numbers, size = numbers.ctypes.data, numbers.strides[0]
 
         def simulated(z0: Array, first: int, last: int) -> Array:
             library = self._library

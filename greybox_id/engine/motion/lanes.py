@@ -66,7 +66,7 @@ class Lanes:
     @cached_property
     def ends(self) -> NDArray[np.bool_]:
         """(S + 1,) of the segments' starts and the end: the end."""
-        return np.arange(len(self.reads) + 1) == len(self.reads)
+        return np.append(np.zeros(len(self.reads), dtype=bool), True)
 
     @cached_property
     def complete(self) -> bool:

@@ -187,7 +187,7 @@ class MotionProblem:
 
     def of_intervals(self, x: Array) -> Array:
         """(intervals, parameters) the parameters of each interval."""
-        return self.per_run(x)[self._run]
+        return np.asarray(self.per_run(x)[self._run])
 
     def simulated_nodes(self, x: Array) -> SimulatedRuns:
         """A simulation of every interval: of all lanes at once where the last linearisation foretells their states."""
