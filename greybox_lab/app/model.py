@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import greybox_id as gb
 
-from .beneath import sentence
+from .beneath import free_runs, sentence
 
 Array = NDArray[np.float64]
 MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
@@ -23,16 +23,16 @@ WIDE = 4.0
 """A slider spans so many standard deviations of the prior, and a factor of so much where there is none."""
 
 
-def nominal(chosen: Mapping[str, Any]) -> gb.Model:
+def nominal(chosen: Mapping[str, Any]) -> gb.MotionModel:
     """The model that is chosen, at its nominal values. Raises `BadInput`."""
     settings = dict(chosen["settings"])
-    model: gb.Model = getattr(gb.models, chosen["name"])(vehicle=chosen["vehicle"] or None, **settings)
+    model: gb.MotionModel = getattr(gb.models, chosen["name"])(vehicle=chosen["vehicle"] or None, **settings)
     for name in chosen["effects"]:
         model = model + getattr(gb.effects, name).free()
     return model
 
 
-def moved(model: gb.Model, values: Mapping[str, float]) -> gb.Model:
+def moved(model: gb.MotionModel, values: Mapping[str, float]) -> gb.MotionModel:
     """The model with some parameters elsewhere."""
     return replace(
         model,
@@ -74,7 +74,7 @@ class Slider:
     fixed: bool
 
 
-def sliders(model: gb.Model) -> list[Slider]:
+def sliders(model: gb.MotionModel) -> list[Slider]:
     """Parameters that are single numbers; those that are estimated first."""
     found = []
     for each in model.parameters:
@@ -120,15 +120,16 @@ class Bench:
     recording : cut to its longest run.
     """
 
-    def __init__(self, model: gb.Model, recording: gb.Recording) -> None:
+    def __init__(self, model: gb.MotionModel, recording: gb.Recording) -> None:
         self.recording = longest(recording)
         self.model = model
+        self._runs = free_runs(model, self.recording)
         self.outputs = [name for name in model.outputs if self.recording.has(name)]
 
     def simulate(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Output -> (n,) what the model makes of the recording's inputs; NaN where that is not finite."""
-        found = gb.simulate(moved(self.model, values), self.recording)
-        return {name: np.asarray(found[name]) for name in self.outputs}
+        traces = self._runs(moved(self.model, values))
+        return {name: traces[name] for name in self.outputs}
 
     def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
         """Output -> root mean square of simulated less measured, in its unit."""
