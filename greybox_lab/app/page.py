@@ -70,7 +70,7 @@ class Page:
     async def go(self, step: int) -> None:
         """Show another step, as far as it is open."""
         self.step, self.window = min(step, self.reach), None
-        self.session.keep_quietly(step=self.step)
+        self.session.change(quietly=True, step=self.step)
         await self.draw()
 
     async def draw(self) -> None:

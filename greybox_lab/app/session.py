@@ -21,6 +21,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import IO, Any
 
 from greybox_id import BadInput
@@ -52,6 +53,7 @@ DEFAULTS: dict[str, Any] = {
     "gap": "",
     "step": 0,
     "cursor": None,
+    "maps": [],
     "joining": [],
     "requests": {},
     "taken": [],
@@ -81,7 +83,7 @@ class Session:
             (self.folder / "recordings").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BadInput(f"{self.folder}: no session can be kept there: {error.strerror}.") from error
-        self._lock = _locked(self.folder)
+        self._lock, self._changing = _locked(self.folder), Lock()
         self.jobs = Jobs(self.folder)
         self.state = json.loads(json.dumps(DEFAULTS)) | self._kept()
 
@@ -102,16 +104,12 @@ class Session:
     def __getitem__(self, key: str) -> Any:
         return self.state[key]
 
-    def change(self, **changes: Any) -> None:
-        """Change some of the state: on disk first, then for every page."""
-        self.state = {**self.state, **changes}
-        write_atomically(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
-        self.version += 1
-
-    def keep_quietly(self, **changes: Any) -> None:
-        """Change some of the state without any page being drawn anew: what a drag does many times a second."""
-        self.state = {**self.state, **changes}
-        write_atomically(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
+    def change(self, *, quietly: bool = False, **changes: Any) -> None:
+        """Change some of the state: on disk first, then for every page, unless quietly, as a drag does it."""
+        with self._changing:
+            self.state = {**self.state, **changes}
+            write_atomically(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
+            self.version += 0 if quietly else 1
 
     def files(self, *roles: str) -> list[str]:
         """Paths of recordings in some roles, seen from the folder; of all that are used where no role is named."""
@@ -227,12 +225,6 @@ def must_be_small(name: str, size: int) -> None:
             f"{name} has more than {LARGEST // 2**20} MB, the most that this page takes. Cut it into parts: greybox "
             "data convert writes a part of a recording with --between."
         )
-
-
-def sessions(home: Path) -> list[str]:
-    """Names of sessions that lie in a folder, the last used first."""
-    states = sorted(home.glob(f"*/{STATE}"), key=lambda path: -path.stat().st_mtime)
-    return [path.parent.name for path in states]
 
 
 def named_session(files: Iterable[Path]) -> str:

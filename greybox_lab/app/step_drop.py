@@ -136,7 +136,7 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
         verdict(state or "Every column has its signal.", words, bad=bool(state))
     with ui.row():
         if session["columns"] == MAP:
-            for name in work.maps:
+            for name in session["maps"]:
                 act = partial(work.use_map, name)
                 button(f"Read it through the shipped map {name}", act, f"map-{name}", "outline")
         elif session["columns"] != "canonical":

@@ -67,7 +67,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     with ui.row(align_items="center").classes("w-full"):
 
         def change(event: Any) -> None:
-            session.keep_quietly(horizon=event.value or None)
+            session.change(quietly=True, horizon=event.value or None)
 
         choose(HORIZONS, session["horizon"] or 0.0, "horizon", 10, change)
         button("Fit again" if session["fit"] else "Fit", page.work.fit, "fit", "outline" if session["fit"] else "")

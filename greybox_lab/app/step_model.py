@@ -37,7 +37,9 @@ async def prepare(page: Page) -> dict[str, Any]:
         usable = [name for name in USUAL if not suits[name]]
         if not usable:
             raise gb.BadInput(f"No model can be simulated on this recording: {suits['lateral']}")
-        session.keep_quietly(model={**session["model"], "name": usable[0], "vehicle": page.work.likely_vehicle()})
+        session.change(
+            quietly=True, model={**session["model"], "name": usable[0], "vehicle": page.work.likely_vehicle()}
+        )
     return {"suits": suits, **await page.off(_simulated, session["model"], recording)}
 
 

@@ -209,7 +209,9 @@ def _next(page: Page) -> None:
     session = page.session
     title("Drive this next")
     with ui.row(align_items="center"):
-        arena = choose(ARENAS, session["arena"], "arena [m]", 11, lambda event: session.keep_quietly(arena=event.value))
+        arena = choose(
+            ARENAS, session["arena"], "arena [m]", 11, lambda event: session.change(quietly=True, arena=event.value)
+        )
         act = lambda: page.work.design(arena.value)  # noqa: E731
         button("Compute the manoeuvre that tells most", act, "design", "outline")
     job = session.latest("design", session["gap"])

@@ -37,7 +37,6 @@ class Work:
 
     def __init__(self, session: Session) -> None:
         self.session, self.library = session, Library()
-        self.maps: list[str] = []
         self.trouble = ""
 
     # ---- drop
@@ -71,14 +70,15 @@ class Work:
         answer = job.answer
         if answer is None:
             return
-        self.maps = self._maps_that_fit() if job.kind == "map" else []
         if self.session["joining"]:
             self._joined(job, answer)
             return
         base = mapping.base_of(self.session.folder / job.target, answer)
-        others = list(answer["others"])
-        self.session.change(map=base, entries=mapping.entries_of(answer), others=others, columns=MAP, looked="")
+        self.session.change(
+            map=base, entries=mapping.entries_of(answer), others=answer["others"], columns=MAP, looked=""
+        )
         self.write_map()
+        self.session.change(maps=self._maps_that_fit())
 
     def _maps_that_fit(self) -> list[str]:
         files = [self.session.folder / file for file in self.session.files()]
