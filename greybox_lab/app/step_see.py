@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import ui
 
 from . import charts
-from .beneath import number, pretty_unit
+from .beneath import counted, number, pretty_unit
 from .traces import Shown
 from .widgets import button, choose, heading, quiet, title
 
@@ -44,7 +44,7 @@ def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
     rate = f" at {number(1 / recording.sample_time)} Hz" if recording.sample_time > 0 else ""
     heading(
         "See what was recorded",
-        f"{len(recording)} rows in {len(recording.runs)} runs, {number(recording.duration)} s{rate}. One cursor goes "
+        f"{len(recording)} rows in {counted(len(recording.runs), 'run')}, {number(recording.duration)} s{rate}. One cursor goes "
         "through all; turn the wheel or drag the bar to zoom.",
     )
     with ui.row(align_items="center").classes("w-full"):

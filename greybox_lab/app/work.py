@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import greybox_id as gb
@@ -37,7 +38,7 @@ class Work:
 
     def __init__(self, session: Session) -> None:
         self.session, self.library = session, Library()
-        self.trouble = ""
+        self.trouble, self._watching = "", Lock()
 
     # ---- drop
 
@@ -284,6 +285,14 @@ class Work:
 
     def watch(self) -> bool:
         """Look after what runs; whether something ended since the last time."""
+        if not self._watching.acquire(blocking=False):  # what the last look found is still being taken
+            return False
+        try:
+            return self._watched()
+        finally:
+            self._watching.release()
+
+    def _watched(self) -> bool:
         ended = False
         taken = set(self.session["taken"])
         for job in self.session.jobs.all():

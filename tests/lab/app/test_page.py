@@ -42,7 +42,7 @@ async def opened(work):
 
 
 def run(scenario):
-    asyncio.run(asyncio.wait_for(scenario(), 60))
+    asyncio.run(asyncio.wait_for(scenario(), 300))
 
 
 async def seen(user, text):
