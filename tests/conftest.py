@@ -19,7 +19,9 @@ def pytest_configure():
 def pytest_addoption(parser):
     parser.addoption("--slow", action="store_true", help="also run tests that take more than a few seconds")
     parser.addoption(
-        "--sample", metavar="TEXT", help="with --slow: of examinations, the third that this text, such as a commit, draws"
+        "--sample",
+        metavar="TEXT",
+        help="with --slow: of examinations, the third that this text, such as a commit, draws",
     )
 
 
