@@ -108,7 +108,7 @@ class LiveFilter:
         return *self._told(row), glitches
 
     def _lost(self, time: float, off: Array, read: Array) -> bool:
-        """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown: after a row that was no reading."""
+        """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown, as after what was no reading."""
         if self._met is None or np.any(read & ~off):
             self._met = time
         is_off = bool(np.any(read)) and time - self._met > LONGEST_GAP
