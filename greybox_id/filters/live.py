@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
@@ -107,7 +108,7 @@ class LiveFilter:
         self._last, self._believed = (time, u), u
         return *self._told(row), glitches
 
-    def _lost(self, time: float, off: Array, read: Array) -> bool:
+    def _lost(self, time: float, off: NDArray[np.bool_], read: NDArray[np.bool_]) -> bool:
         """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown, as after what was no reading."""
         if self._met is None or np.any(read & ~off):
             self._met = time
