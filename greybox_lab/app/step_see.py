@@ -42,10 +42,11 @@ def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
     (over, strips), session = data, page.session
     recording, files = over.recording, session.files()
     rate = f" at {number(1 / recording.sample_time)} Hz" if recording.sample_time > 0 else ""
+    runs = counted(len(recording.runs), "run")
     heading(
         "See what was recorded",
-        f"{len(recording)} rows in {counted(len(recording.runs), 'run')}, {number(recording.duration)} s{rate}. One cursor goes "
-        "through all; turn the wheel or drag the bar to zoom.",
+        f"{len(recording)} rows in {runs}, {number(recording.duration)} s{rate}. One cursor goes through all; turn the "
+        "wheel or drag the bar to zoom.",
     )
     with ui.row(align_items="center").classes("w-full"):
         if len(files) > 1:
