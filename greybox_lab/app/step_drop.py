@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nicegui import events, ui
 
 import greybox_id as gb
 
-from . import charts, mapping
+from . import charts
 from .beneath import SIGNALS, counted, pretty_unit, sentence
-from .mapping import TIME_UNITS, Entry, questions, units_for
+from .mapping import TIME_UNITS, USUAL_UNITS, Entry, column_of, questions, units_for, write_map
 from .session import LARGEST, MAP, ROLES, must_be_small, must_be_takeable, safe_name
 from .traces import Shown, companion
 from .widgets import button, choose, heading, quiet, tell, title, verdict
@@ -30,36 +31,42 @@ async def prepare(page: Page) -> dict[str, Any]:
     """Open questions, with the little plot of each."""
     session = page.session
     entries = questions(session["entries"]) if session["columns"] == MAP else []
-    if not entries or "time" not in session["map"] or session["joining"]:
+    if not entries or "time" not in session["map"]:
         return {"open": entries, "strips": {}}
     return {"open": entries, "strips": await page.off(_strips, page, entries)}
 
 
 def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.Strip]:
     """Each column in the units that come into question, and what the other channels say it should be."""
-    session = page.session
-    extra = {
-        f"q{k}_{j}": {**mapping.column_of(entry, unit), "optional": True}
-        for k, entry in enumerate(entries)
-        for j, unit in enumerate(units_for(entry)[: len(LOOKS)])
-    }
-    place = session.folder / "jobs" / "candidates.toml"
-    mapping.write_map(place, session["map"], session["entries"], extra)
-    try:
-        recording = page.work.library.read(session.folder / session.files()[0], place)
-    except gb.GreyboxError:
-        return {}
-    over = Shown(recording.rows(0, min(len(recording), MOST_ROWS)))
-    strips = {}
-    for k, entry in enumerate(entries):
-        beside = companion(over.recording, entry["signal"])
-        curves = [charts.Curve(beside[0], over.points(beside[1]))] if beside is not None else []
-        for j, unit in enumerate(units_for(entry)[: len(LOOKS)]):
-            if (name := f"q{k}_{j}") in over.recording:
-                words = f"{entry['column']} in {pretty_unit(unit)}"
-                curves.append(charts.Curve(words, over.points(over.recording[name]), LOOKS[j]))
-        strips[k] = charts.Strip(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
+    session, strips = page.session, dict[int, charts.Strip]()
+    for file in session["joining"] or session.files()[:1]:
+        prefix = f"{Path(file).name.split('.')[0]}/" if session["joining"] else ""
+        here = {k: entry for k, entry in enumerate(entries) if entry["column"].startswith(prefix)}
+        extra = {
+            f"q{k}_{j}": {**column_of(entry, unit), "column": entry["column"].removeprefix(prefix), "optional": True}
+            for k, entry in here.items()
+            for j, unit in enumerate(units_for(entry)[: len(LOOKS)])
+        }
+        known = [] if prefix else session["entries"]
+        place = session.folder / "jobs" / f"candidates_{Path(file).name}.toml"
+        write_map(place, session["map"], known, extra)
+        try:
+            recording = page.work.library.read(session.folder / file, place)
+        except gb.GreyboxError:
+            continue
+        over = Shown(recording.rows(0, min(len(recording), MOST_ROWS)))
+        strips |= {k: _strip(over, entry, k) for k, entry in here.items()}
     return strips
+
+
+def _strip(over: Shown, entry: Entry, k: int) -> charts.Strip:
+    beside = companion(over.recording, entry["signal"])
+    curves = [charts.Curve(beside[0], over.points(beside[1]))] if beside is not None else []
+    for j, unit in enumerate(units_for(entry)[: len(LOOKS)]):
+        if (name := f"q{k}_{j}") in over.recording:
+            words = f"{entry['column']} in {pretty_unit(unit)}"
+            curves.append(charts.Curve(words, over.points(over.recording[name]), LOOKS[j]))
+    return charts.Strip(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -215,7 +222,7 @@ def _chip(page: Page, entry: Entry) -> None:
     words = f"{signal} = {'−' if entry['sign'] < 0 else ''}{entry['column']}{divided} [{pretty_unit(unit)}]"
     with button(words, lambda: None, f"chip-{signal}", "outline"), ui.menu(), ui.column().classes("menu"):
         ui.label("; ".join(entry["reasons"]) or SIGNALS[signal].about)
-        usual = mapping.USUAL_UNITS.get(SIGNALS[signal].unit, (unit,))
+        usual = USUAL_UNITS.get(SIGNALS[signal].unit, (unit,))
         units = choose(list(dict.fromkeys((unit, *usual))), unit, "unit", 9)
         turned = ui.checkbox("turn its sign", value=entry["sign"] < 0)
 

@@ -79,7 +79,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
             button("Sliders back", partial(session.change, model=back), kind="flat")
     for name, why in suits.items():
         if why:
-            quiet(f"{name}: {why}")
+            quiet(f"{name}: {why.partition(';')[0]}.")
     with ui.element("div").classes("left"):
         rows = ui.column()
         with ui.column():
