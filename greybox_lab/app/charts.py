@@ -149,7 +149,7 @@ def on_cursor(element: ui.echart, moved: Callable[[Any], None]) -> None:
 def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
     """Draw other points of some curves, by id "strip/curve", and nothing else anew."""
     series = [{"id": name, "data": data} for name, data in points.items()]
-    element.run_chart_method("setOption", {"series": series})
+    element.run_chart_method("setOption", {"series": series}, {"silent": True})
 
 
 def plane(across: str, up: str, points: Points, *, equal: bool = False, dots: bool = False) -> dict[str, Any]:

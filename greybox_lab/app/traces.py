@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Points = list[list[float] | None]
 
 THIN: Any = NaNMinMaxLTTBDownsampler()  # type: ignore[no-untyped-call]
-OVERVIEW, DETAIL = 1500, 2400
+OVERVIEW, DETAIL = 1200, 1400
 """Points of a trace over everything, and within the part that is looked at: never more than 4 000 together."""
 DIGITS = 5
 """Significant digits of a value that is drawn: finer than a pixel."""
