@@ -12,7 +12,7 @@ from report_parts import below
 
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.provenance import DataRecord
-from greybox_id.gap import Ranked, Where
+from greybox_id.gap.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
@@ -172,6 +172,7 @@ def test_the_report_holds_what_the_diagnosis_says(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["gap.pdf"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [*CASES, *_odd()])
 def test_two_reports_are_the_same_bytes(case, tmp_path):
     gap = CASES[case]() if case in CASES else _odd()[case]
