@@ -140,7 +140,7 @@ class Fit:
 
     @property
     def from_prior(self) -> tuple[str, ...]:
-        """Names of estimates that are more prior than data: their standard deviation is hardly less than the prior's."""
+        """Estimates that are more prior than data: their standard deviation is hardly less than the prior's."""
         return tuple(
             p.name
             for p in self.model.parameters

@@ -71,8 +71,8 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
     if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
         yield Reason(
             NOT_USABLE,
-            "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, or "
-            "of another. Fit each half, and compare them with greybox gap --since.",
+            "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
+            "or of another. Fit each half, and compare them with greybox gap --since.",
         )
 
 
@@ -82,7 +82,8 @@ def _short(fit: Fit) -> Iterator[Reason]:
     if trained and (rows < FEWEST_ROWS or seconds < SHORTEST):
         yield Reason(
             NOT_USABLE,
-            f"{rows} rows, {seconds:.2g} s, are too short for a fit: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} s.",
+            f"{rows} rows, {seconds:.2g} s, are too short for a fit: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
+            "s. Record more.",
         )
 
 

@@ -6,8 +6,9 @@ error that no parameter could take up. How large the other part is, which moved 
 are of one error, so that the one tells the size of the other. Here the error of every output is a sum of functions of
 the drive (`_functions`), each with a size of normal distribution about none, all of one spread: a share of the output's
 own. What drives the vehicle may err as well, and then all outputs at once: a sensor's offset, a ratio that varies, a
-command that comes late. So every input has such functions too (`_of_inputs`), which the model itself passes on. The share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to
-be explained. Parameters have a wider covariance beside such an error, and another optimum: intervals count both.
+command that comes late. So every input has such functions too (`_of_inputs`), which the model itself passes on. The
+share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to be
+explained. Parameters have a wider covariance beside such an error, and another optimum: intervals count both.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001); Brynjarsdottir &
 O'Hagan, Learning about physical parameters: the importance of model discrepancy, Inverse Problems 30 (2014).
@@ -281,9 +282,7 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
     return found
 
 
-def _errors_of_input(
-    name: str, table: Mapping[str, Array], du: Array, spread: float
-) -> Iterator[tuple[str, Array]]:
+def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
     """How an input may be another than recorded: words and (n,) values."""
     u, v = table[name], table.get("v_x")
     yield f"an offset of {name}", np.ones(len(u))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from driven import driven
 
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
