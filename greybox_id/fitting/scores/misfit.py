@@ -82,7 +82,7 @@ def _short(fit: Fit) -> Iterator[Reason]:
     if trained and (rows < FEWEST_ROWS or seconds < SHORTEST):
         yield Reason(
             NOT_USABLE,
-            f"{rows} rows, {seconds:.2g} s, are too short for a fit: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
+            f"{rows} rows, {seconds:.2g} s, are too short: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
             "s. Record more.",
         )
 
