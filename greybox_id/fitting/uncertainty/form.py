@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from ...base.shorthands import Array, Mask
+from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 
@@ -229,7 +229,7 @@ def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterato
 
 
 def _functions(
-    name: str, table: Mapping[str, Array], rates: Mapping[str, Array], quarter: Array, inputs: Sequence[str]
+    name: str, table: Mapping[str, Array], rates: Mapping[str, Array], quarter: Index, inputs: Sequence[str]
 ) -> Iterator[tuple[str, Array]]:
     """What the error of an output may be proportional to: words and (N,) values."""
     y, dy, v = table[name], rates[name], table.get("v_x")
@@ -404,7 +404,7 @@ class _Joint:
         return follow @ of_sizes @ follow.T, -follow @ sizes, sizes
 
 
-def _likeliest(joint: _Joint, owner: Array, unit: Array, count: int) -> tuple[Array, Array]:
+def _likeliest(joint: _Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:
     """The share of each group under which all residuals are likeliest; what each gains beside none, in log.
 
     Parameters
