@@ -17,7 +17,7 @@ import numpy as np
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import ensure_writable, held, write_atomically
 from greybox_id.base.json_data import without_nan
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .desk import PEEKED, Desk
 from .folder import DIAGNOSIS, TAKEN, case_folders, exam_of
