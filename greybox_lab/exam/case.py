@@ -96,15 +96,16 @@ class Draw(ABC):
         """Change magnitudes of many effects until each shows beside the others, and none drowns them; what does not
         show however large it is, as the others stand for it, is left out.
         """
-        aims = dict(zip(self.drawn, np.exp(self.rng.uniform(*np.log(AIMED), len(self.drawn))), strict=True))
+        least, most = np.log(AIMED)
+        aims = dict(zip(self.drawn, np.exp(self.rng.uniform(least, most, len(self.drawn))), strict=True))
         size, kind, drawn = self.sized.size, self.sized.kind, dict(self.drawn)
         for step in range(RESIZED + len(drawn)):
             over = self.over_background
             if all(AIMED[0] <= own <= AIMED[1] for own in over.values()):
                 return
-            least = min(over, key=lambda name: over[name])
-            if step >= RESIZED // 2 and over[least] < AIMED[0] and len(drawn) > MANY[0]:
-                del drawn[least]
+            weakest = min(over, key=lambda name: over[name])
+            if step >= RESIZED // 2 and over[weakest] < AIMED[0] and len(drawn) > MANY[0]:
+                del drawn[weakest]
             else:
                 for name, own in over.items():
                     if not AIMED[0] <= own <= AIMED[1]:
