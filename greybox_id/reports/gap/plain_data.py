@@ -98,7 +98,8 @@ def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
     y, x = body["F_y"], body["F_x"]
     return Unnamed(
         _number(y["share"]), _number(x["share"]), _number(y["amplitude"]), _number(x["amplitude"]),
-        _number(y["correlation_time"]), _number(x["correlation_time"]), _number(body["tolerances"]), (str(body["worst"]["name"]), _number(body["worst"]["sd"])),
+        _number(y["correlation_time"]), _number(x["correlation_time"]), _number(body["tolerances"]),
+        (str(body["worst"]["name"]), _number(body["worst"]["sd"])),
         _numbers(body["noise"]), _number(body.get("expected") or None),
     )  # fmt: skip
 
