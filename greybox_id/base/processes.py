@@ -21,6 +21,8 @@ from multiprocessing import active_children, get_context
 from types import FrameType
 from typing import Any, Generic, TypeVar, cast
 
+from .errors import GreyboxError
+
 Result = TypeVar("Result")
 FORKS = sys.platform.startswith("linux")
 """Whether processes can be forked; elsewhere libraries of the system forbid it."""
@@ -78,6 +80,7 @@ def side_by_side(
     Raises
     ------
     KeyboardInterrupt : before anything was done.
+    GreyboxError : one of the processes was ended from outside.
     """
     done: Done[Result] = Done()
     if apart(count, jobs):
@@ -221,6 +224,10 @@ def _forked(
         except KeyboardInterrupt:
             done.interrupted = True
             _stop(pool)
+        except BrokenProcessPool as error:
+            raise GreyboxError(
+                "A process at work was ended from outside, as systems do that run out of memory; ask for fewer ‹jobs›."
+            ) from error
         for late, number in waiting.items():
             if number not in done.found and not late.cancelled():
                 try:
