@@ -59,7 +59,7 @@ def effective_sample_size(chains: Array) -> float:
 def _diagnosed(name: str, chains: Array) -> float:
     if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
         return float("nan")
-    from arviz_stats.base import array_stats  # which takes long to load
+    from arviz_stats.base.array import array_stats  # which takes long to load
 
     with np.errstate(invalid="ignore", divide="ignore"):  # chains of which each stays where it is
         return float(getattr(array_stats, name)(chains, chain_axis=0, draw_axis=1))
