@@ -80,9 +80,8 @@ def test_where_nothing_is_ambiguous_that_is_said(saved):
     assert said.endswith("something without a name is there with probability 0.97.")
 
 
-def test_a_model_whose_speed_is_read_has_nothing_to_tell_apart_in_a_sentence():
+def test_a_model_whose_speed_is_read_has_no_drive_to_scale():
     assert discriminate._drive_of(gb.models.lateral()) == "drive"
-    assert discriminate._drive_of(gb.models.single_track(vehicle="roboracer")) == "motor_current"
 
 
 def test_what_stays_likely_beside_what_is_not_sure_is_not_told_apart():
