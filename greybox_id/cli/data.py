@@ -75,21 +75,27 @@ def check_command(files: Sequence[str], columns: str, wheelbase: float | None, a
 
 
 @data.command("map")
-@click.argument("file", metavar="FILE", type=click.Path())
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
+@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Rows a second, of a FILE without time.")
 @wheelbase_option
 @json_option
-def map_command(file: str, out: str | None, wheelbase: float | None, as_json: bool) -> None:
+def map_command(
+    files: Sequence[str], out: str | None, rate: float | None, wheelbase: float | None, as_json: bool
+) -> None:
     """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
+
+    Several FILEs are topics or sensors of one drive, each with a clock of its own: one map for all of them.
 
     \b
     greybox data map lap7.csv --out my_car.toml
+    greybox data map imu.csv odom.csv commands.csv --out my_car.toml
     """
     from ..datasets.mapping import as_toml, propose
 
     target = map_target(out) if out else None
-    with working(f"looking at {file}"):
-        proposal = propose(file, wheelbase)
+    with working(f"looking at {files[0]}"):
+        proposal = propose(files if len(files) > 1 else files[0], wheelbase, rate or 0.0)
     if target:
         write_atomically(target, as_toml(proposal, target.stem))
     if as_json:
@@ -240,8 +246,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         table.add_row(*_row(entry), style=None if entry.decided else "yellow")
     screen.print(Text(proposal.file, style="bold"))
     screen.print(table)
-    if proposal.time is None:
-        screen.print("no column looks like a time; say which one holds it")
+    if proposal.time is None and not proposal.rate:
+        screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
     if proposal.others:
         screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
@@ -253,7 +259,9 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     if asked:
         screen.print(f"{counted(len(asked), 'signal')} left to you (marked ?): {', '.join(sorted(asked))}")
     if out:
-        screen.print(f"written  {out}; then: greybox data check {proposal.file} --columns {out}")
+        joined = f"join {proposal.file} --columns {out} --out drive.csv"
+        then = joined if proposal.files else f"check {proposal.file} --columns {out}"
+        screen.print(f"written  {out}; then: greybox data {then}")
 
 
 def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
@@ -262,6 +270,7 @@ def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
         "path": proposal.file,
         "written": out,
         "time": _as_dict(proposal.time) if proposal.time else None,
+        "rate_hz": proposal.rate or None,
         "runs": proposal.run or None,
         "signals": [_as_dict(entry) for entry in proposal.entries],
         "others": list(proposal.others),

@@ -95,7 +95,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
                 signals[name] = values[(time >= start) & (time <= stop)]
             else:
                 method = _method(name, hold)
-                signals[name], costs = (_held if method == "held" else _linear)(group.time, values, inside, name)
+                signals[name], costs = (held if method == "held" else linear)(group.time, values, inside, name)
                 resampled[name] = Resampled(method, group.name, 1 / steps[group.name], *costs)
     return Joined(inside, signals, resampled, tuple(notes))
 
@@ -106,8 +106,8 @@ def _method(name: str, hold: str) -> Literal["linear", "held"]:
 
 def _reach(group: Readings, steps: Mapping[str, float], hold: str) -> float:
     """How long after its last reading a group still says something, s."""
-    held = all(_method(name, hold) == "held" for name in group.signals)
-    return max(HELD_GAP * steps[group.name], HELD_SECONDS) if held else 0.0
+    all_held = all(_method(name, hold) == "held" for name in group.signals)
+    return max(HELD_GAP * steps[group.name], HELD_SECONDS) if all_held else 0.0
 
 
 def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
@@ -140,7 +140,7 @@ def _instants(time: Array, where: str) -> tuple[Array, bool]:
     return np.concatenate([time[a] + usual * np.arange(n) for a, n in zip(edges, counts, strict=False)]), True
 
 
-def _linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
     """Straight lines between readings, and what they miss: s (1 - s) / 2 of the second difference there.
 
     That is the error of a parabola through three readings; noise in readings makes it larger than it is.
@@ -170,7 +170,7 @@ def _linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arr
     return found, _costs(missed, len(missed))
 
 
-def _held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
     """The last reading before each instant, and what the clock misses of its steps, which come up to one row late."""
     known = np.isfinite(values)
     t, v = time[known], values[known]

@@ -181,7 +181,7 @@ def follow(
     ------
     BadInput : a column is missing, a line cannot be read, or the noise of a reading is not stated.
     """
-    rows = csv.reader(lines, delimiter=columns.separator)
+    rows = csv.reader(lines, delimiter=columns.separator or ",")
     header = next(rows, None)
     if header is None:
         raise BadInput("Standard input is empty: send a line with the names of the columns first.")

@@ -80,10 +80,8 @@ def distrusted(findings: Iterable[Finding]) -> bool:
 
 def file_row(recording: Recording, row: int) -> str:
     """A row of the recording in the words of its file: "row 700 of the file", header line counted."""
-    path = recording.source.path.lower()
-    if path.endswith((".csv", ".csv.gz")):
-        return f"row {row + 2} of the file"
-    return f"row {row + 1} of the file" if path else f"row {row}, counted from 0"
+    source = recording.source
+    return f"row {row + (source.first_row or 1)} of the file" if source.path else f"row {row}, counted from 0"
 
 
 def listed(items: Iterable[str], at_most: int = 6) -> str:
