@@ -99,7 +99,7 @@ SPELLINGS = {
     "km/h": "kmh kph km/hr kmph km/h", "m/s": "mps m/sec m/s", "mph": "mph mi/h miles/h", "knot": "knots kn kt kts",
     "m/s^2": "m/s/s m/s2 m/sec2 m/s^2 m/s² mps2 m/(s^2) m/sec^2 ms-2", "g": "g gs g-force gforce",
     "deg": "deg degree degrees ° º", "deg/s": "deg/s deg/sec degrees/s degrees/sec °/s º/s dps deg/second",
-    "rad/s": "rad/s rad/sec radians/s", "rad": "rad radian radians", "s": "s sec secs second seconds unix_time unixtime",
+    "rad/s": "rad/s rad/sec radians/s", "rad": "rad radians", "s": "s sec secs second seconds unix_time unixtime",
     "ms": "ms msec millisecond milliseconds", "us": "us µs μs usec", "ns": "ns nsec", "rpm": "rpm 1/min rev/min u/min",
     "%": "% percent pct", "N m": "nm n*m n·m n.m", "degC": "c °c degc celsius", "degF": "f °f degf", "1": "1 ratio",
     "1/m": "1/m", "m": "m meter meters metres", "mm": "mm", "km": "km", "bar": "bar", "kPa": "kpa", "psi": "psi",

@@ -239,8 +239,8 @@ def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
         return Column("time", "", "s", "s"), rate
     if "time" not in table:
         raise BadInput(
-            f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s", or rate = 20 for '
-            "a file without time that has 20 rows a second."
+            f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s", or rate = 20 '
+            "for a file without time that has 20 rows a second."
         )
     return _time(entry, f"{where}: [time]"), 0.0
 

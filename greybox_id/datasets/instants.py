@@ -96,7 +96,7 @@ def is_instants(series: pd.Series[Any]) -> bool:
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         return True
     text = not pd.api.types.is_numeric_dtype(series.dtype) and len(series) > 0
-    return text and bool(_DATE.match(str(series.iloc[0]))) or _on_a_clock(series)
+    return (text and bool(_DATE.match(str(series.iloc[0])))) or _on_a_clock(series)
 
 
 def count_unit(series: pd.Series[Any]) -> str:

@@ -259,13 +259,13 @@ def _several(
         named = found.find(mapping.signals["x"].column)
     notes = [note] if note else []
     readings = []
-    for name, clock, own in zip(names, clocks, signals, strict=True):
-        time = _sized(clock.since(origin))
-        even = evened(time, own, mapping.hold, keep_rows=True)
+    for name, clock, values in zip(names, clocks, signals, strict=True):
+        stamps = _sized(clock.since(origin))
+        even = evened(stamps, values, mapping.hold, keep_rows=True)
         if even is not None:
-            time, own = even.time, even.signals
             notes.append(f"{name}: {even.note}")
-        readings.append(Readings(name, time - late.get(name, 0.0), own))
+        on_time, values = (stamps, values) if even is None else (even.time, even.signals)
+        readings.append(Readings(name, on_time - late.get(name, 0.0), values))
     joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, found.where)
     runs = [str(label) for label in joined.signals.get(RUN, np.empty(0))]
     return replace(joined, notes=(*joined.notes, *notes)), runs

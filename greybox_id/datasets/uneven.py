@@ -89,7 +89,7 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     )
     bounded = float(np.quantile(np.abs(behind), 0.999)) <= BOUNDED * max(step, recurring)
     share, sd = _share_of_stamps(time, signals, parts, step, max(3, int(np.ceil(2 * recurring / step))))
-    packets = np.mean(steps[inside] < AT_ONCE * step) > 0.5 or bool(np.any(steps[inside] == 0))
+    packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] == 0))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         return _regressed(time, signals, parts, lines, share, sd, packets)

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from ...base.shorthands import Array
 from ..instants import count_unit, is_instants
 from .contents import Contents, Group, RawTable
 
-NAMES = frozenset("name signal channel topic key variable parameter metric measurement id series tag".split())
-VALUES = frozenset("value val values reading data".split())
-TIMES = frozenset("time timestamp t stamp ts datetime date elapsed timecode".split())
+NAMES = frozenset(
+    ("name", "signal", "channel", "topic", "key", "variable", "parameter", "metric", "id", "series", "tag")
+)
+VALUES = frozenset(["value", "val", "values", "reading", "data"])
+TIMES = frozenset(("time", "timestamp", "t", "stamp", "ts", "datetime", "date", "elapsed", "timecode"))
 MOST_COLUMNS = 6
 """A table with more columns is none of readings."""
 WORDS = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0}
@@ -60,11 +63,11 @@ def _group(name: str, table: RawTable, values: pd.Series[float], times: pd.Serie
     return Group(name, (name, clock), load, f"{name}/", clock, unit)
 
 
-def _numbers(values: pd.Series[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _numbers(values: pd.Series[float]) -> Array:
     """Readings as numbers; words of truth as 1 and 0, other words as NaN."""
     if pd.api.types.is_numeric_dtype(values.dtype):
-        return values.to_numpy(dtype=float, na_value=np.nan)
+        return np.asarray(values.to_numpy(dtype=float, na_value=np.nan), dtype=float)
     words = values.astype("string").str.strip().str.lower()
     numbers = pd.to_numeric(words, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     truths = words.map(WORDS).to_numpy(dtype=float, na_value=np.nan)
-    return np.where(np.isnan(numbers), truths, numbers)
+    return np.asarray(np.where(np.isnan(numbers), truths, numbers), dtype=float)

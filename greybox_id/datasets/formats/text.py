@@ -142,7 +142,7 @@ def _frame(body: bytes, layout: Layout, where: str) -> pd.DataFrame:
         # One column more than the header names: a row that is too long shows itself there instead of shifting others.
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            return pd.read_csv(
+            frame: pd.DataFrame = pd.read_csv(
                 io.BytesIO(body),
                 header=None,
                 names=list(range(len(names) + 1)),
@@ -153,6 +153,7 @@ def _frame(body: bytes, layout: Layout, where: str) -> pd.DataFrame:
                 encoding="utf-8",
                 **options,
             )
+            return frame
     except pd.errors.ParserError as error:
         raise BadInput(_not_a_table(str(error), where, layout)) from error
     except pd.errors.ParserWarning as error:  # the first row is more than one cell too long

@@ -55,9 +55,9 @@ RULES: dict[str, tuple[str, ...]] = {
     "motor_current": (r"motor current|current motor|i motor|current|imot|i mot|i q|iq",),
     "drive_force": (r"drive force|traction force|driving force|force x|fx",),
     "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
-    "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?|gaspedal",
-                 r"tps|aps|app|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)|fahrpedal"
-                 r"|throttleposition|throttle duty"),
+    "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?",
+                 r"tps|aps|app|gaspedal|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)"
+                 r"|fahrpedal|throttleposition|throttle duty"),
     "brake": (r"brake|brake (pos|position|pedal|pressure|press|command|cmd)|brk|brakepedal|bremse",
               r"brake ped( cmd)?|brakepressure|pbrake( f)?|brake (pressure|press) (f|front)|bremsdruck|brk pos"
               r"|brake pedal (pos|position)"),
@@ -91,7 +91,8 @@ PLACES = ("lat", "long")
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc)\b")  # fmt: skip
+                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc)"
+                   r"\b")  # fmt: skip
 WORDS_OF_UNITS = {
     "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
     "knots": "knot",

@@ -155,8 +155,10 @@ def test_racelogic_writes_minutes_west_positive_and_a_clock(tmp_path):
 def test_a_row_for_every_reading_becomes_a_group_for_every_channel(tmp_path, kind):
     file = tmp_path / kind
     readings = [
-        (1.5e9 + 0.01 * k, name, 0.1 * k) for k in range(200) for name in ("vehicle_speed", "yaw_rate") if k % (1 + (name == "yaw_rate")) == 0
-    ]  # fmt: skip
+        (1.5e9 + 0.01 * k, name, 0.1 * k)
+        for k in range(200)
+        for name in (("vehicle_speed",), ("vehicle_speed", "yaw_rate"))[k % 2]
+    ]
     readings.insert(3, (1.5e9, "gear", "first"))
     if kind == "long.csv":
         text = "timestamp,name,value\n" + "".join(f"{t},{n},{v}\n" for t, n, v in readings)
