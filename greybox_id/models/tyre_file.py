@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan, sin
+from math import hypot, atan, sin
 from pathlib import Path
 
 from ..base.errors import BadInput
@@ -29,6 +29,10 @@ LOADS = (0.5, 1.5)
 """Wheel loads over the nominal one between which wheels work in bends: half of the load shifted to the other side."""
 DIGITS = 12
 """Significant digits to which coefficients are computed: they come back the same from a file they are written to."""
+BELT = 0.3
+"""Standard deviation of a road's friction as a share of the test belt's. Belts are covered with abrasive paper: Formula
+Student teams scale rig data by 0.6 to 0.7 for the road (Kasprzak and Gentz, "The Formula SAE Tire Test Consortium", SAE
+2006-01-3606)."""
 TELLING = 0.01
 """Relative change with load below which the load tells nothing of how well a coefficient is known."""
 _LINE = re.compile(r"\s*([A-Za-z_]\w{0,63})\s*=\s*('[^']*'|\"[^\"]*\"|[^\s$!]+)")
@@ -121,13 +125,16 @@ class TyreFile:
         """B, C, D and E of both axles at the nominal load, as a vehicle file states them.
 
         Their standard deviation is half of what they change by between `LOADS`; none is stated where that is next to
-        nothing, and the number is where a fit starts.
+        nothing, and the number is where a fit starts. To that of D comes the friction of the belt, and of B with it,
+        since it is the stiffness B C D that a road changes least.
         """
         here, apart = self.at(), [self.at(share * self.nominal_load) for share in LOADS]
         source = f"{Path(self.path).name}: Magic Formula {self.version} at {self.nominal_load:g} N"
         found = {}
         for letter in "BCDE":
             value, sd = getattr(here, letter), abs(getattr(apart[1], letter) - getattr(apart[0], letter)) / 2
+            if letter in "BD":
+                sd = hypot(sd, BELT * abs(value))
             for suffix in "fr":
                 found[f"{letter}_{suffix}"] = Stated(value, sd if sd > TELLING * abs(value) else None, source=source)
         return found
