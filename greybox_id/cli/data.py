@@ -153,7 +153,9 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
         told = [
             {
                 "file": offset.file, "against": offset.against, "signal": offset.signal or None,
-                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd), "taken_off": offset.taken_off,
+                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd),
+                "rate": _number(offset.alignment.rate if offset.alignment else None),
+                "left_s": _number(offset.alignment.left if offset.alignment else None), "taken_off": offset.taken_off,
             }
             for offset in offsets
         ]  # fmt: skip

@@ -1,6 +1,6 @@
 """Signals that were recorded on clocks of their own, brought onto one.
 
-The clock is that of the column the map names as time, else that of the fastest group. Where its steps are regular its
+The clock is that of the column the map names as time, else that of the most regular of the fast groups. Where its steps are regular its
 own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined by straight
 lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings themselves.
 """
@@ -62,7 +62,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     Parameters
     ----------
     groups : two or more.
-    named : name of the group whose clock is taken; None takes the fastest.
+    named : name of the group whose clock is taken; None takes the most regular of the fast ones.
     hold : "zero" holds commands, "linear" takes them as measured.
     where : the file, for sentences.
 
@@ -74,7 +74,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     notes: list[str] = []
     ordered = [_ordered(group, where, notes) for group in groups]
     steps = {group.name: float(np.median(np.diff(group.time))) for group in ordered}
-    clock = next((g for g in ordered if g.name == named), None) or min(ordered, key=lambda g: steps[g.name])
+    clock = next((g for g in ordered if g.name == named), None) or _most_regular(ordered, steps)
     time, even = _instants(clock.time, where)
     start = max(group.time[0] for group in ordered)
     stop = min(group.time[-1] + (_reach(group, steps, hold) if group is not clock else 0.0) for group in ordered)
@@ -98,6 +98,18 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
                 signals[name], costs = (held if method == "held" else linear)(group.time, values, inside, name)
                 resampled[name] = Resampled(method, group.name, 1 / steps[group.name], *costs)
     return Joined(inside, signals, resampled, tuple(notes))
+
+
+def _most_regular(groups: Sequence[Readings], steps: Mapping[str, float]) -> Readings:
+    """Of those that are at least half as fast as the fastest, the group whose steps scatter least."""
+    fast = [group for group in groups if steps[group.name] <= 2 * min(steps.values())]
+
+    def scatter(group: Readings) -> float:
+        step = np.diff(group.time)
+        running = step[step <= LINEAR_GAP * steps[group.name]]
+        return round(float(np.std(running)) / steps[group.name], 2)
+
+    return min(fast, key=lambda group: (scatter(group), steps[group.name]))
 
 
 def _method(name: str, hold: str) -> Literal["linear", "held"]:

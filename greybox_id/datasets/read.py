@@ -12,6 +12,7 @@ import numpy as np
 from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SD, unit_of
+from .alignment import Alignment
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
@@ -56,7 +57,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
 def read_together(
     paths: Sequence[str | Path],
     columns: str | Path | ColumnMap = "canonical",
-    late: Mapping[str, float] | None = None,
+    late: Mapping[str, Alignment] | None = None,
 ) -> Recording:
     """Read several files of one drive, each with a clock of its own, as one recording.
 
@@ -65,7 +66,7 @@ def read_together(
     paths : files, one topic or sensor each. Their names without suffix tell their columns apart: `imu/time` is the
         column time of imu.csv. A plain name is the column of the first file that has it.
     columns : as in `read`. The map's time is that of every file; one such as `imu/time` says whose instants are kept.
-    late : file's name without suffix -> s by which its clock is ahead, taken off its times.
+    late : file's name without suffix -> how its clock runs against that of the others, taken off its times.
 
     Raises
     ------
@@ -136,7 +137,7 @@ def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
     return mapping.name if isinstance(columns, ColumnMap) else str(columns)
 
 
-def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, float]) -> Recording:
+def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, Alignment]) -> Recording:
     mapping = _named_as_in(found, mapping)
     _check_columns(found, mapping)
     groups = _groups(found, mapping)
@@ -238,7 +239,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
 
 
 def _several(
-    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, float]
+    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, Alignment]
 ) -> tuple[Joined, list[str]]:
     if mapping.rate:
         raise BadInput(f"{found.where}: a rate is the clock of one table, and this holds several; name their time.")
@@ -265,7 +266,9 @@ def _several(
         if even is not None:
             notes.append(f"{name}: {even.note}")
         on_time, values = (stamps, values) if even is None else (even.time, even.signals)
-        readings.append(Readings(name, on_time - late.get(name, 0.0), values))
+        if name in late:  # known in instants as the file counts
+            on_time = late[name].corrected(on_time + float(origin)) - float(origin)
+        readings.append(Readings(name, on_time, values))
     joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, found.where)
     runs = [str(label) for label in joined.signals.get(RUN, np.empty(0))]
     return replace(joined, notes=(*joined.notes, *notes)), runs
