@@ -61,8 +61,14 @@ class Offset:
     def sentence(self) -> str:
         """What was done, for people."""
         if self.alignment is None:
-            shared = f"their {' and '.join(self.shared)} are not alike enough to tell" if self.shared else "no signal in"
-            why = f"{shared} an offset from {self.against}" if self.shared else f"it has {shared} common with {self.against}"
+            shared = (
+                f"their {' and '.join(self.shared)} are not alike enough to tell" if self.shared else "no signal in"
+            )
+            why = (
+                f"{shared} an offset from {self.against}"
+                if self.shared
+                else f"it has {shared} common with {self.against}"
+            )
             return f"{self.file}: taken at its stamps; {why}."
         clock = self.alignment
         found = f"{1e3 * clock.seconds:.1f} ± {1e3 * clock.sd:.1f} ms late against {self.against} by {self.signal}"

@@ -137,7 +137,9 @@ def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
     return mapping.name if isinstance(columns, ColumnMap) else str(columns)
 
 
-def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, Alignment]) -> Recording:
+def _recording(
+    found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, Alignment]
+) -> Recording:
     mapping = _named_as_in(found, mapping)
     _check_columns(found, mapping)
     groups = _groups(found, mapping)

@@ -256,7 +256,7 @@ def misfit(
 
 
 def errors_at(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, p: Array) -> Array:
-    """(readings, outputs) prediction errors of all recordings at parameters, (parameters,); NaN where nothing is read."""
+    """(readings, outputs) prediction errors at parameters, (parameters,); NaN where nothing is read."""
     problem = _problem(simulator, recordings, noise, how, p)
     return problem.errors(problem.simulated_nodes(problem.unknowns(p)))
 

@@ -84,7 +84,9 @@ def as_fitted(fit: Fit, recording: Recording) -> Recording:
     """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
     told = fit.how.get("hold")
     taken = told.get("taken") if isinstance(told, Mapping) else None
-    return with_hold(recording, taken) if taken in WORDS and not recording.hold_stated else recording
+    if recording.hold_stated or taken not in ("zero", "linear"):
+        return recording
+    return with_hold(recording, "linear" if taken == "linear" else "zero")
 
 
 def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | None:
@@ -109,7 +111,9 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | No
     errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
     p, q = (model.with_values(one.problem.shared(one.solution.x)) for one in (here, there))
-    moved = {own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed}
+    moved = {
+        own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed
+    }
     late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
     return Holding(taken, stated, float(gain / rows), moved, late)
 

@@ -10,9 +10,9 @@ from ..datasets.recording import Recording
 from ..models.kinds import by_kind
 from ..models.model import Model
 from .fit import Fit
+from .holding import as_fitted
 from .provenance import DataRecord
 from .scores.metrics import Scores, score_beside_hold, unfitted_scores
-from .holding import as_fitted
 from .scores.verdict import HELD_OUT, TRAINED, judged
 from .verdict import USABLE, Reason, Verdict
 

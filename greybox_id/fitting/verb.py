@@ -117,7 +117,7 @@ def fit(
 
 
 def _between_rows(found: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
-    """The fit with commands held or run on between rows, whichever is likelier where no map says; and what was weighed."""
+    """The fit with commands held or run on between rows, the likelier where no map says; and what was weighed."""
     held = weighed(found, task.recordings, task.how)
     if held is None:
         return found, task, None

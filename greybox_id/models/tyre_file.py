@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import hypot, atan, sin
+from math import atan, hypot, sin
 from pathlib import Path
 
 from ..base.errors import BadInput
