@@ -30,13 +30,13 @@ from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed
-from ..fitting import Say
 from ..fitting.choices.parameters import wanted_vehicle
 from ..fitting.choices.wanted import must_be_recorded
-from ..gap import Gap
+from ..fitting.how import Say
 from ..gap.changes.verb import Changed, diagnose_change
 from ..gap.design.arena import arena as arena_of
 from ..gap.diagnosis import diagnose
+from ..gap.gap import Gap
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
 from ..models.vehicle import Vehicle

@@ -20,7 +20,7 @@ from greybox_id.base.processes import side_by_side
 from greybox_id.base.signals import SIGNALS
 from greybox_id.base.version import __version__
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from ..virtual.virtual_vehicle import EFFECTS, OUTSIDE
 from .answers import Answer, Tier, read_answer, write_answer

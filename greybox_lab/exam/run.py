@@ -14,7 +14,7 @@ from typing import Any
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import without_nan
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .desk import PEEKED, Desk
 from .folder import DIAGNOSIS, case_folders, exam_of

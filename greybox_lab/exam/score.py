@@ -17,7 +17,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import read_json, without_nan
 from greybox_id.base.processes import side_by_side
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .answers import Answer, read_answer
 from .findings import ExamFinding, finding

@@ -20,7 +20,8 @@ from greybox_id.base.processes import FORKS, apart, elsewhere, interrupt, interr
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.compiler import CannotCompile
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 from greybox_id.models.vehicle_file import vehicle
 

@@ -14,8 +14,8 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.export.verb import TARGETS
-from greybox_id.fitting import How
-from greybox_id.fitting import fit as fit_model
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit as fit_model
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 

@@ -145,7 +145,7 @@ def test_keys_of_a_fetch_are_those_of_the_page(monkeypatch):
 def test_keys_of_an_examination_are_those_of_the_page(tmp_path):
     exam = tmp_path / "exam"
     agree(greybox("exam", "make", "--out", exam, "--cases", 0, "--nulls", 1, "--json").told, PAGE["exam make"])
-    silent = ("--diagnoser", "exam.candidates:silent")
+    silent = ("--diagnoser", "exam_candidates:silent")
     agree(greybox("exam", "run", exam / "cases", *silent, "--json").told, PAGE["exam run"])
     agree(greybox("exam", "score", exam, "--json").told, PAGE["exam score"])
 

@@ -10,8 +10,9 @@ from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swer
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters import How, track
+from greybox_id.filters.how import How
 from greybox_id.filters.live import follow
+from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = needs_compiler

@@ -10,9 +10,10 @@ from verdicts import racing
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.solvers.gauss_newton import Status
-from greybox_id.fitting import How, fit
 from greybox_id.fitting import attempt as attempts
 from greybox_id.fitting import motion as motion_fits
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.virtual.virtual_vehicle import steered, vehicle_file_text

@@ -12,12 +12,12 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.base.errors import BadInput
-from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
+from greybox_id.gap import diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
-from greybox_id.gap.gap import Unnamed
+from greybox_id.gap.gap import CHANNELS, REGIMES, Ranked, Unnamed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle

@@ -7,7 +7,8 @@ Published figures: Mungiello et al., Tables 1 and 2.
 import pytest
 
 from greybox_id.datasets.read import read
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 
 

@@ -12,7 +12,7 @@ from report_parts import below
 
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.provenance import DataRecord
-from greybox_id.gap import Ranked, Where
+from greybox_id.gap.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst

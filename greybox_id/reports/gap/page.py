@@ -16,8 +16,9 @@ from matplotlib.colors import to_rgba_array
 from ...base.numbers import listed, number
 from ...base.shorthands import Array
 from ...base.version import __version__
-from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
-from ...gap.estimation.strip import running
+from ...fitting.scores.horizons import Errors
+from ...gap.estimation.strip import Strip, running
+from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ..document import Document, Drawing, VerdictBox
 from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades

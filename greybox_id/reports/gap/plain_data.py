@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from ...base.json_data import plain
-from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...fitting.scores.horizons import Errors
+from ...gap.estimation.strip import Strip
 from ...gap.estimation.wandering import Wander
+from ...gap.gap import Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ...base.numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
-from ...gap import Closure, Errors, Gap, Limit, Ranked
+from ...fitting.scores.horizons import Errors
+from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ...models.motion_model import MotionModel
 from ...models.registry import build

@@ -11,11 +11,15 @@ from typing import Any
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import finite
+from greybox_id.datasets.read import read
 from greybox_id.models.registry import motion_model_of
 from greybox_id.models.vehicle_file import vehicle_text
 
 from ..learned.injection import InjectedModel
 from .adapting import adapted, foretold, last_rows, world_of
+from .buffer import continued
+from .checking import vehicle_of
+from .protocol import digest_of
 from .safety import caps_from
 from .store import Job, ServerStore
 from .swap import read_learned
@@ -42,11 +46,12 @@ def worked(job: dict[str, str], tell: Callable[[dict[str, Any]], None]) -> None:
 def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     """Do a job: its folder then holds policy.json and result.json, which is written last."""
     began = time.process_time()
-    vehicle = store.vehicle(job.session)
+    vehicle = vehicle_of(store.vehicle_text(job.session))
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
     units = world_of(motion_model_of(vehicle), vehicle, 1, job.cap)
+    recordings = continued([read(file) for file in store.row_files(job.session, job.rows)])
     found = adapted(
-        vehicle, last_rows(store.recordings(job.session, job.rows), ROWS), start, units, job.arm, steps=job.steps,
+        vehicle, last_rows(recordings, ROWS), start, units, job.arm, steps=job.steps,
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
@@ -58,8 +63,10 @@ def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
             at = world_of(motion_model_of(vehicle), vehicle, 1, cap)
             said[cap] = foretold(found.twin.model, vehicle, found.learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
-    write_atomically(folder / "policy.json", found.learned.text(), continued=True)
+    policy = found.learned.text()
+    write_atomically(folder / "policy.json", policy, continued=True)
     result = {
+        "policy": digest_of(policy.encode()),
         "detected": found.twin.detected,
         "named": [dict(own) for own in found.twin.named],
         "applied": dict(found.twin.applied),

@@ -19,7 +19,7 @@ from greybox_id.export.c.functions import INLINE
 from greybox_id.export.c.mathematics import definitions
 from greybox_id.export.c.naming import constant, numbers, vector
 from greybox_id.export.c.self_test import table
-from greybox_id.export.elsewhere import Named as NamedResult
+from greybox_id.export.elsewhere import ForeignResult
 from greybox_id.export.equations import Named
 from greybox_id.export.folder import write_folder
 from greybox_id.export.quoting import c_comment
@@ -422,7 +422,7 @@ class PolicyExporter:
         return isinstance(result, Policy) or isinstance(getattr(result, "policy", None), Policy)
 
     @staticmethod
-    def write(result: Policy | Learned, named: NamedResult, target: str, to: str | Path) -> list[Path]:
+    def write(result: Policy | Learned, named: ForeignResult, target: str, to: str | Path) -> list[Path]:
         """Write it for a target into a folder; the files."""
         policy = result if isinstance(result, Policy) else result.policy
         return export_policy(PolicySubject(policy, named.name, named.source, named.command), target, to)

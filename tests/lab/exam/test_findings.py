@@ -3,7 +3,7 @@
 from math import inf, isnan
 
 import pytest
-from exam.candidates import diagnosis, ranked
+from exam_candidates import diagnosis, ranked
 
 from greybox_id.base.errors import BadInput
 from greybox_lab.exam.answers import Answer

@@ -71,7 +71,7 @@ def test_what_lacks_nothing_has_hardly_anything_that_could_be_named(family):
 
 
 def test_no_diagnosis_knows_a_foreign_simulator():
-    files = sorted(Path(greybox_id.gap.__file__).parent.glob("*.py"))
+    files = sorted(Path(greybox_id.gap.__file__).parent.rglob("*.py"))
     assert files
     for file in files:
         assert not re.search(r"(import|from) .*(\bexam\b|slipx|vehiclemodels)", file.read_text()), file.name

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "nmpc"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "nmpc"
 sys.path.insert(0, str(EXAMPLE))
 
 from follow import followed  # noqa: E402

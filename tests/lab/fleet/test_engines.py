@@ -16,6 +16,7 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_lab.fleet import engines
+from greybox_lab.fleet import run as fleet_run
 from greybox_lab.fleet.store import OF_RESULTS
 
 LINUX = sys.platform.startswith("linux")
@@ -97,7 +98,7 @@ def test_a_scheduler_that_is_not_there_is_a_sentence(fleet, tmp_path):
         "fleet", "run", plan, "--out", tmp_path, *where
     )
     with pytest.raises(gb.BadInput, match="No scheduler"):
-        fleet.run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
+        fleet_run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
 
 
 def test_workers_that_come_later_are_given_work_too(monkeypatch):
