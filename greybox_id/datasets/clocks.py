@@ -1,8 +1,8 @@
 """Signals that were recorded on clocks of their own, brought onto one.
 
 The clock is that of the column the map names as time, else the most regular of the fast ones. Where its steps are
-regular its own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined by straight
-lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings themselves.
+regular its own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined
+by straight lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings.
 """
 
 from __future__ import annotations

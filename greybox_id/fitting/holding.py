@@ -174,17 +174,17 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
     most = max(shares, key=lambda name: shares[name], default="")
     if not (unlikely or unclear) or not most or shares[most] < 1:
         return None
-    parameter = fit.model[most]
+    parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
     size = f"{most} by {number(held.moved[most], 2)} {parameter.unit}".strip()
     if unlikely:
         return Reason(
             WITH_CARE,
             f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. That they are '
-            f"{WORDS[other_than(held.taken)]} is likelier (odds e^{-held.gain:.0f}) and moves {size}: was the steering "
+            f"{WORDS[other_than(held.taken)]} is likelier (odds e^{-held.gain:.0f}) and moves {size}: was {what} "
             f'measured or commanded? Set hold = "{other_than(held.taken)}" if so.',
         )
     return Reason(
         WITH_CARE,
-        f"Was the steering measured or commanded? The column map does not say, and the recording hardly does; taken as "
+        f"Was {what} measured or commanded? The column map does not say, and the recording hardly does; taken as "
         f'hold = "{held.taken}", the other moves {size}. State hold.',
     )
