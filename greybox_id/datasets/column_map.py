@@ -124,6 +124,7 @@ class ColumnMap:
     start_column_optional : whether a file may lack it.
     poses : where on the vehicle x, y and yaw are taken, if the motion is to be made of them; of several the first that
         holds for a file. Empty if it is not.
+    where, text : what a user's own map was called, and its text; empty for one that is shipped or made in memory.
     separator, decimal : how a text file separates columns and writes decimals; empty where the file tells.
     """
 
@@ -141,6 +142,8 @@ class ColumnMap:
     start_column: str = ""
     start_column_optional: bool = False
     poses: tuple[Reference, ...] = ()
+    where: str = ""
+    text: str = ""
     separator: str = ""
     decimal: str = ""
 
@@ -166,7 +169,19 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
     if isinstance(columns, ColumnMap):
         return columns
     text, file = named_text(str(columns), "columns", "column map")
-    return parse_column_map(text, str(file))
+    found = parse_column_map(text, str(file))
+    return found if str(columns) in shipped_maps() else replace(found, where=str(columns), text=text)
+
+
+def carried_map(columns: str, text: str) -> str | ColumnMap:
+    """The map that a recording was read through: its text that was carried along, else its name.
+
+    Raises
+    ------
+    BadInput
+        The text that was carried is no valid column map.
+    """
+    return replace(parse_column_map(text, columns), where=columns, text=text) if text else columns or "canonical"
 
 
 def parse_column_map(text: str, where: str) -> ColumnMap:

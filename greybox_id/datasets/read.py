@@ -50,7 +50,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
     """
     mapping, file = column_map(columns), Path(path)
     found = contents(file, mapping)
-    source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping))
+    source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping), column_map=mapping.text)
     return _recording(found, mapping, bare_name(file), source, {})
 
 
@@ -134,7 +134,7 @@ def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, A
 
 
 def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
-    return mapping.name if isinstance(columns, ColumnMap) else str(columns)
+    return mapping.where or mapping.name if isinstance(columns, ColumnMap) else str(columns)
 
 
 def _recording(

@@ -40,6 +40,7 @@ class Source:
     sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
     columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
     between, where : which part of the file it is, as `Recording.between` and `Recording.where` were asked.
+    column_map : text of that map, where it is a user's own: what was made of the recording carries it.
     first_row : number of the file's first row of values, as a person counts; 0 where it is a table in memory.
     """
 
@@ -48,6 +49,7 @@ class Source:
     columns: str = ""
     between: str = ""
     where: str = ""
+    column_map: str = ""
     first_row: int = 0
 
 
