@@ -71,6 +71,7 @@ FORMS = {
 """Section of the page -> calls that between them show every key that may not be missing."""
 FLEET = {f"fleet {name}" for name in ("run", "status", "estimate", "report")}  # held by tests/fleet
 ELSEWHERE = {
+    "app",
     "bench loop",
     "bench msnn",
     "bench truck",
