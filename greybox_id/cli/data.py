@@ -17,9 +17,11 @@ from ..base.guard import claim
 from ..base.numbers import counted
 from ..base.processes import Pace
 from ..datasets.checks import Finding, Severity, check, distrusted
+from ..datasets.column_map import ColumnMap, column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
 from ..datasets.recording import Recording
+from ..datasets.repair import map_text, repaired
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .options import columns_option, json_option, part_asked, read_part
@@ -52,26 +54,56 @@ def data() -> None:
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @columns_option
 @wheelbase_option
+@click.option("--repair", metavar="MAP.toml", help="Write the column map with the repairs that the check proposes.")
 @json_option
-def check_command(files: Sequence[str], columns: str, wheelbase: float | None, as_json: bool) -> None:
+def check_command(
+    files: Sequence[str], columns: str, wheelbase: float | None, repair: str | None, as_json: bool
+) -> None:
     """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
+
+    With --repair, signs, units and columns that a finding would have changed are changed, one finding after the other
+    while the check has a remedy; the map is written, and the verdict is that of the FILEs read through it.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
+    greybox data check lap7.csv --columns my_car.toml --repair mended.toml
     """  # fmt: skip
+    target = map_target(repair) if repair else None
+    mapping, changes = mended(files, columns, wheelbase) if target else (columns, ())
     results, pace = [], Pace(len(files))
     with progress() as say:
         for k, file in enumerate(files):
             say(f"reading {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
-            recording = read_part(file, columns)
+            recording = read_part(file, mapping)
             say(f"checking {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
             results.append((recording, check(recording, wheelbase)))
+    if target and changes:
+        write_atomically(target, map_text(column_map(mapping)))
     if as_json:
-        print_json({"files": [as_dict(*result) for result in results]})
+        told = {"repair": {"written": repair if changes else None, "changes": list(changes)}} if repair else {}
+        print_json({"files": [as_dict(*result) for result in results], **told})
     else:
         for recording, findings in results:
             show(recording, findings, console())
+        if repair:
+            console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+MOST_REPAIRS = 4
+"""Repairs that are taken one after the other."""
+
+
+def mended(files: Sequence[str], columns: str, wheelbase: float | None) -> tuple[ColumnMap, tuple[str, ...]]:
+    """The column map with what checks of the files would have changed, and the changes."""
+    mapping, changes = column_map(columns), tuple[str, ...]()
+    for _ in range(MOST_REPAIRS):
+        found = (repaired(mapping, check(read_part(file, mapping), wheelbase)) for file in files)
+        better = next(filter(None, found), None)
+        if better is None:
+            break
+        mapping, changes = better.mapping, (*changes, *better.changes)
+    return mapping, changes
 
 
 @data.command("map")

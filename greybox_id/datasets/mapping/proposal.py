@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
 from ..read import Part, contents_together, read, read_together
 from ..recording import Recording
+from ..repair import column_fields, quoted, repaired
 from .evidence import MapEntry, by_gravity, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, guess_in, time_of
 from .steering import with_steering
@@ -238,12 +238,31 @@ def as_toml(proposal: Proposal, name: str) -> str:
     lines += ["", "[signals]"]
     for entry in sorted(proposal.entries, key=lambda own: (list(SIGNALS).index(own.signal), not own.decided)):
         lines += ["", *_signal(entry)]
+    lines += _proposed_repair(proposal)
     if proposal.others:
         listed, lacking = ", ".join(proposal.others), proposal.lacking
         which = "If one of them is a signal below, name it there. " if lacking else ""
         lines += ["", *_comment(f"Unused columns: {listed}. {which}What else you want to keep goes under [extra].")]
         lines += [f'#? {signal} = {{ column = "...", unit = {quoted(unit_of(signal))} }}' for signal in lacking]
     return "\n".join(lines) + "\n"
+
+
+def _proposed_repair(proposal: Proposal) -> list[str]:
+    """What the check would change, as lines to be taken in place of those above."""
+    if not proposal.findings or not (proposal.time or proposal.rate):
+        return []
+    mapping = proposal.mapping()
+    better = repaired(mapping, proposal.findings)
+    if better is None:
+        return []
+    changed = [own for name, own in better.mapping.signals.items() if own != mapping.signals[name]]
+    told = next(own.sentence for own in proposal.findings if own.repair)
+    return [
+        "",
+        *_comment(f"Repair: {told}"),
+        "# Take these lines in place of those of the same name, or greybox data check --repair MAP.toml.",
+        *(f"#? {own.signal} = {{ {', '.join(column_fields(own))} }}" for own in changed),
+    ]
 
 
 def _time(time: MapEntry | None) -> list[str]:
@@ -274,8 +293,3 @@ def _table(entry: MapEntry, unit: str) -> str:
 def _comment(text: str) -> Sequence[str]:
     printable = "".join(c if c.isprintable() else " " for c in text)
     return textwrap.wrap(printable, WIDTH, initial_indent="# ", subsequent_indent="#   ")
-
-
-def quoted(text: str) -> str:
-    """Text as TOML writes it; JSON's escapes are TOML's, but for what lies beyond 16 bits, which stays as it is."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
