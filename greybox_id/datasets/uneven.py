@@ -32,6 +32,8 @@ BOUNDED = 3.0
 """Usual steps, and as many of the longest ones that recur, that a stamp of receipt is ahead or behind at most."""
 SURE = 2.0
 """Standard deviations."""
+ROUNDING = 1e-3
+"""Share of the usual step below which stamps are the same."""
 AT_ONCE = 0.2
 """Share of the usual step below which rows came in one packet."""
 
@@ -75,7 +77,7 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return None
     recurring = float(np.quantile(ahead, 0.99))
     gap = max(GAP * step, 3 * recurring)
-    inside = (steps >= 0) & (steps < gap)
+    inside = (steps >= -ROUNDING * step) & (steps < gap)
     usual = float(np.median(steps))
     if np.mean((np.abs(steps - usual) > JITTER_TOLERANCE * max(usual, 0.0)) & inside) <= BROKEN:
         return None
@@ -89,11 +91,15 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     )
     bounded = float(np.quantile(np.abs(behind), 0.999)) <= BOUNDED * max(step, recurring)
     share, sd = _share_of_stamps(time, signals, parts, step, max(3, int(np.ceil(2 * recurring / step))))
-    packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] == 0))
+    packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         return _regressed(time, signals, parts, lines, share, sd, packets)
-    return None if keep_rows or bool(np.any(steps[inside] == 0)) else _on_a_grid(time, signals, parts, step, hold)
+    return (
+        None
+        if keep_rows or bool(np.any(steps[inside] <= ROUNDING * step))
+        else _on_a_grid(time, signals, parts, step, hold)
+    )
 
 
 def _share_of_stamps(

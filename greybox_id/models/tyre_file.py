@@ -25,6 +25,7 @@ DEFAULTS = {
 }  # fmt: skip
 """What a file need not say."""
 NEEDED = ("FNOMIN", "PCY1", "PDY1", "PKY1")
+SIDES = ("left", "right", "symmetric")
 LOADS = (0.5, 1.5)
 """Wheel loads over the nominal one between which wheels work in bends: half of the load shifted to the other side."""
 DIGITS = 12
@@ -71,11 +72,13 @@ class TyreFile:
     path : where it was read from.
     version : of the Magic Formula, such as "6.1".
     numbers : KEY -> number.
+    side : that the tyre was measured for: "left", "right" or "symmetric"; empty where the file does not say.
     """
 
     path: str
     version: str
     numbers: Mapping[str, float]
+    side: str = ""
 
     @property
     def nominal_load(self) -> float:
@@ -122,7 +125,7 @@ class TyreFile:
         return PureLateral(*(float(f"{value:.{DIGITS}g}") for value in values))
 
     def stated(self) -> dict[str, Stated]:
-        """B, C, D and E of both axles at the nominal load, as a vehicle file states them.
+        """B, C, D, E and the shifts of both axles at the nominal load, as a vehicle file states them.
 
         Their standard deviation is half of what they change by between `LOADS`; none is stated where that is next to
         nothing, and the number is where a fit starts. To that of D comes the friction of the belt, and of B with it,
@@ -137,7 +140,21 @@ class TyreFile:
                 sd = hypot(sd, BELT * abs(value))
             for suffix in "fr":
                 found[f"{letter}_{suffix}"] = Stated(value, sd if sd > TELLING * abs(value) else None, source=source)
-        return found
+        return found | self._shifts(here)
+
+    def _shifts(self, here: PureLateral) -> dict[str, Stated]:
+        """Shifts of an axle: none where its tyres mirror each other, those of one where they do not.
+
+        Ply steer keeps its side when a tyre is turned round, conicity does not; which of both a shift is, and how tyres
+        are mounted, no file says. A symmetric tyre has none.
+        """
+        if self.side == "symmetric":
+            return {}
+        source = f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; a pair that mirrors has none"
+        sizes = {"S_h": abs(here.S_h), "S_v": abs(here.S_v)}
+        return {
+            f"{name}_{axle}": Stated(0.0, size, source=source) for name, size in sizes.items() if size for axle in "fr"
+        }
 
     def _of(self, key: str) -> float:
         return self.numbers.get(key, DEFAULTS.get(key, 0.0))
@@ -182,7 +199,8 @@ def parse_tyre_file(text: str, path: str) -> TyreFile:
     unit = words.get("FORCE", "newton").lower(), words.get("ANGLE", "radians").lower()
     if unit[0] not in ("newton", "n") or not unit[1].startswith("rad"):
         raise BadInput(f"{path}: its [UNITS] are {unit[0]:.20} and {unit[1]:.20}; convert it to newton and radians.")
-    made = TyreFile(path, _version(numbers, words), numbers)
+    side = words.get("TYRESIDE", "").lower()
+    made = TyreFile(path, _version(numbers, words), numbers, side if side in SIDES else "")
     made.at()
     return made
 
