@@ -300,48 +300,6 @@ def gap(
         sys.exit(1)
 
 
-def diagnosed(
-    recordings: Sequence[str | Path],
-    vehicle: str | Path | Vehicle | None = None,
-    fit: str | Path | None = None,
-    held_out: Sequence[str | Path] = (),
-    columns: str | Path | None = None,
-    say: Say | None = None,
-    *,
-    model: str | None = None,
-    seed: int = 0,
-) -> Gap:
-    """What `greybox gap` finds, without its printing.
-
-    Parameters
-    ----------
-    recordings, held_out : files that are diagnosed, and files that choose nothing.
-    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; the file of a fit; of both, the fit's numbers with
-        the vehicle's noise, model error and tolerated effects.
-    columns : column map; canonical names unless given.
-    say : told of progress.
-    model : with a vehicle, in place of its own.
-    seed : of everything random.
-
-    Raises
-    ------
-    BadInput : a file, or what is asked of it, cannot be used.
-    """
-    return _found(_asked(recordings, vehicle, fit, held_out, columns, model), seed, say or _silent)
-
-
-def what_changed(
-    recordings: Sequence[str | Path],
-    since: Sequence[str | Path],
-    vehicle: str | Path | Vehicle,
-    held_out: Sequence[str | Path] = (),
-    columns: str | Path | None = None,
-) -> Changed:
-    """What `greybox gap --since` finds, without its printing; parameters and errors as of `diagnosed`."""
-    asked = _asked(recordings, vehicle, None, held_out, columns, None)
-    return _changed(asked, [read_part(file, columns or "canonical") for file in since], _silent)
-
-
 @dataclass(frozen=True)
 class _Asked:
     """What is diagnosed: the nominal model, what is stated of the vehicle, recordings."""
@@ -402,7 +360,3 @@ def _changed(asked: _Asked, since: Sequence[Recording], say: Say) -> Changed:
     return diagnose_change(
         asked.model, asked.recordings, since, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say
     )
-
-
-def _silent(line: str, passing: bool = False) -> None:
-    del line, passing
