@@ -31,7 +31,8 @@ from ..gap import Budget, Closure, Gap, Ranked, Share, Where
 from .between_runs import Common, RunExplained, values_of
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
-from .usual import GAINS, USUAL, acts, driven_alike, numbers_of, usual
+from .sensitivity import Visible, visible
+from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,9 @@ class Changed:
 
     @property
     def not_changed(self) -> list[dict[str, Any]]:
-        """Effects that did not, with twice the scatter within which they were."""
-        names = [name for name in self.scatter if name not in self.gap.applied]
+        """Effects that did not, with twice the scatter within which they were; none of which it is doubtful."""
+        doubted = {own.effect for own in self.gap.ranking if own.reason}
+        names = [name for name in self.scatter if name not in self.gap.applied and name not in doubted]
         return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
 
     def to_json(self) -> dict[str, Any]:
@@ -112,17 +114,7 @@ def diagnose_change(
         model is none of motion.
     """
     tell = say or (lambda line, **_: None)
-    if not since:
-        raise BadInput("Since when? Name recordings from before the change.")
-    if vehicle is None:
-        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
-    if not isinstance(model, MotionModel) or model.learnt:
-        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
-    _must_differ([*after, *held_out], since)
-    read = _readings(model, [*after, *held_out, *since])
-    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
-    if not own:
-        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    model, vehicle, read, own = _begun(model, [*after, *held_out], since, effects, vehicle)
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, vehicle)
         before, rides, others = ([FollowedRun.of(one, read) for one in part] for part in (since, after, held_out))
@@ -136,7 +128,59 @@ def diagnose_change(
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
         base, found = changes(known, rides, others, halves, nameless, cost)
-    return _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since)
+        elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
+    said = _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since)
+    return replace(said, gap=replace(said.gap, doubts=(*said.gap.doubts, *elsewhere)))
+
+
+def visible_changes(
+    model: Diagnosed,
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    *,
+    vehicle: Vehicle | None,
+    say: Callable[..., None] | None = None,
+) -> tuple[Visible, ...]:
+    """From which size on a change would show on one further recording like those from before.
+
+    Parameters
+    ----------
+    model, since, effects, vehicle, say : as of `diagnose_change`.
+
+    Raises
+    ------
+    BadInput : as of `diagnose_change`.
+    """
+    model, vehicle, read, own = _begun(model, [], since, effects, vehicle)
+    with threadpool_limits(1):
+        full, numbers = numbers_of(model, own, vehicle)
+        rides = [FollowedRun.of(one, read) for one in since]
+        known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
+        names = {effect.parameter.name: name for name, effect in own.items()}
+        units = {name: effect.parameter.unit for name, effect in own.items()}
+        return visible(known, rides, names, units, CAL.cost_changed)
+
+
+def _begun(
+    model: Diagnosed,
+    after: Sequence[Recording],
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    vehicle: Vehicle | None,
+) -> tuple[MotionModel, Vehicle, tuple[str, ...], dict[str, Effect]]:
+    """Model and vehicle, what all recordings read, and the effects that may have changed and act on that."""
+    if not since:
+        raise BadInput("Since when? Name recordings from before the change.")
+    if vehicle is None:
+        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
+    if not isinstance(model, MotionModel) or model.learnt:
+        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
+    _must_differ(after, since)
+    read = _readings(model, [*after, *since])
+    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
+    if not own:
+        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    return model, vehicle, read, own
 
 
 def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:
