@@ -193,3 +193,18 @@ def test_what_would_show_is_what_is_found_when_it_has_changed():
     assert set(found) <= set(USUAL)
     assert 0.02 < found["grip_scale"].size < 0.4  # 0.6 is found above
     assert found["steering_delay"].size < 0.12
+
+
+@pytest.mark.slow
+def test_a_ratio_that_two_columns_tell_is_named_where_the_motion_would_not_tell_it():
+    def recorded(ratio, seed):
+        own = lap({"steering_ratio": ratio}, seconds=20.0, seed=seed)
+        noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(own))
+        return own.with_signals(steer_measured=ratio * own["steer"] + noise)
+
+    before, after = [recorded(1.0, 1), recorded(1.0, 2)], [recorded(1.05, 3)]
+    found = diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT)
+    (own,) = found.changed
+    assert own["effect"] == "steering_ratio"
+    assert own["magnitude"] / own["before"] == pytest.approx(1.05, abs=0.01)
+    assert own["interval"][1] - own["interval"][0] < 0.04
