@@ -18,6 +18,7 @@ from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filt
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, Vehicle
 
 TOLERANT = Vehicle(
@@ -208,3 +209,34 @@ def test_a_ratio_that_two_columns_tell_is_named_where_the_motion_would_not_tell_
     assert own["effect"] == "steering_ratio"
     assert own["magnitude"] / own["before"] == pytest.approx(1.05, abs=0.01)
     assert own["interval"][1] - own["interval"][0] < 0.04
+
+
+@pytest.mark.slow
+def test_grip_is_seen_where_brakes_lock():
+    car = Vehicle(
+        "car", {"m": Stated(1500.0), "friction": Stated(1.0, 0.1), "force_per_unit": Stated(3000.0, 150.0),
+                "brake_gain": Stated(8.0, 0.8), "c_0": Stated(200.0, 20.0), "c_2": Stated(0.5, 0.05),
+                "drive_lag": Stated(0.1, 0.03)},
+        noise={"v_x": 0.1, "a_x": 0.3},
+    )  # fmt: skip
+
+    def braked(grip, seed):
+        rng, time = np.random.default_rng(seed), np.arange(0.0, 90.0, 0.05)
+        phase = np.floor(time / 6.0) % 2 == 0
+        throttle = np.where(phase, 0.9, -rng.uniform(0.1, 0.6, 15)[(time / 6.0).astype(int)])
+        v, force, read = 15.0, 0.0, []
+        for u in throttle:
+            force += 0.4 * (3000.0 * (u if u > 0 else 8.0 * u) - force)
+            pushed = float(np.clip(force, -grip * 1500.0 * 9.81, grip * 1500.0 * 9.81)) if v > 0.5 or u > 0 else 0.0
+            a = (pushed - 200.0 - 0.5 * v**2) / 1500.0
+            read.append((v, a))
+            v = max(v + 0.05 * a, 0.5)
+        noisy = np.array(read) + rng.standard_normal((len(time), 2)) * (0.1, 0.3)
+        return Recording(f"drive{seed}", time, {"v_x": noisy[:, 0], "a_x": noisy[:, 1], "throttle": throttle})
+
+    model = build("longitudinal", vehicle=car)
+    found = diagnose_change(model, [braked(0.25, 3)], [braked(1.0, 1), braked(1.0, 2)], EFFECTS, vehicle=car,
+                            held_out=[braked(0.25, 4)])  # fmt: skip
+    (own,) = found.changed
+    assert own["effect"] == "grip_scale"
+    assert own["magnitude"] / own["before"] == pytest.approx(0.25, abs=0.06)
