@@ -173,6 +173,7 @@ def test_the_report_holds_what_the_diagnosis_says(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["gap.pdf"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [*CASES, *_odd()])
 def test_two_reports_are_the_same_bytes(case, tmp_path):
     gap = CASES[case]() if case in CASES else _odd()[case]

@@ -231,8 +231,8 @@ def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
     sets = aliases(shown)
     for k, members in enumerate(sets):
         line = look(PURPLE, 1.4, "cannot be distinguished" if k == 0 else None, dots=2.2)
-        rows = [float(row) if row in members else np.nan for row in range(members[0], members[-1] + 1)]
-        ax.plot(np.full(len(rows), 1.08 + 0.12 * k), rows, **line)  # no line crosses a row that is not meant
+        joined = [float(row) if row in members else np.nan for row in range(members[0], members[-1] + 1)]
+        ax.plot(np.full(len(joined), 1.08 + 0.12 * k), joined, **line)  # no line crosses a row that is not meant
     ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
     ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
     ax.set_yticks(range(len(shown)), [own.effect.replace("_", " ") for own in shown])
