@@ -2,8 +2,8 @@
 
 State v_x [m/s]; inputs drive (N, m/s^2 or A, whichever is recorded; negative brakes) and road_slope [rad], uphill
 positive. The four wheels' inertia I_w adds 4 I_w / wheel_radius^2 to the mass that is accelerated, not to the mass that
-gravity pulls. Force along is no more than the road's friction times the weight, where friction is stated. a_x is what an
-accelerometer reads: dv_x/dt and g sin(road_slope).
+gravity pulls. Force along is no more than the road's friction times the weight, where friction is stated. a_x is what
+an accelerometer reads: dv_x/dt and g sin(road_slope).
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural networks",
 Eq. 8-12, with c_0 = m g c_r, c_1 = c_l, c_2 = k_a, and one wheel inertia.
 """
