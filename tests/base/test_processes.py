@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from greybox_id.base import processes
+from greybox_id.base.errors import GreyboxError
 from greybox_id.base.processes import FORKS, apart, elsewhere, interrupt, interrupts_return, side_by_side
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
@@ -45,10 +46,16 @@ def test_what_goes_wrong_is_raised_here(jobs):
         side_by_side(lambda k: 1 // (k - 1), 3, jobs)
 
 
+@pytest.mark.skipif(not FORKS, reason="all is done here")
+def test_a_worker_that_is_killed_is_a_sentence():
+    with pytest.raises(GreyboxError, match="fewer jobs"):
+        side_by_side(lambda k: os.kill(os.getpid(), signal.SIGKILL) if k == 1 else k, 4, 2)
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_nothing_more_is_begun_once_it_is_told_to_end(jobs):
     done = side_by_side(lambda k: k, 50, jobs, lambda k, _: False)
-    assert 1 <= len(done.found) < 50
+    assert 1 <= len(done.by_number) < 50
 
 
 @forks
@@ -68,7 +75,7 @@ def test_an_interrupt_reaches_those_at_work_and_keeps_what_they_hand_in():
     done = side_by_side(work, 4, 2, told)
     assert time.monotonic() - begun < 30
     assert done.interrupted
-    assert done.found[0] == 0
+    assert done.by_number[0] == 0
     assert set(done.results) <= {0, -1, -2}
 
 

@@ -45,7 +45,7 @@ def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWri
             return
         try:
             if made is None:
-                kind = found(begun["kind"])
+                kind = located(begun["kind"])
                 if begun["limits"]:
                     limit(*begun["limits"])
                 made = kind(*begun["given"])
@@ -64,7 +64,7 @@ def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWri
             send(answers, {"failed": ("failed", next(iter(str(error).splitlines()), "") or type(error).__name__)})
 
 
-def found(place: str) -> Any:
+def located(place: str) -> Any:
     """What stands at module:name."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
@@ -87,9 +87,9 @@ def limit(seconds: float, memory: int) -> None:
 
     used = resource.getrusage(resource.RUSAGE_SELF)
     pages = Path("/proc/self/statm")
-    wanted = [(resource.RLIMIT_CORE, 0), (resource.RLIMIT_CPU, math.ceil(used.ru_utime + used.ru_stime + seconds))]
+    limits = [(resource.RLIMIT_CORE, 0), (resource.RLIMIT_CPU, math.ceil(used.ru_utime + used.ru_stime + seconds))]
     if pages.exists():
-        wanted += [(resource.RLIMIT_AS, int(pages.read_text().split()[0]) * resource.getpagesize() + memory)]
-    for which, most in wanted:
+        limits += [(resource.RLIMIT_AS, int(pages.read_text().split()[0]) * resource.getpagesize() + memory)]
+    for which, most in limits:
         _, hardest = resource.getrlimit(which)
         resource.setrlimit(which, (most if hardest == resource.RLIM_INFINITY else min(most, hardest), hardest))

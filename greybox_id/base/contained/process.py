@@ -97,7 +97,7 @@ class Contained:
         return self.close.alive and self._process.poll() is None
 
     def ask(
-        self, question: str, *of: Any, patience: float, most: float = 0.0, told: Callable[[Any], None] | None = None
+        self, question: str, *of: Any, patience: float, most: float = 0.0, hear: Callable[[Any], None] | None = None
     ) -> tuple[Any, NDArray[Any] | None]:
         """What the object's method of that name returns: what JSON holds, or an array.
 
@@ -105,24 +105,24 @@ class Contained:
         ----------
         patience : s by the clock after which the process is ended.
         most : bytes that an array may have.
-        told : is handed what the method yields, where it is a generator.
+        hear : is handed what the method yields, where it is a generator.
 
         Raises
         ------
         Failed : the object could not be made, or its method raised something.
         Lost : the process ended, or was ended, before it answered.
         """
-        asked, answers = self._process.stdin, self._process.stdout
-        assert asked is not None
+        questions, answers = self._process.stdin, self._process.stdout
+        assert questions is not None
         assert answers is not None
         watch = Timer(patience, self._process.kill)
         watch.daemon = True
         watch.start()
         try:
-            wire.send(asked, {"ask": question, "of": of})
+            wire.send(questions, {"ask": question, "of": of})
             while "told" in (message := wire.receive(answers, most))[0]:
-                if told is not None:
-                    told(message[0]["told"])
+                if hear is not None:
+                    hear(message[0]["told"])
         except Exception as error:  # nothing is known of what a process writes that is about to crash
             late = watch.finished.is_set()
             raise Lost(TIME if late else self._end(isinstance(error, (EOFError, OSError)), patience)) from None
@@ -131,10 +131,10 @@ class Contained:
             raise
         finally:
             watch.cancel()
-        said, array = message
-        if "failed" in said:
-            raise Failed(*said["failed"])
-        return said.get("answer"), array
+        reply, array = message
+        if "failed" in reply:
+            raise Failed(*reply["failed"])
+        return reply.get("answer"), array
 
     def _end(self, silent: bool, patience: float) -> str:
         """How a process came to its end that answered nothing, or nonsense."""

@@ -79,7 +79,6 @@ def judged(
     reasons = [
         *_trusted(fit, findings),
         *_found(fit),
-        *misfit(fit),
         *_held_out(fit, fit.data if data is None else data),
         *more,
     ]

@@ -56,9 +56,9 @@ class BodyChecks:
             raise Declined(413, f"The {kind} cannot be read within {SECONDS:g} s; send less at a time.")
         if ended.how == "memory":
             raise Declined(413, f"The {kind} cannot be read within {MEMORY >> 30} GB of memory; send less at a time.")
-        if ended.how != "done" or not ended.told:
+        if ended.how != "done" or not ended.messages:
             raise Declined(422, f"The {kind} cannot be read: the process that did {ended.how:.200}.")
-        answer = ended.told[-1]
+        answer = ended.messages[-1]
         if "refused" in answer:
             raise Declined(int(answer["status"]), str(answer["refused"]))
         return int(answer["rows"])
@@ -79,7 +79,7 @@ def json_object(body: bytes) -> dict[str, Any]:
         raise BadInput("The body has to be one JSON object.")
     level: list[Any] = [value]
     for _ in range(DEEPEST):
-        inner = (own.values() if isinstance(own, dict) else own for own in level if isinstance(own, (dict, list)))
+        inner = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, (dict, list)))
         level = [item for items in inner for item in items]
     if level:
         raise BadInput(f"The body has more than {DEEPEST} brackets within each other.")
