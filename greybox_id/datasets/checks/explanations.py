@@ -1,6 +1,6 @@
 """Faults that have a size: offsets, scales, turned and early sensors, clocks, frozen channels, half of another car.
 
-Signs, axes and units are asked for by undoing them (`mapping_faults`). What is here has no list of values: each relation
+Signs, axes and units are asked for by undoing them (`mapping_faults`). Here there is no list of values: each relation
 between channels is a sum of what motion makes of it and of what each fault would add, and least squares tells the size
 of every fault from the relations in which it stands, over the scatter between blocks of rows. What explains most of a
 conflict is named first, with its size; what would explain nearly as much stands beside it.
@@ -193,8 +193,8 @@ def _sideways(r: Recording) -> list[Explanation]:
         size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
         found.append(
             Explanation(
-                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x. Set offset = "
-                f"{number(-size, 3)} rad/s for it in the column map.",
+                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x. Set "
+                f"offset = {number(-size, 3)} rad/s for it in the column map.",
                 "yaw_rate", size, error, "rad/s", strength(bias),
             )
         )  # fmt: skip
@@ -238,8 +238,8 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
     side = "left" if degrees < 0 else "right"
     return [
         Explanation(
-            f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} of "
-            f"v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
+            f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} "
+            f"of v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
             "a_x", degrees, float(np.degrees(ahead.errors[1])), "deg",
             float((ahead.values[1] / ahead.errors[1]) ** 2),
         )
@@ -289,8 +289,8 @@ def _steered(r: Recording) -> list[Explanation]:
         size = float(whole.values[2])
         found.append(
             Explanation(
-                f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where yaw_rate "
-                f"is none. Set offset = {number(-size, 3)} rad for it, or fit with steering_offset.",
+                f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where "
+                f"yaw_rate is none. Set offset = {number(-size, 3)} rad for it, or fit with steering_offset.",
                 "steer", size, float(whole.errors[2]), "rad", float((whole.values[2] / whole.errors[2]) ** 2),
             )
         )  # fmt: skip
@@ -331,7 +331,7 @@ def _clocks(r: Recording) -> list[Explanation]:
                 found.append(
                     Explanation(
                         f"steer is {word}: yaw_rate follows v_x · steer by {number(1000 * late, 3)} ms, where up to "
-                        f"{number(1000 * float(most), 2)} ms are a vehicle's response. Delay steer in the column map, or "
+                        f"{number(1000 * float(most), 2)} ms are a vehicle's response. Delay steer in the map, or "
                         "fit with steering_delay.",
                         "steer", late, lag.error * dt, "s", (late / max(lag.error * dt, 1e-3)) ** 2,
                     )
@@ -400,7 +400,12 @@ def _frozen(r: Recording) -> list[Finding]:
         a, b = int(begins[longest]), int(ends[longest])
         usual = float(np.median(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
         seconds = lengths[longest] * r.sample_time
-        if seconds < FROZEN or lengths[longest] < TIMES * max(usual, 1.0) or values[a] == 0.0 or not _moves(r, name, a, b):
+        if (
+            seconds < FROZEN
+            or lengths[longest] < TIMES * max(usual, 1.0)
+            or values[a] == 0.0
+            or not _moves(r, name, a, b)
+        ):
             continue
         sentence = (
             f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
@@ -413,8 +418,15 @@ def _frozen(r: Recording) -> list[Finding]:
 
 def _moves(r: Recording, name: str, a: int, b: int) -> bool:
     """Whether what a channel goes with moves between two rows about as much as elsewhere."""
-    beside = {"yaw_rate": ("a_y", "steer"), "a_y": ("yaw_rate", "steer"), "steer": ("yaw_rate", "a_y"),
-              "v_x": ("a_x", "yaw_rate"), "a_x": ("a_y", "yaw_rate"), "v_y": ("yaw_rate",), "yaw": ("yaw_rate",)}  # fmt: skip
+    beside = {
+        "yaw_rate": ("a_y", "steer"),
+        "a_y": ("yaw_rate", "steer"),
+        "steer": ("yaw_rate", "a_y"),
+        "v_x": ("a_x", "yaw_rate"),
+        "a_x": ("a_y", "yaw_rate"),
+        "v_y": ("yaw_rate",),
+        "yaw": ("yaw_rate",),
+    }
     for other in beside[name]:
         if r.has(other):
             part, whole = r[other][a:b], r[other]

@@ -62,7 +62,11 @@ FAULTS = {
     "bank": (lambda r: moved(r, "a_y", by=1.2), "the road is banked", 1.2),
     "steering's offset": (lambda r: moved(r, "steer", by=0.02), "steer has an offset of +20 mrad", 0.02),
     "early steering": (lambda r: early(r, "steer", 0.4), "steer is early", 0.5),
-    "fast clock": (lambda r: r.with_signals(a_y=np.interp(0.98 * r.time, r.time, r["a_y"])), "The clock of a_y", 0.0204),
+    "fast clock": (
+        lambda r: r.with_signals(a_y=np.interp(0.98 * r.time, r.time, r["a_y"])),
+        "The clock of a_y",
+        0.0204,
+    ),
     "frozen gyro": (lambda r: stuck(r, "yaw_rate", 10.0, 40.0), "yaw_rate is stuck at", 30.0),
     "another car": (lambda r: joined(r, drive(9, length=4.5)), "The second half is of another car", 1.8),
 }
