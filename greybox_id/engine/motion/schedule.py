@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from ...base.shorthands import Array, Index
+from ...base.windows import moving_maximum
 from .runs import MotionRun
 from .trace import MotionTrace
 
@@ -201,7 +201,7 @@ def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) ->
         fastest = _fastest(trace, run, np.arange(len(run)), p)
         fastest = np.where(np.isfinite(fastest), fastest, ACCURATE / usual)
         near = 2 * max(1, round(ABOUT / run.sample_time)) + 1
-        fastest = np.maximum(maximum_filter1d(fastest, near), 1e-9)
+        fastest = np.maximum(moving_maximum(fastest, near), 1e-9)
         found.append(np.clip(ACCURATE / fastest, usual, run.sample_time))
     return found
 
