@@ -43,6 +43,7 @@ def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
     assert with_effect < 0.82 * without
 
 
+@pytest.mark.slow
 def test_the_readmes_python_runs():
     mpl.use("Agg")
     first, *others = [own.text for own in fenced(page("../README.md"))]

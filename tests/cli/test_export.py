@@ -125,6 +125,7 @@ def test_every_key_of_a_parameter_file_is_told(tmp_path):
     assert manifest["keys"] == told["keys"]
 
 
+@pytest.mark.slow
 def test_a_unit_may_be_named_by_itself(tmp_path):
     call = ("export", "--vehicle", "full_size_car", "--target", "fmu", "--out", tmp_path / "my car.fmu", "--json")
     assert greybox(*call).told["written"] == [str(tmp_path / "my car.fmu")]

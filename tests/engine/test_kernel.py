@@ -431,6 +431,26 @@ def test_a_folder_that_others_can_write_to_is_not_used_and_that_is_said_once(mod
 
 
 @needs_compiler
+def test_a_folder_in_one_that_others_can_write_to_is_not_used(empty_cache, caplog):
+    compiler._told_once.cache_clear()
+    empty_cache.mkdir(parents=True, exist_ok=True)
+    empty_cache.chmod(0o777)
+    assert worked(compiled=True)[0].compiled
+    assert kernels(empty_cache) == []
+    assert ["others can write to it" in own.getMessage() for own in caplog.records] == [True]
+
+
+@needs_compiler
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_in_place_of_a_library_is_passed_over(empty_cache):
+    worked(compiled=True)
+    (path,) = kernels(empty_cache)
+    path.unlink()
+    os.mkfifo(path)
+    assert worked(compiled=True)[0].compiled
+
+
+@needs_compiler
 @pytest.mark.parametrize("what", ["folder", "library"])
 def test_what_belongs_to_another_user_is_not_executed(what, empty_cache, monkeypatch):
     worked(compiled=True)

@@ -103,6 +103,7 @@ def test_an_inertia_of_next_to_none_is_left_for_the_optimum(poorly_excited, tmp_
     assert found.stages[0].fallbacks[0].startswith("the start, without predictions ahead: objective ")
 
 
+@pytest.mark.slow
 def test_where_nothing_better_is_found_it_is_no_optimum(poorly_excited, tmp_path, monkeypatch):
     base, truth, recording = poorly_excited
     monkeypatch.setattr(motion_fits, "_fallbacks", lambda *_: iter(()))

@@ -92,6 +92,7 @@ def test_what_would_show_of_effects_is_told_the_least_visible_first(clean, delay
     assert "steering_delay" not in delayed.limits
 
 
+@pytest.mark.slow
 def test_an_effect_shows_well_above_its_limit_and_hides_well_below(clean):
     limit = clean.limits["yaw_rate_bias"].size
     assert diagnosed(lap({"yaw_rate_bias": 5 * limit}, 20.0)).applied == ("yaw_rate_bias",)

@@ -45,6 +45,7 @@ def test_the_closed_loop_costs_the_yaw_rate_less_than_three_percent(recordings):
     assert errors["published"]["a_x"]["rmse"] <= 0.55
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_additions_beyond_the_paper_help_where_they_should(recordings):
     train, valid = recordings

@@ -12,6 +12,7 @@ from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.virtual.synthetic_simrod import make
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hybrid_stiffness", "hybrid_force"])
 def test_forces_and_stiffnesses_of_held_out_manoeuvres_are_within_the_bars(name):

@@ -138,7 +138,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *titled("How to make it again", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
     about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
-    return Document(gap.model, about, "a gap", f"greybox-id {made.version}", parts)
+    return Document(f"{made.vehicle}: {listed([*gap.recordings])}", about, "a gap", f"greybox-id {made.version}", parts)
 
 
 def _data(gap: Gap) -> tuple[Part, ...]:
@@ -162,7 +162,7 @@ def ranked(gap: Gap) -> Table:
         )
         for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
     )  # fmt: skip
-    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLLLrrl")
 
 
 def _which(gap: Gap, ranking: Table) -> tuple[Part, ...]:

@@ -79,7 +79,7 @@ def json_object(body: bytes) -> dict[str, Any]:
         raise BadInput("The body has to be one JSON object.")
     level: list[Any] = [value]
     for _ in range(DEEPEST):
-        inner = (own.values() if isinstance(own, dict) else own for own in level if isinstance(own, (dict, list)))
+        inner = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, (dict, list)))
         level = [item for items in inner for item in items]
     if level:
         raise BadInput(f"The body has more than {DEEPEST} brackets within each other.")

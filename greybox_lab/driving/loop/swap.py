@@ -118,17 +118,17 @@ class Seat:
             twin(policy, self._now.policy)
         with replacing(self._folder / "policy.json", continued=True) as beside:
             beside.write_bytes(body)
-        found = InForce(policy, sha)
-        self._now = found
-        return found
+        in_force = InForce(policy, sha)
+        self._now = in_force
+        return in_force
 
     def _probed_apart(self, body: bytes, folder: Path) -> Policy:
         """As `probed`, in a process that is started with the first policy that is offered."""
         if self._prober is None or not self._prober.alive:
             self._prober = Contained(f"{__name__}:Prober", str(folder))
-        asked, about = self._prober, list[dict[str, Any]]()
+        prober, about = self._prober, list[dict[str, Any]]()
         try:
-            _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: asked.ask(
+            _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: prober.ask(
                 "probed", str(file), patience=PATIENCE, most=MOST, told=about.append
             ))  # fmt: skip
         except (Failed, Lost) as error:
@@ -136,7 +136,7 @@ class Seat:
             raise NotSwapped(ended) from error
         assert numbers is not None
         layers = unpacked(numbers, about[0]["sizes"])
-        weights, biases = (tuple(own.astype(np.float32) for own in part) for part in layers)
+        weights, biases = (tuple(numbers.astype(np.float32) for numbers in part) for part in layers)
         return Policy(weights, biases, about[0]["about"])
 
     def close(self) -> None:
@@ -156,9 +156,9 @@ class Prober:
 
     def probed(self, file: str) -> Generator[dict[str, Any], None, Array]:
         """Numbers of the policy of a file, after its sizes and what it is about. Raises `NotSwapped`."""
-        own = probed(Path(file).read_bytes(), self._folder)
-        yield {"sizes": sizes_of(own.weights, own.biases), "about": own.about}
-        return packed(*([one.astype(np.float64) for one in part] for part in (own.weights, own.biases)))
+        policy = probed(Path(file).read_bytes(), self._folder)
+        yield {"sizes": sizes_of(policy.weights, policy.biases), "about": policy.about}
+        return packed(*([one.astype(np.float64) for one in part] for part in (policy.weights, policy.biases)))
 
 
 def probed(body: bytes, folder: Path) -> Policy:

@@ -50,31 +50,33 @@ def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
     units = world_of(motion_model_of(vehicle), vehicle, 1, job.cap)
     recordings = continued([read(file) for file in store.row_files(job.session, job.rows)])
-    found = adapted(
+    value = adapted(
         vehicle, last_rows(recordings, ROWS), start, units, job.arm, steps=job.steps,
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
-    before = foretold(found.twin.model, vehicle, start.policy.act, units, job.cap)
-    after = foretold(found.twin.model, vehicle, found.learned.policy.act, units, job.cap)
-    said = {job.cap: after}
+    before = foretold(value.twin.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(value.twin.model, vehicle, value.learned.policy.act, units, job.cap)
+    by_cap = {job.cap: after}
     for cap in caps_from(job.cap):
-        if cap not in said:
+        if cap not in by_cap:
             at = world_of(motion_model_of(vehicle), vehicle, 1, cap)
-            said[cap] = foretold(found.twin.model, vehicle, found.learned.policy.act, at, cap)
+            by_cap[cap] = foretold(value.twin.model, vehicle, value.learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
-    policy = found.learned.text()
+    policy = value.learned.text()
     write_atomically(folder / "policy.json", policy, continued=True)
     result = {
         "policy": digest_of(policy.encode()),
-        "detected": found.twin.detected,
-        "named": [dict(own) for own in found.twin.named],
-        "applied": dict(found.twin.applied),
+        "detected": value.twin.detected,
+        "named": [dict(item) for item in value.twin.named],
+        "applied": dict(value.twin.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
         "crashes": after.crashes,
-        "foretold": [{"cap": cap, "path_error_rms": own.path_error, "worst": own.worst} for cap, own in said.items()],
-        "vehicle": None if isinstance(found.twin.model, InjectedModel) else vehicle_text(found.twin.vehicle),
+        "foretold": [
+            {"cap": cap, "path_error_rms": item.path_error, "worst": item.worst} for cap, item in by_cap.items()
+        ],
+        "vehicle": None if isinstance(value.twin.model, InjectedModel) else vehicle_text(value.twin.vehicle),
         "seconds": time.process_time() - began,
     }
     write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from greybox_id.base.errors import BadInput
+from greybox_id.base.files import held
 from greybox_lab.exam.run import run
 
 
@@ -63,3 +64,18 @@ def test_a_candidate_that_is_not_there_is_told(exam):
 def test_a_folder_without_cases_is_refused(tmp_path):
     with pytest.raises(BadInput, match="holds no cases"):
         run(tmp_path, "exam_candidates:silent", 1, 20.0, said)
+
+
+def test_a_sample_is_drawn_by_a_seed(exam):
+    assert run(exam / "cases", "exam_candidates:silent", 1, 20.0, said, sample=2, seed=5).diagnosed == 2
+    first = set(diagnoses(exam))
+    assert run(exam / "cases", "exam_candidates:silent", 1, 20.0, said, sample=2, seed=5).before == 2
+    assert set(diagnoses(exam)) == first
+
+
+def test_a_case_that_another_run_is_at_is_left_to_it(exam):
+    (exam / "taken" / "case_001").mkdir(parents=True)
+    with held(exam / "taken" / "case_001"):
+        assert run(exam / "cases", "exam_candidates:silent", 1, 20.0, said).diagnosed == 3
+    assert "case_001" not in diagnoses(exam)
+    assert run(exam / "cases", "exam_candidates:silent", 1, 20.0, said).diagnosed == 1

@@ -69,3 +69,10 @@ def test_a_broken_seal_is_not_scored(diagnosed):
     with pytest.raises(BadInput, match="seal is broken"):
         score(diagnosed, said, verify=verify)
     assert not (diagnosed / "score.json").exists()
+
+
+def test_a_part_is_scored_without_being_kept(diagnosed):
+    (diagnosed / "cases" / "case_002" / "diagnosis.json").unlink()
+    body, again = score(diagnosed, said, verify=verify, partial=True)
+    assert (body["cases"], again) == (3, False)
+    assert not (diagnosed / "score.json").exists()

@@ -76,6 +76,7 @@ def waited(process, until, seconds=240.0):
     raise AssertionError(process.communicate()[1] if process.poll() is not None else "it did not come so far")
 
 
+@pytest.mark.slow
 def test_two_at_a_time_find_the_same(fleet, tmp_path):
     plan, results, _ = fleet
     assert greybox("fleet", "run", plan, "--out", tmp_path / "R", "--jobs", 2, "--json").told["failed"] == 2
@@ -179,6 +180,7 @@ def test_a_local_run_that_is_killed_carries_on(fleet, tmp_path):
             os.kill(pid, 0)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.skipif(not LINUX, reason="processes are looked for in /proc")
 def test_a_cluster_whose_worker_and_client_are_killed_finds_what_one_process_does(made_fleet, tmp_path):

@@ -75,6 +75,7 @@ def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(fleet, t
     assert len(list((results / "parameters").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_path):
     shutil.copytree(fleet[0].parent, tmp_path / "own")
     plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
@@ -93,6 +94,7 @@ def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_pat
     assert greybox("fleet", "run", plan, "--out", results, "--json").told["done"] == 0
 
 
+@pytest.mark.slow
 def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
     shutil.copytree(fleet[0].parent, tmp_path / "own")
     plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
@@ -212,6 +214,7 @@ def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
         fleet_run(plan, tmp_path / "R", engine="ray")
 
 
+@pytest.mark.slow
 def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(fleet, tmp_path):
     plan, results, _ = fleet
     shutil.copytree(results, tmp_path / "R")

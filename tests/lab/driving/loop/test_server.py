@@ -355,6 +355,7 @@ def test_damaged_bodies_change_nothing(seed, server, rows, policy):
     assert state(server) == before
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_a_thousand_damaged_bodies_with_right_hashes_are_answered(server, rows, policy):
     for case in range(1000):
