@@ -52,8 +52,8 @@ class Lanes:
     interval: Index
     first: NDArray[np.bool_]
     offset: Index
-    lane: Index
-    rank: Index
+    lane: NDArray[np.int32]
+    rank: NDArray[np.int32]
     rows: Index
 
     @cached_property
@@ -62,7 +62,7 @@ class Lanes:
         outputs = self.lane.shape[1]
         place = (self.lane.astype(np.intp) * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
         place[self.lane < 0] = 0
-        return place.ravel()
+        return np.asarray(place.ravel())
 
     @cached_property
     def ends(self) -> NDArray[np.bool_]:
