@@ -150,13 +150,13 @@ def si_exponents(unit: str) -> dict[str, int | float] | None:
     try:
         base = _registry().Quantity(1, _registry().parse_units(unit.translate(_SUPERSCRIPTS))).to_base_units()
         powers = {BASE[name]: float(str(power)) for name, power in base.unit_items()}
-        found: dict[str, int | float] = {name: int(power) for name, power in powers.items()}
+        result: dict[str, int | float] = {name: int(power) for name, power in powers.items()}
         factor = float(base.magnitude)
     except _not_a_unit():
         return None
-    if powers != found:
+    if powers != result:
         return None
-    return found | ({} if math.isclose(factor, 1.0, rel_tol=1e-12) else {"factor": factor})
+    return result | ({} if math.isclose(factor, 1.0, rel_tol=1e-12) else {"factor": factor})
 
 
 def _base(spelled: str, written: str) -> str:

@@ -88,13 +88,13 @@ class AgentOutcome:
 
     Attributes
     ----------
-    asked : options.
+    scene : options.
     withheld : effect -> magnitude, that the vehicle has and nobody was told of.
     drives, trainings : one after the other, see docs/json.md.
     folder : where everything is.
     """
 
-    asked: Mapping[str, Any]
+    scene: Mapping[str, Any]
     withheld: Mapping[str, float]
     drives: tuple[Mapping[str, Any], ...]
     trainings: tuple[Mapping[str, Any], ...]
@@ -103,7 +103,7 @@ class AgentOutcome:
     def to_json(self) -> dict[str, Any]:
         """As plain data."""
         return {
-            "scene": dict(self.asked),
+            "scene": dict(self.scene),
             "withheld": dict(self.withheld),
             "drives": [dict(drive) for drive in self.drives],
             "trainings": [dict(training) for training in self.trainings],

@@ -336,7 +336,7 @@ class World:
         commands[:, self._drive] = self._driven(actions[:, 1], v_x, s)
         return commands
 
-    def told(self) -> dict[str, Array]:
+    def situation(self) -> dict[str, Array]:
         """What is known of every lane beside what its driver sees: s and e_y, m, and the laps driven."""
         return {"s": self.z[:, -3].copy(), "e_y": self.z[:, -2].copy(), "laps": self._laps(self.z)}
 
