@@ -129,6 +129,26 @@ def _product(unit: str) -> tuple[float, dict[str, int] | None]:
     return size, {base: power for base, power in powers.items() if power}
 
 
+SPELLINGS = {
+    "km/h": "kmh kph km/hr kmph km/h", "m/s": "mps m/sec m/s", "mph": "mph mi/h miles/h", "knot": "knots kn kt kts",
+    "m/s^2": "m/s/s m/s2 m/sec2 m/s^2 m/s² mps2 m/(s^2) m/sec^2 ms-2", "g": "g gs g-force gforce",
+    "deg": "deg degree degrees ° º", "deg/s": "deg/s deg/sec degrees/s degrees/sec °/s º/s dps deg/second",
+    "rad/s": "rad/s rad/sec radians/s", "rad": "rad radians", "s": "s sec secs second seconds unix_time unixtime",
+    "ms": "ms msec millisecond milliseconds", "us": "us µs μs usec", "ns": "ns nsec", "rpm": "rpm 1/min rev/min u/min",
+    "%": "% percent pct", "N m": "nm n*m n·m n.m", "degC": "c °c degc celsius", "degF": "f °f degf", "1": "1 ratio",
+    "1/m": "1/m", "m": "m meter meters metres", "mm": "mm", "km": "km", "bar": "bar", "kPa": "kpa", "psi": "psi",
+    "V": "v volt volts", "A": "a amp amps", "N": "n newton", "kN": "kn_force", "Hz": "hz", "kg": "kg", "l": "l liter",
+    "mbar": "mbar", "l/h": "l/h", "min": "min", "lambda": "lambda la", "ft": "ft feet", "kW": "kw", "hp": "hp bhp",
+}  # fmt: skip
+"""Unit -> how files write it, in lower case; "lambda" only tells a row of units, it converts to nothing."""
+_SPELLED = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings.split()}
+
+
+def known_unit(text: str) -> str:
+    """A unit that a file states, as a column map writes it; empty where it is none that files of vehicles hold."""
+    return _SPELLED.get(re.sub(r"\s+", "_", text.strip()).lower(), "")
+
+
 BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
     "radian": "rad",

@@ -17,7 +17,7 @@ from .effects.elements import lag
 from .model import Combination, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
-from .single_track import BODY, DRIVE, G
+from .single_track import BODY, BRAKE, DRIVE, DRIVE_SIGNALS, MOTOR, G, motor_force, not_usual
 from .smooth import sign_of_motion
 
 WHEELS = (
@@ -37,14 +37,19 @@ PARAMETERS = (
 )
 
 
-def longitudinal() -> MotionModel:
-    """Longitudinal model with one degree of freedom."""
+def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
+    """Longitudinal model with one degree of freedom; drive and brake as of `single_track`."""
+    separate = ("brake",) if brake == "separate" else ()
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         moving = sign_of_motion(x.v_x)  # brakes and rolling resistance hold a vehicle at rest, they do not drive it
 
-        q.drive_force = p.force_per_unit * u.drive
+        pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
+        q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
         q.F_x = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
+        if brake != "drive":
+            q.brake_force = p.brake_per_unit * cs.fmax(-u.drive if brake == "negative" else u.brake, 0)
+            q.F_x = q.F_x - q.brake_force * moving
         q.F_drag = (p.c_0 * cs.cos(u.road_slope) + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * moving
 
         q.gravity_x = G * cs.sin(u.road_slope)
@@ -57,14 +62,22 @@ def longitudinal() -> MotionModel:
         name="longitudinal",
         about="vehicle along a straight road, one degree of freedom",
         states=(State("v_x", "m/s", 1.0),),
-        inputs=("drive", "road_slope"),
-        commands=("drive",),
-        aliases={"drive": ("drive_force", "ax_cmd", "motor_current", "throttle")},
+        inputs=("drive", *separate, "road_slope"),
+        commands=("drive", *separate),
+        aliases={"drive": DRIVE_SIGNALS},
         defaults={"road_slope": 0.0},
         outputs=("v_x", "a_x"),
-        parameters=PARAMETERS,
-        quantities=("drive_force", "F_x", "F_drag", "gravity_x", "a_x"),
+        parameters=(*PARAMETERS, *(MOTOR if drive == "motor" else ()), *(BRAKE if brake != "drive" else ())),
+        quantities=(
+            "drive_force",
+            *(("brake_force",) if brake != "drive" else ()),
+            "F_x",
+            "F_drag",
+            "gravity_x",
+            "a_x",
+        ),
         dynamics=dynamics,
+        settings=not_usual(drive, brake),
         actuators=(lag("drive", "drive_lag_state", lambda p: p.drive_lag),),
         combinations=(
             Combination("m_eff", "kg", effective_mass, "mass and what the wheels' inertia adds to it"),

@@ -37,6 +37,7 @@ def equations(model: Model) -> list[str]:
 
 def write_atomically(path: Path, text: str) -> None:
     """Write a file of the session at once; unlike a command, the page writes over what it has read, such as its map."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.{get_ident()}")
     beside.write_text(text, "utf-8")
     os.replace(beside, path)

@@ -61,6 +61,10 @@ def cause_words(ranked: Mapping[str, Any]) -> str:
 
 def headline(gap: Mapping[str, Any]) -> str:
     """Whether, and why, in one sentence."""
+    if gap.get("since"):
+        names = [each["effect"] for each in gap["changed"]]
+        since = f"since {', '.join(gap['since'])}"
+        return f"{' and '.join(names)} changed {since}." if names else f"Nothing changed {since}, beyond their scatter."
     if not gap["gap_detected"]:
         return "No gap: the simulation deviates by no more than noise and stated tolerances."
     names = gap["applied"] or [each.name for each in steps(gap) if each.name != UNNAMED][:1]

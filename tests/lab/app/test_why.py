@@ -41,6 +41,9 @@ def test_the_headline_says_what_the_simulation_lacks():
         "3.1 times its noise."
     )
     assert headline(GAP | {"gap_detected": False}).startswith("No gap")
+    changed = GAP | {"since": ["dry1", "dry2"], "changed": [{"effect": "grip_scale"}]}
+    assert headline(changed) == "grip_scale changed since dry1, dry2."
+    assert headline(changed | {"changed": []}).startswith("Nothing changed since dry1")
     assert "no name is sure" in headline(GAP | {"applied": []})
 
 
