@@ -57,10 +57,10 @@ def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str,
     simulator = Simulator(model)
 
     def simulated(moved: Model) -> dict[str, Array]:
-        found = Predictor(simulator, recording, moved.values).free_run()
+        run = Predictor(simulator, recording, moved.values).free_run()
         traces = {name: np.full(len(recording), np.nan) for name in model.outputs}
         for k, name in enumerate(model.outputs):
-            traces[name][found.rows] = found.predicted[:, k]
+            traces[name][run.rows] = run.predicted[:, k]
         return traces
 
     return simulated

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from calling import greybox
+from json_pages import PAGE, agree, never_met
 
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.tyre_rig import fit_tyre
@@ -69,6 +70,9 @@ def test_the_command_writes_a_tyre_property_file(rig, tmp_path):
     done = greybox("fit", "--model", "tyre", rig, "--out", tmp_path / "mine.tir")
     assert done.code == 0, done.err
     assert "usable as a prior" in done.out
+    told = greybox("fit", "--model", "tyre", rig, "--out", tmp_path / "again.tir", "--json").told
+    agree(told, PAGE["fit, tyre"])
+    assert list(never_met(PAGE["fit, tyre"])) == []
     stated = read_tyre_file(tmp_path / "mine.tir").stated()
     assert stated["D_f"].sd >= 0.3 * stated["D_f"].value
 

@@ -186,6 +186,9 @@ def _asked(entry: MapEntry, own: Guess) -> MapEntry:
     if own.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says it is asked for, not measured"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
+    if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
+        why = "divide_by is how much of the file's unit makes one"
+        return replace(entry, decided=False, reasons=(*entry.reasons, why))
     return entry
 
 

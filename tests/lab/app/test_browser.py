@@ -115,9 +115,9 @@ def reader():
 
 
 def test_from_the_drop_to_the_report_without_typing(server, reader):
-    process, told = server
+    process, page = server
     began = time.time()
-    reader.driver.get(told["address"])
+    reader.driver.get(page["address"])
     reader.see("Take the shipped racer")
     reader.fits("1_empty")
     reader.click("Take the shipped racer")
@@ -152,7 +152,7 @@ def test_from_the_drop_to_the_report_without_typing(server, reader):
     reader.fits("7_take")
     assert reader.clicks <= MOST_CLICKS
     assert time.time() - began < MOST_SECONDS
-    folder = Path(told["session"])
+    folder = Path(page["session"])
     assert (folder / "report.html").stat().st_size > 20_000
     process.kill()  # nothing that was done is lost
     assert json.loads((folder / "recordings.json").read_text())["fit"] == "fits/1"
@@ -169,8 +169,8 @@ def test_a_wrong_sign_is_a_red_light_and_a_button_mends_it(server, reader, tmp_p
     )
     file = tmp_path / "<b>lap & co.csv"
     np.savetxt(file, rows, delimiter=",", header=",".join(columns), comments="")
-    _, told = server
-    reader.driver.get(told["address"])
+    _, page = server
+    reader.driver.get(page["address"])
     reader.see("Take the shipped racer")
     reader.driver.find_element("css selector", "input[type=file]").send_keys(str(file))
     reader.see("Every column has its signal.")
