@@ -158,12 +158,16 @@ def _as_finding(named: Sequence[Explained]) -> Finding:
     return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
 
 
+IMU = ("a_x", "a_y", "yaw_rate")
+"""What undoing a turn of the IMU reads, whichever of them it changes."""
+
+
 def _repair(fault: Fault) -> dict[str, tuple[str, float]]:
     """What undoing a fault makes of each signal: another one's column, a factor; empty where it mixes columns.
 
     Undoing is linear: what it makes of one signal alone is asked of unit signals, one after the other.
     """
-    names = fault.channels
+    names = tuple(dict.fromkeys((*fault.channels, *IMU))) if fault.channels else ()
     repair: dict[str, tuple[str, float]] = {}
     for source in names:
         unit = Recording("unit", np.arange(3.0), {name: np.full(3, float(name == source)) for name in names})
