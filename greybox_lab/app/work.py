@@ -124,7 +124,7 @@ class Work:
     def write_map(self) -> None:
         """Write `map.toml`, where there is a time and a signal."""
         entries, base = self.session["entries"], self.session["map"]
-        if "time" in base and any(entry["use"] for entry in entries):
+        if {"time", "rate"} & base.keys() and any(entry["use"] for entry in entries):
             mapping.write_map(self.session.folder / MAP, base, entries)
 
     @property
@@ -135,7 +135,7 @@ class Work:
         if not self.session["columns"]:
             return "The columns are being looked at."
         if self.session["columns"] == MAP:
-            if "time" not in self.session["map"]:
+            if not {"time", "rate"} & self.session["map"].keys():
                 return "Say which column is the time."
             if self.session["map"].get("time_units"):
                 return "Say in which unit the time is."
