@@ -163,6 +163,9 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
         of_row = ROW * step if parameter.unit == "s" else 0.0
         sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
     covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
+    if covariance is not None:  # half a row is a doubt of each time by itself: it goes with nothing else
+        wanted = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
+        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * wanted**2)
     return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
 
 

@@ -50,7 +50,9 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
     outputs: Mapping[str, Mapping[str, Any]] = form.get("outputs", {})
     if not outputs:
         return
-    moving = {name: one for name, one in outputs.items() if not one["spread"] < MOVES * one["noise"]}
+    moving = {
+        name: one for name, one in outputs.items() if one["spread"] > 0 and not one["spread"] < MOVES * one["noise"]
+    }
     if not moving:
         yield Reason(
             NOT_USABLE,
