@@ -74,7 +74,7 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
         yield Reason(
             NOT_USABLE,
             "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
-            "or of another. Fit each half, and compare them with greybox gap --since.",
+            "or of another. Fit each half, and ask greybox gap what changed.",
         )
 
 
