@@ -39,6 +39,8 @@ TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
 """Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
 (5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
 sensors have less."""
+ROLLS = 0.2
+"""Share by which a_y may read more than the motion says: a body that rolls reads gravity, 11 degrees per g at most."""
 HELD_TOGETHER = 0.5
 """Share of v_x steer that yaw_rate has to explain before halves are compared."""
 HALF_LEFT = 0.5
@@ -211,7 +213,7 @@ def _sideways(r: Recording) -> list[Explanation]:
         )  # fmt: skip
     found += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    if SCALE < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
+    if (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
         found.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
     return found
 
