@@ -72,6 +72,7 @@ class Explanation:
     channel : signal concerned.
     value, error, unit : its size.
     gain : how much of the conflict it explains, in squared standard errors.
+    witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
     """
 
     sentence: str
@@ -80,6 +81,7 @@ class Explanation:
     error: float
     unit: str
     gain: float
+    witnessed: bool = True
 
 
 def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Finding]:
@@ -106,7 +108,8 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
 
 def _finding(one: Explanation, also: str = "") -> Finding:
     place, sentence = FoundAt(one.channel), one.sentence + also
-    return Finding("explained", Severity.DISTRUST, place, sentence, one.value, one.error, one.unit)
+    severity = Severity.DISTRUST if one.witnessed else Severity.WARNING
+    return Finding("explained", severity, place, sentence, one.value, one.error, one.unit)
 
 
 def check_explanations(recording: Recording) -> list[Finding]:
@@ -268,7 +271,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     return Explanation(
         f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
         f"{number(scale, 3)}. Check its scale in the column map.",
-        name, by, error, "1", strength,
+        name, by, error, "1", strength, bool(witnesses),
     )  # fmt: skip
 
 
