@@ -52,6 +52,7 @@ class Holding:
     gain : nats by which it is likelier than the other, correlation of residuals counted.
     moved : parameter -> by how much the other moves it, in its unit.
     late : root of the second moment of how late commands are beside the way taken, half rows.
+    values : (parameters,) where the other leads, from which it is fitted if it is likelier.
     """
 
     taken: Hold
@@ -59,6 +60,7 @@ class Holding:
     gain: float
     moved: Mapping[str, float]
     late: float = 0.0
+    values: Array | None = None
 
     @property
     def doubt(self) -> float:
@@ -115,7 +117,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | No
         own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed
     }
     late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
-    return Holding(taken, stated, float(gain / rows), moved, late)
+    return Holding(taken, stated, float(gain / rows), moved, late, q.values)
 
 
 def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> float:
