@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ..models.motion_model import MotionModel
 from .attempt import Attempt, attempted, errors_at, misfit
 from .fit import Fit
 from .how import How, quiet
+from .restated import Hold, with_hold
 from .verdict import WITH_CARE, Reason
 
 CLEAR = 3.0
@@ -37,7 +38,6 @@ MOST_ROWS = 50_000
 """Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
 ROW = 1 / sqrt(12.0)
 """Standard deviation of an instant that is known to a row, rows."""
-Hold = Literal["zero", "linear"]
 WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "run on between rows in straight lines"}
 
 
@@ -75,20 +75,6 @@ class Holding:
 def other_than(hold: str) -> Hold:
     """The other of the two."""
     return "linear" if hold == "zero" else "zero"
-
-
-def with_hold(recording: Recording, hold: Hold) -> Recording:
-    """The recording with commands held, or run on, between rows."""
-    return replace(recording, hold=hold)
-
-
-def as_fitted(fit: Fit, recording: Recording) -> Recording:
-    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
-    told = fit.how.get("hold")
-    taken = told.get("taken") if isinstance(told, Mapping) else None
-    if recording.hold_stated or taken not in ("zero", "linear"):
-        return recording
-    return with_hold(recording, "linear" if taken == "linear" else "zero")
 
 
 def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | None:

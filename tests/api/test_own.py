@@ -75,7 +75,7 @@ def test_they_go_all_the_way_on_the_command_line(folder):
         ("report", "run/fit.json", "--out", "run/fit.html"),
         ("export", "run/fit.json", "--target", "c", "--out", "run/car"),
     ):
-        assert greybox(*command, *OWN).code == 0
+        assert greybox(*command, *OWN).code in {0, 3}
 
 
 @pytest.mark.slow
