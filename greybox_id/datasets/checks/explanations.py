@@ -58,6 +58,8 @@ RESPONSE, PER_ROOT = 0.12, 0.12
 tyres take to turn an inertia that grows with length."""
 NEAR_RIGHT = 8.0
 """Degrees about 90 within which an IMU is put right by its map."""
+STEADY = 0.9
+"""Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
 FROZEN, TIMES = 1.5, 20.0
 """Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
 
@@ -280,6 +282,8 @@ def _steered(r: Recording) -> list[Explanation]:
     if not r.has("steer", "yaw_rate"):
         return []
     v, turn, steer = (smooth(r, r[name], SMOOTHING) for name in ("v_x", "yaw_rate", "steer"))
+    if not np.any(np.isfinite(v)) or not np.any(np.isfinite(v * turn)):
+        return []
     moving = np.abs(v) > 0.2 * float(np.nanquantile(np.abs(v), 0.9))
     pushed = np.abs(v * turn)
     gentle = moving & (pushed < min(GENTLE, HALF_GRIP * float(np.nanquantile(pushed, 0.99))))
@@ -409,6 +413,7 @@ def _frozen(r: Recording) -> list[Finding]:
             seconds < FROZEN
             or lengths[longest] < TIMES * max(usual, 1.0)
             or values[a] == 0.0
+            or any(b - a > STEADY * (end - start) for start, end in r.runs if start <= a < end)
             or not _moves(r, name, a, b)
         ):
             continue

@@ -20,6 +20,7 @@ MATHEMATICS = {
     "innovations": {"G", "NO_GATE"},
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
+    "usual": {"FAST"},  # a percentile that a sentence names
 }
 
 
