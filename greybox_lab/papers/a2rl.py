@@ -3,8 +3,8 @@
 Source: "Model-Structured Neural Networks to Control the Steering Dynamics of Autonomous Race Cars" (arXiv 2507.20427);
 recordings and `Results.txt` in tonegas/nnodely-applications, vehicle/control_steer_dynamics_A2RL.
 
-The first 1 001 rows of the authors' validation lap are rows of their training lap, to the last digit; rows are compared,
-and what is new is scored beside what is published.
+The first 1 001 rows of the authors' validation lap are rows of their training lap, to the last digit;
+rows are compared, and what is new is scored beside what is published.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 import greybox_id as gb
 from greybox_id.base.shorthands import Array, Say
@@ -47,9 +48,20 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
         task = f"Inverse steering, {word}, validation lap: RMSE"
         rows.append(Row(task, "inverse single track", 1e3 * rmse(off), "mrad", **common))
         if column == "steer_target":
-            rows += [Row(task, "MS-NN-steer", 1e3 * value, "mrad", parameters=count, published=True) for value, count in PUBLISHED]
+            rows += [
+                Row(task, "MS-NN-steer", 1e3 * value, "mrad", parameters=count, published=True)
+                for value, count in PUBLISHED
+            ]
         if not new.all():
-            rows.append(Row(f"{task}, rows that the training lap lacks", "inverse single track", 1e3 * rmse(off[new]), "mrad", **common))
+            rows.append(
+                Row(
+                    f"{task}, rows that the training lap lacks",
+                    "inverse single track",
+                    1e3 * rmse(off[new]),
+                    "mrad",
+                    **common,
+                )
+            )
         found[f"inverse_{column}"] = fit.params.to_dict()
     rows += servo(train, valid, fresh, found)
     best = min(value for value, _ in PUBLISHED)
@@ -60,8 +72,8 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
         f"error {verdict} below the best one printed ({own.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
         f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}).",
         servo_words(found),
-        f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too: published figures are "
-        "partly in sample; the table of fresh rows is not.",
+        f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too: published figures "
+        "are partly in sample; the table of fresh rows is not.",
     )  # fmt: skip
     protocol = (
         "Steering from curvature, speed and accelerations of the same and the next nine samples, as published; target "
@@ -80,13 +92,13 @@ def servo_words(found: Mapping[str, Any]) -> str:
     own, other = (found[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap"))
     agree = own[0] <= other[1] and other[0] <= own[1]
     return (
-        f"Take the servo as {500 * sum(own):.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'} "
-        f"([{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms). Whether by a delay "
-        "or by a lag, rows 50 ms apart hardly tell."
+        f"Take the servo as {500 * sum(own):.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
+        f"[{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
+        "by a delay or by a lag, rows 50 ms apart hardly tell."
     )
 
 
-def seen_before(train: pd.DataFrame, valid: pd.DataFrame) -> Array:
+def seen_before(train: pd.DataFrame, valid: pd.DataFrame) -> NDArray[np.bool_]:
     """(n,) whether a row of the validation lap is one of the training lap."""
     known = set(map(tuple, train.round(9).to_numpy()))
     return np.array([tuple(row) in known for row in valid.round(9).to_numpy()])
@@ -101,7 +113,7 @@ def turned(lap: pd.DataFrame, column: str) -> gb.Recording:
     angle = np.append(lap[column].to_numpy()[1:], np.nan)
     names = {"curv": "curvature", "vx": "v_x", "ax": "a_x", "ay": "a_y"}
     signals = {name: lap[own].to_numpy()[:-1][::-1] for own, name in names.items()} | {"steering": angle[:-1][::-1]}
-    time = STEP * np.arange(len(lap) - 1)
+    time: Array = STEP * np.arange(len(lap) - 1.0)
     return gb.Recording(column, time, signals, extra_units={"curvature": "1/m", "steering": "rad"})
 
 
@@ -114,8 +126,8 @@ def errors(fit: gb.Fit, lap: pd.DataFrame, column: str) -> Array:
     return off[: len(lap) - AHEAD + 1]
 
 
-def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: Array, found: dict[str, Any]) -> list[Row]:
-    """How late the wheels are, of either lap's own rows, as a pure delay and as a lag; the error of the one on the other.
+def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], found: dict[str, Any]) -> list[Row]:
+    """How late the wheels are in either lap, as a pure delay and as a lag; the error of the one on the other.
 
     Free together, the two are told apart by neither lap: at 20 Hz only their sum is.
     """
@@ -127,15 +139,27 @@ def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: Array, found: dict[st
         for name, lap in laps.items():
             with clocked() as spent:
                 fit = gb.fit(model, [lap], fix=held, options=gb.FitOptions(solver="gauss-newton"))
-            low, high = (float(own) for own in fit.conf_int(0.95).loc[symbol])
+            low, high = map(float, fit.conf_int(0.95).loc[symbol].to_numpy())
             task = f"Servo as a {symbol.removeprefix('steering_')}, with 95 % interval"
-            rows.append(Row(task, f"{name}, fresh rows" if name[0] == "v" else name, 5e2 * (low + high), "ms", 5e2 * (high - low), 3, spent[0]))
+            rows.append(
+                Row(
+                    task,
+                    f"{name}, fresh rows" if name[0] == "v" else name,
+                    5e2 * (low + high),
+                    "ms",
+                    5e2 * (high - low),
+                    3,
+                    spent[0],
+                )
+            )
             fits[name, symbol] = fit
             found[f"servo, {name}, {symbol}"] = [low, high]
     lap, task = laps["validation lap"], "Servo, fresh rows of the validation lap: RMSE of the measured angle"
     for symbol in ("steering_delay", "lag"):
         off = gb.simulate(fits["training lap", symbol], lap)["steer_measured"] - lap["steer_measured"]
-        rows.append(Row(task, f"{symbol.removeprefix('steering_')} of the training lap", 1e3 * rmse(off), "mrad", parameters=3))
+        rows.append(
+            Row(task, f"{symbol.removeprefix('steering_')} of the training lap", 1e3 * rmse(off), "mrad", parameters=3)
+        )
     return [*rows, Row(task, "target as it is", 1e3 * rmse(lap["steer"] - lap["steer_measured"]), "mrad", parameters=0)]
 
 
@@ -146,4 +170,6 @@ INSTANT = 2e-3
 def followed(lap: pd.DataFrame) -> gb.Recording:
     """Target and measured angle."""
     signals = {"steer": lap["steer_target"].to_numpy(), "steer_measured": lap["steer_meas"].to_numpy()}
-    return gb.Recording("servo", STEP * np.arange(len(lap)), signals, extra_units={"steer_measured": "rad"}, hold="linear")
+    return gb.Recording(
+        "servo", STEP * np.arange(len(lap), dtype=float), signals, extra_units={"steer_measured": "rad"}, hold="linear"
+    )

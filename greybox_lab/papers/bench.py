@@ -1,4 +1,4 @@
-"""The frame of all benches: rows that stand beside published ones, and one page made of them, the same for every bench."""
+"""The frame of all benches: rows that stand beside published ones, and a page of them, the same for every bench."""
 
 from __future__ import annotations
 
@@ -163,7 +163,9 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
         raise BadInput(f"{data} is no folder; name the one that holds {name}.csv (‹data›).")
     path = next((own for own in (data / f"{name}.csv.gz", data / f"{name}.csv") if own.is_file()), None)
     if path is None:
-        raise BadInput(f"{data / name}.csv is not there; greybox datasets fetch {fetched} brings it, or name its folder.")
+        raise BadInput(
+            f"{data / name}.csv is not there; greybox datasets fetch {fetched} brings it, or name its folder."
+        )
     try:
         found = pd.read_csv(path)
         missing = [column for column in columns if column not in found]

@@ -1,9 +1,9 @@
 """Grip under brakes, from other people's simulator: tracked over time, known where axles lock, and unknown elsewhere.
 
 Source: "A Road Friction-Aware Anti-Lock Braking System Based on Model-Structured Neural Networks"; recordings in
-tonegas/nnodely-applications, vehicle/road_friction_aware_ABS. Wheel speeds in the files are sums of an axle's two wheels
-(twice the speed over the radius of 0.2286 m that the authors state), torques are those that act: of a locked wheel, what
-the road makes of it.
+tonegas/nnodely-applications, vehicle/road_friction_aware_ABS. Wheel speeds in the files are sums of an axle's two
+wheels (twice the speed over the radius of 0.2286 m that the authors state), torques are those that act: of a locked
+wheel, what the road makes of it.
 
 The lap that is tracked is cut together of both recordings where no other is there, so that its grip steps.
 """
@@ -44,6 +44,7 @@ SCATTER = 100.0
 """N: a tenth of what an axle brakes with on ice."""
 EVIDENCE = 20
 """Samples over which the two networks' errors are compared: one second."""
+OURS, CHOSEN = "tracked by the locked axles", "whichever of two linear networks fits better"
 SECONDS = 100.0
 """Of each piece of the lap that is cut together."""
 
@@ -66,16 +67,16 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
     known = sd < TOLD
     chosen = chosen_road(roads, lap)
     task, rest = f"Grip on {name}, where it is known ({100 * known.mean():.0f} % of the time): RMSE", "elsewhere"
-    free = fit.model.size
+    free = sum(not parameter.fixed for parameter in fit.model.parameters)
     rows = [
-        Row(task, "tracked by the locked axles", rmse(grip[known] - truth[known]), "1", parameters=free, cpu_seconds=spent[0] + walked[0]),
-        Row(task, "whichever of two networks fits better", rmse(chosen[known] - truth[known]), "1", parameters=2 * FEATURES),
-        Row(f"Grip on {name}, {rest}: share of the time that 95 % intervals hold it", "tracked by the locked axles",
+        Row(task, OURS, rmse(grip[known] - truth[known]), "1", None, free, spent[0] + walked[0]),
+        Row(task, CHOSEN, rmse(chosen[known] - truth[known]), "1", None, 2 * FEATURES),
+        Row(f"Grip on {name}, {rest}: share of the time that 95 % intervals hold it", OURS,
             100.0 * float(np.mean((np.abs(np.log(grip / truth)) < 1.96 * sd / grip)[~known])), "%", parameters=free),
-        Row(f"Grip on {name}, all of the time: RMSE", "tracked by the locked axles", rmse(grip - truth), "1", parameters=free),
-        Row(f"Grip on {name}, all of the time: RMSE", "whichever of two networks fits better", rmse(chosen - truth), "1", parameters=2 * FEATURES),
+        Row(f"Grip on {name}, all of the time: RMSE", OURS, rmse(grip - truth), "1", None, free),
+        Row(f"Grip on {name}, all of the time: RMSE", CHOSEN, rmse(chosen - truth), "1", None, 2 * FEATURES),
     ]  # fmt: skip
-    low, high = (float(own) for own in fit.conf_int(0.95).loc["slide_front"])
+    low, high = map(float, fit.conf_int(0.95).loc["slide_front"].to_numpy())
     answers = (
         f"Trust a tracked grip while its standard deviation is below {TOLD:g}: its error is {rows[0].value:.3f} there. "
         "Elsewhere no axle locks, and its interval grows.",
@@ -85,8 +86,8 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
     protocol = (
         "Task: grip from pedals' torques, speeds and acceleration, sample by sample, without what comes later.",
         f"Lap: {name}. Grip is what its authors set: 1 on dry, 0.25 on ice.",
-        "Ours: gb.fit of an own model on ice, gb.track of grip_scale along the lap; walk and scatter are stated, nothing "
-        "is tuned on the lap.",
+        "Ours: gb.fit of an own model on ice, gb.track of grip_scale along the lap; walk and scatter are stated, "
+        "nothing is tuned on the lap.",
         "Beside it, as its authors select among networks: acceleration of the last second predicted from pedal, motor "
         "torque and speed by a model of each road, the road whose errors are smaller is chosen.",
     )
@@ -96,10 +97,19 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
 
 
 def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, Array, str]:
-    """A lap whose grip steps, its grip, and its name: test.csv with a column grip, or pieces of the two roads in turn."""
+    """A lap whose grip steps, its grip and its name.
+
+    It is test.csv with a column grip or a file grip.csv beside it, or pieces of the two roads in turn.
+    """
     if any((data / f"test.csv{end}").is_file() for end in ("", ".gz")):
-        lap = frame(data, "test", (*COLUMNS, "grip"), "abs")
-        return lap, lap["grip"].to_numpy(), "test"
+        steps = data / "grip.csv"
+        if not steps.is_file():
+            lap = frame(data, "test", (*COLUMNS, "grip"), "abs")
+            return lap, lap["grip"].to_numpy(), "test"
+        lap = frame(data, "test", COLUMNS, "abs")
+        at = pd.read_csv(steps).to_numpy(float)  # time s, grip: it holds from there on
+        rows = np.searchsorted(at[:, 0], STEP * np.arange(1.0, len(lap) + 1.0), side="right") - 1
+        return lap, at[np.maximum(rows, 0), 1], "test"
     length = round(SECONDS / STEP)
     pieces = [(road, roads[road].iloc[k * length : (k + 1) * length]) for k in range(3) for road in GRIP]
     pieces = [(road, part) for road, part in pieces if len(part)]
@@ -112,8 +122,15 @@ def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, A
 def braked(lap: pd.DataFrame, name: str) -> gb.Recording:
     """Forces of both axles as inputs, and as readings of sliding friction while they are locked."""
     speed = lap["speed"].rolling(5, min_periods=1).mean().to_numpy()
-    torque = {"front": lap["final_brake_tw_fl"] + lap["final_brake_tw_fr"], "rear": lap["final_brake_tw_rl"] + lap["final_brake_tw_rr"]}
-    signals: dict[str, Array] = {"v_x": lap["speed"].to_numpy(), "a_x": lap["acc"].to_numpy(), "motor_torque": lap["motor_torque"].to_numpy()}
+    torque = {
+        "front": lap["final_brake_tw_fl"] + lap["final_brake_tw_fr"],
+        "rear": lap["final_brake_tw_rl"] + lap["final_brake_tw_rr"],
+    }
+    signals: dict[str, Array] = {
+        "v_x": lap["speed"].to_numpy(),
+        "a_x": lap["acc"].to_numpy(),
+        "motor_torque": lap["motor_torque"].to_numpy(),
+    }
     for axle, own in torque.items():
         wheels = lap[f"{axle[0]}_rot_speed"].to_numpy() * RADIUS / 2.0
         slips = (1.0 - wheels / np.maximum(speed, 1.0) > LOCKED) & (speed > STANDING)
@@ -121,7 +138,7 @@ def braked(lap: pd.DataFrame, name: str) -> gb.Recording:
         signals[f"brake_{axle}"] = own.to_numpy() / RADIUS
         signals[f"sliding_{axle}"] = np.where(settled, own.to_numpy() / RADIUS, np.nan)
     units = {"motor_torque": "N m"} | {f"{what}_{axle}": "N" for what in ("brake", "sliding") for axle in torque}
-    return gb.Recording(name, STEP * np.arange(1, len(lap) + 1), signals, extra_units=units, hold="linear")
+    return gb.Recording(name, STEP * np.arange(1.0, len(lap) + 1.0), signals, extra_units=units, hold="linear")
 
 
 FEATURES = 2 * WINDOW + 3

@@ -80,7 +80,8 @@ def inverse_steering(sample_time: float = 0.05) -> MemoryModel:
             Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="curvature at which self-steer saturates"),
             weight("geometry", 3.1 / 40.0, "steering per curvature of 1/40 m: wheelbase over 40 m"),
             weight("straight", 0.0, "self-steer at 40 m/s"), weight("pull", 0.0, "of driving and braking"),
-            weight("brake_pull", 0.0, "of braking beyond that"), weight("understeer_drive", 0.0, "of driving, in bends"),
+            weight("brake_pull", 0.0, "of braking beyond that"),
+            weight("understeer_drive", 0.0, "of driving, in bends"),
             weight("understeer_brake", 0.0, "of braking, in bends, over speed"),
             weight("load_transfer", 0.0, "of lateral and longitudinal load transfer"),
             weight("combined", 0.0, "of combined slip"), weight("cornering", 0.0, "of lateral force under a_x"),
@@ -204,14 +205,21 @@ def rectified(signal: str, seed: int, scale: Mapping[str, tuple[float, float]]) 
     random = np.random.default_rng(seed)
 
     def drawn(name: str, *shape: int, of: int) -> Parameter:
-        return Parameter(name, "1", random.standard_normal(shape) * np.sqrt(2.0 / of), prior=Prior(1.0, mean=0.0), about="weights")
+        return Parameter(
+            name, "1", random.standard_normal(shape) * np.sqrt(2.0 / of), prior=Prior(1.0, mean=0.0), about="weights"
+        )
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
         scaled = [(getattr(u, name) - scale[name][0]) / scale[name][1] for name in names]
         first = [cs.fmax(0.0, sum(past(x, getattr(p, f"W_{name}")[n]) for x, name in zip(scaled, names, strict=True))
                  + p.b_1[n]) for n in range(hidden[0])]  # fmt: skip
-        second = [cs.fmax(0.0, sum(p.W_2[n][j] * first[j] for j in range(hidden[0])) + p.b_2[n]) for n in range(hidden[1])]
-        return {signal: scale[signal][0] + scale[signal][1] * (sum(p.W_3[n] * second[n] for n in range(hidden[1])) + p.b_3[0])}
+        second = [
+            cs.fmax(0.0, sum(p.W_2[n][j] * first[j] for j in range(hidden[0])) + p.b_2[n]) for n in range(hidden[1])
+        ]
+        return {
+            signal: scale[signal][0]
+            + scale[signal][1] * (sum(p.W_3[n] * second[n] for n in range(hidden[1])) + p.b_3[0])
+        }
 
     return MemoryModel(
         name="rectified", about="layers of rectified neurons", inputs=names, outputs=(signal,), sample_time=0.05,
@@ -231,7 +239,8 @@ def braked_car() -> MotionModel:
         return {"v_x": q.a_x}
 
     return MotionModel(
-        name="braked_car", about="car on braked axles, sliding friction when locked", states=(State("v_x", "m/s", 10.0),),
+        name="braked_car", about="car on braked axles, sliding friction when locked",
+        states=(State("v_x", "m/s", 10.0),),
         inputs=("brake_front", "brake_rear", "motor_torque"), outputs=("v_x", "a_x", "sliding_front", "sliding_rear"),
         quantities=("a_x", "sliding_front", "sliding_rear"), dynamics=dynamics,
         parameters=(
@@ -262,7 +271,8 @@ def servo_axis(smooth: Callable[[Symbol], Symbol] = cs.tanh) -> MotionModel:
 
     return MotionModel(
         name="servo_axis", about="servo axis with viscous and Coulomb friction",
-        states=(State("position", "m", 0.1), State("velocity", "m/s", 0.1)), inputs=("force",), outputs=("position",),
+        states=(State("position", "m", 0.1), State("velocity", "m/s", 0.1)), inputs=("force",),
+        commands=("force",), outputs=("position",),
         dynamics=dynamics,
         parameters=(
             Parameter("M", "kg", 80.0, (10.0, 500.0), about="inertia, as a mass"),
