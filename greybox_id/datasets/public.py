@@ -160,18 +160,14 @@ PUBLIC: dict[str, PublicDataset] = {
             reference="A Road Friction-Aware Anti-Lock Braking System Based on Model-Structured Neural Networks",
             columns="",
             files=tuple(
-                Remote(
-                    f"{road}.csv", f"{_APPLICATIONS}road_friction_aware_ABS/datasets/data_{road}_noise/{road}_noise.csv"
+                Remote(f"{name}.csv", f"{_APPLICATIONS}road_friction_aware_ABS/datasets/data_{place}.csv")
+                for name, place in (
+                    ("dry", "dry_noise/dry_noise"),
+                    ("ice", "ice_noise/ice_noise"),
+                    ("test", "test/test_noise"),
+                    ("grip", "grip/grip_condition_variation"),
                 )
-                for road in ("dry", "ice")
-            )
-            + (
-                Remote("test.csv", _APPLICATIONS + "road_friction_aware_ABS/datasets/data_test/test_noise.csv"),
-                Remote(
-                    "grip.csv",
-                    _APPLICATIONS + "road_friction_aware_ABS/datasets/data_grip/grip_condition_variation.csv",
-                ),
-            ),
+            ),  # fmt: skip
         ),
         PublicDataset(
             name="truck",

@@ -90,9 +90,9 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
 def servo_words(found: Mapping[str, Any]) -> str:
     """What a reader takes the servo for."""
     own, other = (found[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap"))
-    agree = own[0] <= other[1] and other[0] <= own[1]
+    middle, agree = 5e2 * sum(own), own[0] <= other[1] and other[0] <= own[1]
     return (
-        f"Take the servo as {500 * sum(own):.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
+        f"Take the servo as {middle:.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
         f"[{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
         "by a delay or by a lag, rows 50 ms apart hardly tell."
     )
