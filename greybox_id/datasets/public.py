@@ -167,7 +167,7 @@ PUBLIC: dict[str, PublicDataset] = {
                     ("test", "test/test_noise"),
                     ("grip", "grip/grip_condition_variation"),
                 )
-            ),  # fmt: skip
+            ),
         ),
         PublicDataset(
             name="truck",
