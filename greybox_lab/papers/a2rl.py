@@ -94,7 +94,7 @@ def servo_words(found: Mapping[str, Any]) -> str:
     return (
         f"Take the servo as {middle:.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
         f"[{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
-        "by a delay or by a lag, rows 50 ms apart hardly tell."
+        "it is a delay or a lag, rows 50 ms apart do not separate."
     )
 
 

@@ -72,7 +72,7 @@ class Bench:
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
         rows = [asdict(row) for row in self.rows]
-        return {"bench": self.name, "answers": list(self.answers), "rows": rows, **self.found}
+        return {"bench": self.name, "answers": list(self.answers), "rows": rows, "found": dict(self.found)}
 
     def document(self) -> Document:
         """The page."""

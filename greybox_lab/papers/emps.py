@@ -105,6 +105,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> Bench:
         "compiling too (greybox-id: the first call beside a later one).",
         "Tools use the same equations; friction's sign is tanh of the velocity over 1 mm/s. Runge-Kutta of fourth "
         "order, a step a row, where a tool does not bring its own integrator.",
+        "Other tools are set as their examples are; nobody tuned them, and somebody who knows them may reach more.",
         *notes,
     )
     about = "Servo axis in the form of the EMPS benchmark: M q'' = F − F_v q' − F_c sign(q') − F_0."

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from calling import greybox, refused
+from json_pages import PAGE, agree
 
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
@@ -59,6 +60,7 @@ def test_the_inverse_of_a_late_car_is_found_and_reads_nothing_but_what_is_ahead(
     np.testing.assert_allclose(cut, off[100:], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_servo_that_is_late_by_35_ms_is_found_in_both_laps():
     found = {}
     rows = a2rl.servo(laps(), laps(seed=1), np.ones(600, bool), found)
@@ -129,12 +131,14 @@ def test_grip_is_known_where_axles_lock_and_nowhere_else(tmp_path):
         tmp_path / "test.csv", index=False
     )
     told = greybox("bench", "abs", "--data", tmp_path, "--json").told
+    agree(told, PAGE["bench abs"])
     known = next(row for row in told["rows"] if "where it is known" in row["task"])
     assert known["value"] < 0.1
-    assert 0.05 < told["known_share"] < 0.8
+    assert 0.05 < told["found"]["known_share"] < 0.8
     assert next(row for row in told["rows"] if row["unit"] == "%")["value"] > 90.0
 
 
+@pytest.mark.slow
 def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
     lap = emps.made(1)
     again = peers.simulated(np.array(list(emps.TRUTH.values())), 0.0, lap["force"].to_numpy(), emps.STEP)
@@ -153,6 +157,7 @@ def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
     assert emps.tried(broken, nothing, nothing, nothing, {"M": 1.0})[2] == "it fails (ValueError: no)"
 
 
+@pytest.mark.slow
 def test_another_tool_finds_the_axis_from_the_same_rows():
     lap = emps.made(1).iloc[:600]
     start = np.array([80.0, 150.0, 15.0, 0.0])
@@ -177,8 +182,8 @@ def test_the_racers_steering_on_its_laps(real_data, tmp_path):
     told = greybox("bench", "a2rl", "--data", real_data / "a2rl", "--quick", "--report", page, "--json").told
     rows = [row for row in told["rows"] if row["model"] == "inverse single track"]
     assert all(row["parameters"] <= 15 and row["value"] < 1.95 for row in rows)
-    assert told["rows_of_validation_in_training"] == 1001
-    delays = [told[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap")]
+    assert told["found"]["rows_of_validation_in_training"] == 1001
+    delays = [told["found"][f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap")]
     assert delays[0][0] <= delays[1][1]
     assert delays[1][0] <= delays[0][1]
     assert "MS-NN-steer (published)" in page.read_text(encoding="utf-8")
