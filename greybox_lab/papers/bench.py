@@ -14,6 +14,7 @@ import pandas as pd
 from rich.console import RenderableType
 
 from greybox_id.base.errors import BadInput
+from greybox_id.base.guard import PAGE_MARK
 from greybox_id.base.numbers import number
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
@@ -121,7 +122,7 @@ def on_screen(document: Document) -> Iterator[RenderableType]:
 
 def markdown(document: Document, command: str) -> str:
     """A page without its figures, for the documentation; `command` made it."""
-    lines = [f"# {document.title}", "", document.about, "", f"    {command}", ""]
+    lines = [PAGE_MARK, "", f"# {document.title}", "", document.about, "", f"    {command}", ""]
     for part in _flat(document.parts):
         match part:
             case Section():

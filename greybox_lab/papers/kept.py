@@ -95,12 +95,9 @@ def pages_of(report: str | Path | None, name: str) -> tuple[Path, ...]:
     if report is None:
         return ()
     place = Path(report)
-    if place.suffix.lower() == ".md":
-        pages: tuple[Path, ...] = (place,)
-    else:
-        pages = place / f"{name}.html", place / f"{name}.pdf"
-        for page in pages:
-            claim(page, becomes="the report of a bench")
+    pages = (place,) if place.suffix.lower() == ".md" else (place / f"{name}.html", place / f"{name}.pdf")
+    for page in pages:
+        claim(page, "‹report›", becomes="a report")
     ensure_writable(pages[0].parent)
     return pages
 
