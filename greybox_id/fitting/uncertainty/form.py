@@ -407,14 +407,18 @@ class _Joint:
         self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
         self.g = g[:count]
         self.S = S - self.C.T @ self.inverse @ self.C
-        self.S = 0.5 * (self.S + self.S.T)
+        size, along = la.eigh(0.5 * (self.S + self.S.T))  # what cancels must not leave curvature below zero
+        self.S = (along * np.maximum(size, 0.0)) @ along.T
         self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
 
     def evidence(self, variances: Array) -> float:
         """Log of how much likelier the residuals are with functions of such variances than with none."""
         root = np.sqrt(variances)
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
-        factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        try:
+            factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        except la.LinAlgError:  # so large a variance that rounding hides the rest: not to be chosen
+            return -np.inf
         scaled = root * self.pull
         gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
         return gained - float(np.sum(np.log(np.diag(factor[0]))))
