@@ -69,7 +69,7 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     yield from _dependence(worst, moving[worst], stated or {})
-    size = (form.get("halves", 0.0) * max((one["residual"] / one["spread"]) ** 2 for one in moving.values())) ** 0.5
+    size = form.get("halves", 0.0) ** 0.5 * _of_form(moving[worst])
     if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
         yield Reason(
             NOT_USABLE,
