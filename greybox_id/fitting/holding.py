@@ -163,7 +163,7 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
     unclear = not held.stated and held.gain < CLEAR
     shares = {n: abs(v) / float(fit.sd[n]) for n, v in held.moved.items() if n in fit.sd and float(fit.sd[n]) > 0}
     most = max(shares, key=lambda name: shares[name], default="")
-    if not (unlikely or unclear) or not most or shares[most] < 1:
+    if not most or not (unlikely or (unclear and shares[most] >= 1)):  # what is unlikely has widened its own intervals
         return None
     parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
     size = f"{most} by {number(held.moved[most], 2)} {parameter.unit}".strip()
