@@ -129,7 +129,7 @@ def errors(fit: gb.Fit, lap: pd.DataFrame, column: str) -> Array:
 def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], found: dict[str, Any]) -> list[Row]:
     """How late the wheels are in either lap, as a pure delay and as a lag; the error of the one on the other.
 
-    Free together, the two are told apart by neither lap: at 20 Hz only their sum is.
+    Free together, neither lap distinguishes the two: at 20 Hz only their sum is identifiable.
     """
     laps = {"training lap": followed(train), "validation lap": followed(valid[fresh] if fresh.any() else valid)}
     rows: list[Row] = []
