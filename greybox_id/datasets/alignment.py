@@ -35,7 +35,7 @@ SEARCHED = 300.0
 
 
 @dataclass(frozen=True)
-class Alignment:
+class ClockAlignment:
     """t_other = t + seconds + rate (t - start).
 
     Attributes
@@ -60,7 +60,7 @@ class Alignment:
         return np.asarray(self.start + (time - self.start - self.seconds) / (1 + self.rate))
 
 
-def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) -> Alignment | None:
+def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) -> ClockAlignment | None:
     """How the second clock runs against the first; None where the series are not alike enough to tell.
 
     Parameters
@@ -87,7 +87,7 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
         free = _refined(own, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
     if free is None or free.correlation < ALIKE or abs(free.seconds) > longest:
         return None
-    return Alignment(float(t[0]), free.seconds, free.sd, free.rate, free.rate_sd, free.left, free.correlation)
+    return ClockAlignment(float(t[0]), free.seconds, free.sd, free.rate, free.rate_sd, free.left, free.correlation)
 
 
 def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: float) -> tuple[float, float] | None:
@@ -121,7 +121,7 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
 
 def _refined(
     t: Array, v: Array, u: Array, w: Array, step: float, begun: tuple[float, float], with_rate: bool
-) -> Alignment | None:
+) -> ClockAlignment | None:
     """Least squares over offset, rate, gain and constant from where the search ended."""
     from scipy.interpolate import CubicSpline  # which takes longer to load than most files to read
 
@@ -159,7 +159,7 @@ def _refined(
     spread = [float(np.sqrt(own @ covariance[:size, :size] @ own)) for own in (at, *ends)]
     rate_sd = float(np.sqrt(covariance[1, 1])) if with_rate else 0.0
     correlation = float(np.corrcoef(value, y)[0, 1])
-    return Alignment(0.0, float(seconds), spread[0], float(rate), rate_sd, max(spread[1:]), correlation)
+    return ClockAlignment(0.0, float(seconds), spread[0], float(rate), rate_sd, max(spread[1:]), correlation)
 
 
 def _jackknife(design: Array, left: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.errors import BadInput
 from ..base.signals import ANGLES_AROUND, COMMANDS
-from .alignment import Alignment, aligned
+from .alignment import ClockAlignment, aligned
 from .column_map import Column, ColumnMap, column_map
 from .read import Part, as_parts, one_signal, read_together
 from .recording import Recording
@@ -43,7 +43,7 @@ class Offset:
     file: str
     against: str
     signal: str = ""
-    alignment: Alignment | None = None
+    alignment: ClockAlignment | None = None
     shared: tuple[str, ...] = ()
     taken_off: bool = False
 

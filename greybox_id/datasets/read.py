@@ -12,7 +12,7 @@ import numpy as np
 from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SD, unit_of
-from .alignment import Alignment
+from .alignment import ClockAlignment
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
@@ -57,7 +57,7 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
 def read_together(
     paths: Sequence[str | Path],
     columns: str | Path | ColumnMap = "canonical",
-    late: Mapping[str, Alignment] | None = None,
+    late: Mapping[str, ClockAlignment] | None = None,
 ) -> Recording:
     """Read several files of one drive, each with a clock of its own, as one recording.
 
@@ -138,7 +138,7 @@ def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
 
 
 def _recording(
-    found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, Alignment]
+    found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, ClockAlignment]
 ) -> Recording:
     mapping = _named_as_in(found, mapping)
     _check_columns(found, mapping)
@@ -241,7 +241,10 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
 
 
 def _several(
-    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, Alignment]
+    groups: Sequence[tuple[Group, list[Column]]],
+    found: Contents,
+    mapping: ColumnMap,
+    late: Mapping[str, ClockAlignment],
 ) -> tuple[Joined, list[str]]:
     if mapping.rate:
         raise BadInput(f"{found.where}: a rate is the clock of one table, and this holds several; name their time.")

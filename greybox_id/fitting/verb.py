@@ -17,11 +17,12 @@ from ..datasets.recording import Recording, join
 from ..models.kinds import by_kind
 from ..models.model import Model
 from .fit import Fit
-from .holding import Holding, in_doubt, other_than, reason, weighed, with_hold
+from .holding import Holding, in_doubt, other_than, reason, weighed
 from .how import How, Say, Solver, quiet
 from .judging import judgement
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
+from .restated import with_hold
 from .scores.metrics import as_dict
 from .scores.timing import (
     calibrated_errors,

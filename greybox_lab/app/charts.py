@@ -30,7 +30,7 @@ TOP, BETWEEN, BOTTOM = 30, 26, 64
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlottedTrace:
     """One curve of a strip: its name in the legend, its points, its look."""
 
     name: str
@@ -39,17 +39,17 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Strip:
+class StripChart:
     """One strip: the quantity with its unit, and its curves."""
 
     name: str
     unit: str
-    curves: Sequence[Curve]
+    curves: Sequence[PlottedTrace]
     span: tuple[float, float] = (0.0, 1.0)
 
 
 def strips(
-    rows: Sequence[Strip], span: tuple[float, float], *, height: int = 92, zoom: bool = True, legend: bool = False,
+    rows: Sequence[StripChart], span: tuple[float, float], *, height: int = 92, zoom: bool = True, legend: bool = False,
     marks: Sequence[tuple[float, float]] = (), cursor: float | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Strips under each other over one axis of time, with one cursor and one zoom through all."""

@@ -35,7 +35,7 @@ RUN = (
 
 
 @dataclass(frozen=True)
-class Job:
+class PageJob:
     """A command that runs or has run.
 
     Attributes
@@ -123,9 +123,9 @@ class Jobs:
 
     def __init__(self, session: Path) -> None:
         self.session = session
-        self._known: dict[Path, Job] = {}
+        self._known: dict[Path, PageJob] = {}
 
-    def start(self, kind: str, words: Sequence[str], target: str = "") -> Job:
+    def start(self, kind: str, words: Sequence[str], target: str = "") -> PageJob:
         """Run `greybox WORDS --json` in the session's folder."""
         number = 1 + max((int(each.name.split("_")[0]) for each in self._folders()), default=0)
         folder = self.session / "jobs" / f"{number:03d}_{kind}"
@@ -139,17 +139,17 @@ class Jobs:
                 start_new_session=True,
             )  # fmt: skip
         _children[process.pid] = process
-        job = Job(kind, tuple(every), target, folder, process.pid, time.time())
+        job = PageJob(kind, tuple(every), target, folder, process.pid, time.time())
         body = asdict(job) | {"folder": folder.name}
         write_atomically(folder / "job.json", json.dumps(body, ensure_ascii=False))
         self._known[folder] = job
         return job
 
-    def all(self) -> list[Job]:
+    def all(self) -> list[PageJob]:
         """Every job of the session, the oldest first."""
         return [job for folder in sorted(self._folders()) if (job := self._job(folder)) is not None]
 
-    def running(self) -> list[Job]:
+    def running(self) -> list[PageJob]:
         """Those that run."""
         return [job for job in self.all() if job.running]
 
@@ -165,11 +165,11 @@ class Jobs:
     def _folders(self) -> list[Path]:
         return [each for each in (self.session / "jobs").glob("*_*") if each.name.split("_")[0].isdecimal()]
 
-    def _job(self, folder: Path) -> Job | None:
+    def _job(self, folder: Path) -> PageJob | None:
         if folder not in self._known:
             try:
                 body = json.loads((folder / "job.json").read_text("utf-8"))
-                self._known[folder] = Job(
+                self._known[folder] = PageJob(
                     str(body["kind"]), tuple(map(str, body["words"])), str(body["target"]), folder, int(body["pid"]),
                     float(body["started"]),
                 )  # fmt: skip

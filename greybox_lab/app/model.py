@@ -111,7 +111,7 @@ def effects_of(chosen: Mapping[str, Any]) -> list[str]:
     return [name for name in gb.effects.names() if getattr(gb.effects, name).concerns(model)]
 
 
-class Bench:
+class Playground:
     """A model over the part of a recording that is looked at, simulated anew as often as one likes.
 
     Parameters

@@ -12,7 +12,7 @@ import greybox_id as gb
 
 from . import step_check, step_drop, step_fit, step_model, step_see, step_take, step_why
 from .beneath import sentence
-from .jobs import Job
+from .jobs import PageJob
 from .widgets import quiet, tell, verdict
 from .work import STEPS, Work
 
@@ -100,7 +100,7 @@ class Page:
             else:
                 module.draw(self, data)
 
-    def _job(self, job: Job) -> None:
+    def _job(self, job: PageJob) -> None:
         """What runs: its command, its last line, for how long, and a stop."""
         with ui.row(align_items="center").classes("card no-wrap") as card:
             ui.spinner(size="1.2rem")

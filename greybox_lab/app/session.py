@@ -27,7 +27,7 @@ from typing import IO, Any
 from greybox_id import BadInput
 
 from .beneath import write_atomically
-from .jobs import Job, Jobs
+from .jobs import Jobs, PageJob
 
 STATE = "recordings.json"
 MAP = "map.toml"
@@ -163,7 +163,7 @@ class Session:
         """The column map as `gb.read` takes it from any working folder."""
         return self.folder / MAP if self["columns"] == MAP else self["columns"] or "canonical"
 
-    def latest(self, kind: str, target: str = "") -> Job | None:
+    def latest(self, kind: str, target: str = "") -> PageJob | None:
         """The last job of a kind."""
         return next((job for job in reversed(self.jobs.all()) if job.kind == kind and target in ("", job.target)), None)
 

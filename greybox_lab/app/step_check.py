@@ -47,7 +47,9 @@ def _channels(page: Page) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _strip(page: Page, file: str, finding: dict[str, Any]) -> tuple[Shown, charts.Strip, list[tuple[float, float]]]:
+def _strip(
+    page: Page, file: str, finding: dict[str, Any]
+) -> tuple[Shown, charts.StripChart, list[tuple[float, float]]]:
     """The channel of a finding, with the rows it is about."""
     name = next(each for each in page.session.files() if Path(each).name == file)
     over = Shown(page.work.recording(name))
@@ -58,9 +60,9 @@ def _strip(page: Page, file: str, finding: dict[str, Any]) -> tuple[Shown, chart
     if not marks and finding["run"]:
         start, stop = recording.runs[min(finding["run"], len(recording.runs)) - 1]
         marks = [(over.time[start], over.time[stop - 1])]
-    curve = charts.Curve(channel, over.points(np.asarray(recording[channel])))
+    curve = charts.PlottedTrace(channel, over.points(np.asarray(recording[channel])))
     places = [(float(low), float(high)) for low, high in marks]
-    return over, charts.Strip(channel, recording.unit(channel), [curve]), places
+    return over, charts.StripChart(channel, recording.unit(channel), [curve]), places
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:

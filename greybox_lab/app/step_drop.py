@@ -36,9 +36,9 @@ async def prepare(page: Page) -> dict[str, Any]:
     return {"open": entries, "strips": await page.off(_strips, page, entries)}
 
 
-def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.Strip]:
+def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.StripChart]:
     """Each column in the units that come into question, and what the other channels say it should be."""
-    session, strips = page.session, dict[int, charts.Strip]()
+    session, strips = page.session, dict[int, charts.StripChart]()
     for file in session["joining"] or session.files()[:1]:
         prefix = f"{Path(file).name.split('.')[0]}/" if session["joining"] else ""
         here = {k: entry for k, entry in enumerate(entries) if entry["column"].startswith(prefix)}
@@ -59,14 +59,14 @@ def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.Strip]:
     return strips
 
 
-def _strip(over: Shown, entry: Entry, k: int) -> charts.Strip:
+def _strip(over: Shown, entry: Entry, k: int) -> charts.StripChart:
     beside = companion(over.recording, entry["signal"])
-    curves = [charts.Curve(beside[0], over.points(beside[1]))] if beside is not None else []
+    curves = [charts.PlottedTrace(beside[0], over.points(beside[1]))] if beside is not None else []
     for j, unit in enumerate(units_for(entry)[: len(LOOKS)]):
         if (name := f"q{k}_{j}") in over.recording:
             words = f"{entry['column']} in {pretty_unit(unit)}"
-            curves.append(charts.Curve(words, over.points(over.recording[name]), LOOKS[j]))
-    return charts.Strip(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
+            curves.append(charts.PlottedTrace(words, over.points(over.recording[name]), LOOKS[j]))
+    return charts.StripChart(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -193,7 +193,7 @@ def _time(page: Page) -> None:
                 button(f"in {unit}", answer, f"time-{unit}", "outline")
 
 
-def _question(page: Page, entry: Entry, strip: charts.Strip | None) -> None:
+def _question(page: Page, entry: Entry, strip: charts.StripChart | None) -> None:
     signal, counts = entry["signal"], entry["divide_by"] != 1.0
     with ui.column().classes("card").mark(f"question-{signal}"):
         title(f"Is “{entry['column']}” {signal}, the {SIGNALS[signal].about}?")

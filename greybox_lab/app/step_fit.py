@@ -42,7 +42,7 @@ async def prepare(page: Page) -> dict[str, Any]:
     return data
 
 
-def _drive(page: Page, file: str, fit: gb.Fit, request: Request) -> tuple[Shown, list[charts.Strip]]:
+def _drive(page: Page, file: str, fit: gb.Fit, request: Request) -> tuple[Shown, list[charts.StripChart]]:
     """A recording with the fit's free run, and with that of the model before it."""
     recording = longest(page.work.recording(file))
     over, runs = Shown(recording), {}
@@ -52,11 +52,11 @@ def _drive(page: Page, file: str, fit: gb.Fit, request: Request) -> tuple[Shown,
     runs["fit"] = gb.simulate(fit, recording)
     strips = []
     for name in filter(recording.has, fit.model.outputs):
-        curves = [charts.Curve("measured", over.points(np.asarray(recording[name])))]
+        curves = [charts.PlottedTrace("measured", over.points(np.asarray(recording[name])))]
         for words, run in runs.items():
             look = "simulated" if words == "fit" else "before"
-            curves.append(charts.Curve(words, over.points(np.asarray(run[name])), look))
-        strips.append(charts.Strip(name, recording.unit(name), curves))
+            curves.append(charts.PlottedTrace(words, over.points(np.asarray(run[name])), look))
+        strips.append(charts.StripChart(name, recording.unit(name), curves))
     return over, strips
 
 

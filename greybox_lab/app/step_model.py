@@ -12,7 +12,7 @@ import greybox_id as gb
 
 from . import charts
 from .beneath import equations, number, pretty_unit
-from .model import MODELS, TYRES, Array, Bench, Slider, effects_of, lacking, nominal, sliders
+from .model import MODELS, TYRES, Array, Playground, Slider, effects_of, lacking, nominal, sliders
 from .traces import Shown
 from .widgets import button, choose, heading, quiet, shown, title
 
@@ -44,7 +44,7 @@ async def prepare(page: Page) -> dict[str, Any]:
 
 
 def _simulated(chosen: dict[str, Any], recording: gb.Recording) -> dict[str, Any]:
-    bench = Bench(nominal(chosen), recording)
+    bench = Playground(nominal(chosen), recording)
     try:
         formulas = equations(bench.model)
     except gb.GreyboxError:
@@ -56,7 +56,7 @@ def _simulated(chosen: dict[str, Any], recording: gb.Recording) -> dict[str, Any
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session, chosen, suits = page.session, page.session["model"], data["suits"]
-    bench: Bench = data["bench"]
+    bench: Playground = data["bench"]
     heading("Which model?", "Dragging a slider simulates the recording anew; where it stands is where the fit starts.")
     with ui.row(align_items="center").classes("w-full"):
         choose(
@@ -103,14 +103,16 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 _slider(page, row, drag)
 
 
-def _strip(bench: Bench, over: Shown, name: str, traces: dict[str, Array]) -> charts.Strip:
-    measured = charts.Curve("measured", over.points(np.asarray(bench.recording[name])))
-    return charts.Strip(
-        name, bench.recording.unit(name), [measured, charts.Curve("simulated", over.points(traces[name]), "simulated")]
+def _strip(bench: Playground, over: Shown, name: str, traces: dict[str, Array]) -> charts.StripChart:
+    measured = charts.PlottedTrace("measured", over.points(np.asarray(bench.recording[name])))
+    return charts.StripChart(
+        name,
+        bench.recording.unit(name),
+        [measured, charts.PlottedTrace("simulated", over.points(traces[name]), "simulated")],
     )
 
 
-def _errors(bench: Bench, traces: dict[str, Array]) -> str:
+def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     errors = bench.errors(traces).items()
     words = ", ".join(f"{name} {shown(value, bench.recording.unit(name))}" for name, value in errors)
     return f"Root mean square of simulated less measured, free run: {words}"
@@ -144,7 +146,7 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
 class Drag:
     """Simulates anew while a slider moves; what is overtaken by a newer value is left out."""
 
-    def __init__(self, page: Page, bench: Bench, over: Shown, element: ui.echart, wrong: ui.label) -> None:
+    def __init__(self, page: Page, bench: Playground, over: Shown, element: ui.echart, wrong: ui.label) -> None:
         self.page, self.bench, self.over, self.element, self.wrong = page, bench, over, element, wrong
         self.values = dict(page.session["model"]["start"])
         self._busy = self._again = False

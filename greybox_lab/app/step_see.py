@@ -20,7 +20,7 @@ MOST_STRIPS = 12
 Planes = list[tuple[ui.echart, str, str]]
 
 
-async def prepare(page: Page) -> tuple[Shown, list[charts.Strip]]:
+async def prepare(page: Page) -> tuple[Shown, list[charts.StripChart]]:
     """The recording that is looked at, and its curves."""
     files = page.session.files()
     page.picked["file"] = page.picked["file"] if page.picked.get("file") in files else files[0]
@@ -28,16 +28,18 @@ async def prepare(page: Page) -> tuple[Shown, list[charts.Strip]]:
     return over, await page.off(_strips, over)
 
 
-def _strips(over: Shown) -> list[charts.Strip]:
+def _strips(over: Shown) -> list[charts.StripChart]:
     recording = over.recording
     names = [name for name in recording.signals if recording.has(name) and not name.startswith("sd_")]
     return [
-        charts.Strip(name, recording.unit(name), [charts.Curve(name, over.points(np.asarray(recording[name])))])
+        charts.StripChart(
+            name, recording.unit(name), [charts.PlottedTrace(name, over.points(np.asarray(recording[name])))]
+        )
         for name in names[:MOST_STRIPS]
     ]
 
 
-def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
+def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:
     """The step."""
     (over, strips), session = data, page.session
     recording, files = over.recording, session.files()
@@ -82,7 +84,7 @@ def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
 
 
 def _connect(
-    page: Page, over: Shown, element: ui.echart, planes: Planes, strips: list[charts.Strip], here: ui.label
+    page: Page, over: Shown, element: ui.echart, planes: Planes, strips: list[charts.StripChart], here: ui.label
 ) -> None:
     """Zoom asks for finer curves; the cursor moves a dot through the other pictures."""
     recording = over.recording

@@ -122,11 +122,11 @@ def _waterfall(budget: list[Step]) -> ui.echart | None:
 def _overlay(page: Page, data: dict[str, Any]) -> tuple[ui.echart, ui.label]:
     over, channel, recording = data["over"], data["channel"], data["recording"]
     curves = [
-        charts.Curve("measured", over.points(np.asarray(recording[channel]))),
-        charts.Curve("simulation", over.points(data["trace"]), "before"),
-        charts.Curve(ALONE, [], "cause"),
+        charts.PlottedTrace("measured", over.points(np.asarray(recording[channel]))),
+        charts.PlottedTrace("simulation", over.points(data["trace"]), "before"),
+        charts.PlottedTrace(ALONE, [], "cause"),
     ]
-    strip = charts.Strip(channel, recording.unit(channel), curves)
+    strip = charts.StripChart(channel, recording.unit(channel), curves)
     options = charts.strips([strip], over.span, height=250, legend=True, cursor=page.session["cursor"])
     words = f"{channel}: measured, simulated, and with one cause alone"
     element = charts.chart(options, charts.height_of(1, 250, True), words).mark("overlay")

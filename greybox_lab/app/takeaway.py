@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from .beneath import write_atomically
-from .jobs import Job
+from .jobs import PageJob
 from .model import Request
 from .session import LARGEST, MAP, Session
 
@@ -29,10 +29,10 @@ ORDER = ("join", "check", "fit", "gap", "since", "design", "report", "export")
 """Kinds of jobs that are handed over, in the order in which they are run."""
 
 
-def kept_jobs(session: Session) -> list[Job]:
+def kept_jobs(session: Session) -> list[PageJob]:
     """The jobs that made what the session shows now: the last of a kind, the chosen fit and gap."""
     chosen = {session["fit"], session["gap"]}
-    last: dict[str, Job] = {}
+    last: dict[str, PageJob] = {}
     for job in session.jobs.all():
         made = job.answer is not None and (job.kind not in ("fit", "gap", "since") or job.target in chosen)
         if made and job.kind in ORDER:

@@ -16,7 +16,7 @@ import greybox_id as gb
 
 from . import mapping
 from .beneath import sentence, shipped_maps
-from .jobs import Job
+from .jobs import PageJob
 from .mapping import Entry, Repair
 from .model import Request
 from .session import MAP, Session
@@ -67,7 +67,7 @@ class Work:
         self.session.jobs.start(kind, ["data", "map", file, "--out", target], target)
         self.session.version += 1
 
-    def map_done(self, job: Job) -> None:
+    def map_done(self, job: PageJob) -> None:
         """Take a proposal: what is decided into the map, the rest as questions."""
         answer = job.answer
         if answer is None:
@@ -159,7 +159,7 @@ class Work:
         for file in self.session.files():
             self._map(file, "part")
 
-    def part_done(self, job: Job) -> None:
+    def part_done(self, job: PageJob) -> None:
         """Take a proposal for a file that is going to be joined."""
         answer = job.answer
         if answer is None:
@@ -179,7 +179,7 @@ class Work:
         self.session.jobs.start("join", words, target)
         self.session.version += 1
 
-    def join_done(self, job: Job) -> None:
+    def join_done(self, job: PageJob) -> None:
         """Take the joined recording in place of its parts."""
         if job.answer is not None:
             unused = [{**each, "role": "unused"} for each in self.session["recordings"]]
@@ -188,14 +188,14 @@ class Work:
 
     # ---- check
 
-    def check(self) -> Job:
+    def check(self) -> PageJob:
         """Run `greybox data check` on everything that is used."""
         session = self.session
         job = session.jobs.start("check", ["data", "check", *session.files(), *session.part], session.key)
         session.version += 1
         return job
 
-    def checked(self) -> Job | None:
+    def checked(self) -> PageJob | None:
         """The check of the recordings as they now are."""
         return self.session.latest("check", self.session.key)
 
@@ -224,7 +224,7 @@ class Work:
             horizon=session["horizon"],
         )  # fmt: skip
 
-    def fit(self) -> Job:
+    def fit(self) -> PageJob:
         """Run `greybox fit`."""
         session, target = self.session, self.session.next_folder("fits")
         request = self.request()
@@ -233,7 +233,7 @@ class Work:
         session.change(fit=target)
         return job
 
-    def gap(self, of_fit: bool, since: bool = False) -> Job:
+    def gap(self, of_fit: bool, since: bool = False) -> PageJob:
         """Run `greybox gap`, of the fit or of the vehicle as it is stated; what changed since before."""
         session, target = self.session, self.session.next_folder("gaps")
         request = self.request()
@@ -246,7 +246,7 @@ class Work:
     def _keep(self, target: str, request: Request) -> None:
         self.session.change(requests=self.session["requests"] | {target: asdict(request)})
 
-    def design(self, arena: str) -> Job:
+    def design(self, arena: str) -> PageJob:
         """Run `greybox design` on the gap."""
         gap = self.session["gap"]
         job = self.session.jobs.start(
@@ -255,21 +255,21 @@ class Work:
         self.session.version += 1
         return job
 
-    def report(self) -> Job:
+    def report(self) -> PageJob:
         """Run `greybox report` on the fit."""
         words = ["report", f"{self.session['fit']}/fit.json", "--out", REPORT]
         job = self.session.jobs.start("report", words, REPORT)
         self.session.version += 1
         return job
 
-    def export(self, target: str) -> Job:
+    def export(self, target: str) -> PageJob:
         """Run `greybox export` on the fit."""
         words = ["export", f"{self.session['fit']}/fit.json", "--target", target, "--out", f"export_{target}"]
         job = self.session.jobs.start("export", words, f"export_{target}")
         self.session.version += 1
         return job
 
-    def result(self, kind: str) -> tuple[Job | None, dict[str, Any] | None]:
+    def result(self, kind: str) -> tuple[PageJob | None, dict[str, Any] | None]:
         """The job of the fit or the gap that is shown, and what it printed."""
         target = self.session[kind]
         kinds = ("gap", "since") if kind == "gap" else (kind,)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import greybox_id as gb
 from greybox_id.base.shorthands import Array, Say
 
-from .bench import Bench, Row, clocked, frame, rmse
+from .bench import PublishedBench, Row, clocked, frame, rmse
 from .equations import AHEAD, inverse_steering, steering_servo
 
 COLUMNS = ("ay", "ax", "vx", "curv", "steer_target", "steer_meas")
@@ -31,7 +31,7 @@ PUBLISHED = ((1.694230712018907e-3, 155), (2.301451051607728e-3, 190), (2.231180
 TARGETS = {"steer_target": "commanded", "steer_meas": "measured"}
 
 
-def measure(data: Path, quick: bool, say: Say) -> Bench:
+def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     """Fit to the training lap, score on the validation lap. Raises `BadInput` where a lap is not there."""
     laps = {name: frame(data, name, COLUMNS, "a2rl") for name in ("training_lap", "validation_lap")}
     train, valid = laps.values()
@@ -84,7 +84,7 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
         "which runs straight between rows; intervals of 95 % from the residuals' own correlation.",
     )
     about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
-    return Bench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, found)
+    return PublishedBench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, found)
 
 
 def servo_words(found: Mapping[str, Any]) -> str:

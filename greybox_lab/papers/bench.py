@@ -49,7 +49,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Bench:
+class PublishedBench:
     """What a bench measured.
 
     Attributes

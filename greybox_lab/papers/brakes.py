@@ -21,7 +21,7 @@ import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.base.shorthands import Array, Say
 
-from .bench import Bench, Row, clocked, frame, rmse
+from .bench import PublishedBench, Row, clocked, frame, rmse
 from .equations import WINDOW, braked_car
 
 COLUMNS = (
@@ -49,7 +49,7 @@ SECONDS = 100.0
 """Of each piece of the lap that is cut together."""
 
 
-def measure(data: Path, quick: bool, say: Say) -> Bench:
+def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     """Fit to dry and ice, track grip. Raises `BadInput` where a recording is not there."""
     roads = {name: frame(data, name, COLUMNS, "abs") for name in GRIP}
     lap, truth, name = stepped(data, roads)
@@ -93,7 +93,7 @@ def measure(data: Path, quick: bool, say: Say) -> Bench:
     )
     found = {"estimates": fit.params.to_dict(), "known_share": float(known.mean())}
     about = "Brakes with and without grip, 300 s each at 20 Hz of a simulator that shares no code with this project."
-    return Bench("abs", "Grip under brakes", about, protocol, tuple(rows), answers, found)
+    return PublishedBench("abs", "Grip under brakes", about, protocol, tuple(rows), answers, found)
 
 
 def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, Array, str]:

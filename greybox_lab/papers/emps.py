@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 import greybox_id as gb
 from greybox_id.base.shorthands import Array, Say
 
-from .bench import Bench, Row, clocked, frame, rmse
+from .bench import PublishedBench, Row, clocked, frame, rmse
 from .equations import servo_axis
 from .peers import PEERS, simulated
 
@@ -34,7 +34,7 @@ MOST_AXIS = 0.3
 """m/s: of the trapezoids."""
 
 
-def measure(data: Path | None, quick: bool, say: Say) -> Bench:
+def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
     """Identify the axis with every tool that is installed. Raises `BadInput` where DATA lacks axis.csv."""
     columns = ("time", "force", "position")
     lap, other = (
@@ -109,7 +109,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> Bench:
         *notes,
     )
     about = "Servo axis in the form of the EMPS benchmark: M q'' = F − F_v q' − F_c sign(q') − F_0."
-    return Bench(
+    return PublishedBench(
         "emps", "A servo axis, and other tools", about, protocol, tuple(rows), tuple(answers), {"speed": speed}
     )
 

@@ -19,7 +19,7 @@ from greybox_id.base.shorthands import Array, Say
 from greybox_id.models.memory_model import MemoryModel
 from greybox_id.reports.comparison import paired
 
-from .bench import Bench, Row, clocked, frame, rmse
+from .bench import PublishedBench, Row, clocked, frame, rmse
 from .equations import driven_rear, local_models, rectified
 
 COLUMNS = ("time", "handwheelAngle", "vxCG", "axCG", "yawAngle", "yawRate")
@@ -41,7 +41,7 @@ STRUCTURED, BLACK_BOX, GREY, BOTH = (
 Predictions = list[Array]
 
 
-def measure(data: Path, quick: bool, say: Say) -> Bench:
+def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     """Fit to the training drives, score on the others. Raises `BadInput` where a drive is not there."""
     drives = {name: frame(data, name, COLUMNS, "revs_telemetry") for name in (*TRAIN, JUDGED[0])}
     if any((data / f"{JUDGED[1]}.csv{end}").is_file() for end in ("", ".gz")):
@@ -73,7 +73,7 @@ def page(
     drives: Mapping[str, pd.DataFrame], made: Mapping[str, dict[str, Predictions]],
     sizes: Mapping[str, tuple[int, float]],
     fit: gb.Fit, quick: bool,
-) -> Bench:  # fmt: skip
+) -> PublishedBench:  # fmt: skip
     """Errors of everything on the drives that nothing was fitted to."""
     rows: list[Row] = []
     answers: list[str] = []
@@ -116,7 +116,7 @@ def page(
         "training drives and of valid_0; test_0 was not looked at.",
     )
     about = "Ferrari 250 LM on a race track, 20 Hz, to 61 m/s; beside networks of tonegas/nnodely-applications."
-    return Bench("ferrari", "Yaw of a Ferrari 250 LM", about, protocol, tuple(rows), tuple(answers), found)
+    return PublishedBench("ferrari", "Yaw of a Ferrari 250 LM", about, protocol, tuple(rows), tuple(answers), found)
 
 
 def motion(drive: pd.DataFrame) -> gb.Recording:

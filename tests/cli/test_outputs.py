@@ -19,7 +19,7 @@ from greybox_id.cli.commands import WRITTEN, Guarded
 
 READ = (
     "--columns", "--vehicle", "--fit", "--train", "--validate", "--held-out", "--own", "--data", "--since",
-    "--pretrain", "--posterior", "--arena", "--limits", "--token-file",
+    "--pretrain", "--posterior", "--arena", "--limits", "--token-file", "--home",
 )  # fmt: skip
 """Options that name a file, a folder or something shipped that is read."""
 
@@ -43,6 +43,7 @@ CALLS = {
     "export": ("export {fit} --target f1tenth", {"--out": ""}),
     "import": ("import {net}", {"--out": ".json"}),
     "data map": ("data map {lap}", {"--out": ".toml"}),
+    "data check": ("data check {lap} --columns {map}", {"--repair": ".toml"}),
     "data convert": ("data convert {lap} --columns {map}", {"--out": ".csv"}),
     "data join": ("data join {lap} {other} --columns {map}", {"--out": ".csv"}),
     "datasets make": ("datasets make virtual_lap", {"--out": ""}),
@@ -59,6 +60,10 @@ CALLS = {
     "serve": ("serve --token-file {lap} --port 0", {"--out": ""}),
     "bench loop": ("bench loop --quick", {"--out": ""}),
     "bench msnn": ("bench msnn --data {lap}", {"--out": ".json", "--report": ""}),
+    "bench a2rl": ("bench a2rl --data {lap}", {"--report": ""}),
+    "bench ferrari": ("bench ferrari --data {lap}", {"--report": ""}),
+    "bench abs": ("bench abs --data {lap}", {"--report": ""}),
+    "bench emps": ("bench emps --data {lap}", {"--report": ""}),
     "bench truck": ("bench truck --data {lap}", {"--out": ".json", "--report": ""}),
 }  # fmt: skip
 """Command -> a call of it, and how a file that each of its outputs names has to end."""
@@ -222,6 +227,10 @@ SLOW = (
     "bench loop",
     "bench msnn",
     "bench truck",
+    "bench a2rl",
+    "bench ferrari",
+    "bench abs",
+    "bench emps",
     "loop agent",
     "loop demo",
     "serve",

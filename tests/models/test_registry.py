@@ -55,7 +55,7 @@ def test_a_model_stands_without_settings(name):
         ("msnn_full_plus", {"symmetric": 1}, {}, "symmetric is a bool"),
         ("single_track", {"tyre": "brsh"}, {}, "Did you mean brush"),
         ("single_track", {"tyre": 3}, {}, "tyre is a str"),
-        ("longitudinal", {"tyre": "brush"}, {}, "no setting tyre; there are none"),
+        ("longitudinal", {"tyre": "brush"}, {}, "no setting tyre; there are drive, brake"),
         ("single_track", {}, {"steering_lag": "30 ms"}, "needs a number, in s; '30 ms' was given"),
         ("single_track", {}, {"steering_lag": True}, "needs a number"),
         ("msnn_lat", {}, {"steering_rate_limt": 2.0}, "Did you mean steering_rate_limit"),

@@ -36,7 +36,7 @@ _DEVICE = re.compile(r"^\d+\s*:\s*")
 
 
 @dataclass(frozen=True)
-class Layout:
+class TableLayout:
     """How a text file holds its table.
 
     Attributes
@@ -59,7 +59,7 @@ class Layout:
     renamed: tuple[str, ...] = ()
 
 
-def layout_of(lines: Sequence[str], separator: str, decimal: str) -> Layout:
+def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
     """The layout of a file from its first lines; a separator or a decimal mark that is empty is told as well.
 
     Raises
@@ -91,7 +91,7 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> Layout:
     if not decimal:
         comma = separator != "," and any(_DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
         decimal = "," if comma else "."
-    return Layout(separator, decimal, header, start, told, stated, renamed)
+    return TableLayout(separator, decimal, header, start, told, stated, renamed)
 
 
 def _cells(line: str, separator: str, strict: bool = False) -> list[str]:

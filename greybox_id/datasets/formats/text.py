@@ -22,7 +22,7 @@ import pandas as pd
 from ...base.errors import BadInput
 from ..column_map import SEPARATORS, ColumnMap
 from .contents import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
-from .layout import COMMENT, SPACE, Layout, layout_of
+from .layout import COMMENT, SPACE, TableLayout, layout_of
 from .long_tables import apart_by_name
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -94,7 +94,7 @@ def write(columns: Columns, path: Path) -> None:
     pd.DataFrame(dict(columns.values)).to_csv(path, index=False)
 
 
-def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -> tuple[RawTable, Layout]:
+def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -> tuple[RawTable, TableLayout]:
     """The table in the text of a CSV file, and how it lies there. Raises `BadInput` where it forms none."""
     head = _head(data, separator, where)
     try:
@@ -133,7 +133,7 @@ def _head(data: bytes, separator: str, where: str) -> list[str]:
     return head
 
 
-def _frame(body: bytes, layout: Layout, where: str) -> pd.DataFrame:
+def _frame(body: bytes, layout: TableLayout, where: str) -> pd.DataFrame:
     """The rows of values, one column more than there are names."""
     names, options = layout.names, dict[str, Any](sep=layout.separator, skipinitialspace=True)
     if layout.separator == SPACE:
@@ -162,7 +162,7 @@ def _frame(body: bytes, layout: Layout, where: str) -> pd.DataFrame:
         raise BadInput(f"{where} cannot be read as a table ({error}). Save it as plain CSV.") from error
 
 
-def _notes(layout: Layout) -> tuple[str, ...]:
+def _notes(layout: TableLayout) -> tuple[str, ...]:
     notes = []
     if layout.header:
         notes.append(
@@ -170,7 +170,7 @@ def _notes(layout: Layout) -> tuple[str, ...]:
         )
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])
-        notes.append(f"columns of one name ({listed}) are told apart by their source or by a number behind it.")
+        notes.append(f"columns of one name ({listed}) are distinguished by their source or by a number behind it.")
     return tuple(notes)
 
 
@@ -179,7 +179,7 @@ def _too_long(where: str, row: int, names: tuple[str, ...]) -> str:
     return f"{where}: row {row} has more cells than the header line has names ({len(names)}). {advice}"
 
 
-def _not_a_table(message: str, where: str, layout: Layout) -> str:
+def _not_a_table(message: str, where: str, layout: TableLayout) -> str:
     too_long = re.search(r"in line (\d+), saw (\d+)", message)
     if too_long:
         return _too_long(where, int(too_long.group(1)) + layout.first, layout.names)

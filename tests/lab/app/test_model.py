@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import greybox_id as gb
-from greybox_lab.app.model import Bench, lacking, moved, nominal, sliders
+from greybox_lab.app.model import Playground, lacking, moved, nominal, sliders
 
 CHOSEN = {"name": "lateral", "vehicle": "roboracer", "settings": {}, "effects": ["steering_delay"], "start": {}}
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -16,7 +16,7 @@ def lap():
 
 
 def test_a_bench_simulates_what_the_library_does(lap):
-    bench = Bench(nominal(CHOSEN), lap)
+    bench = Playground(nominal(CHOSEN), lap)
     assert len(bench.recording) == max(stop - start for start, stop in lap.runs)
     for values in ({}, {"m": 2.5, "steering_delay": 0.08}):
         whole = gb.simulate(moved(nominal(CHOSEN), values), bench.recording)

@@ -12,7 +12,7 @@ from json_pages import PAGE, agree
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
-from greybox_lab.papers.bench import Bench, Row, frame, markdown, on_screen
+from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_screen
 from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
 
 
@@ -25,7 +25,7 @@ def test_a_page_has_every_figure_and_marks_what_is_published():
         Row("Yaw: RMSE", "ours", 0.5, "rad/s", 0.01, 12, 3.0),
         Row("Yaw: RMSE", "theirs", 0.7, "rad/s", published=True),
     )
-    document = Bench("one", "A title", "About it.", ("How.",), rows, ("Do this.",)).document()
+    document = PublishedBench("one", "A title", "About it.", ("How.",), rows, ("Do this.",)).document()
     page = markdown(document, "greybox bench one --data DIR")
     for words in ("# A title", "greybox bench one --data DIR", "- Do this.", "## Yaw: RMSE",
                   "| ours | 0.500 ± 0.010 | 12 | 3.0 |",
