@@ -13,6 +13,8 @@ from greybox_id.fitting.posterior.density import PosteriorDensity
 from greybox_id.fitting.posterior.posterior import identity, load_posterior
 from greybox_id.fitting.posterior.predictive import predictive_band
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
+from greybox_id.fitting.restated import restated
+from greybox_id.fitting.uncertainty import uncertainty
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
@@ -47,15 +49,20 @@ def drawn(found, lap):
     return sample(found, [lap], SampleOptions("mcmc", 800, seed=1))
 
 
-def test_chains_meet_where_the_fit_is_and_are_as_wide_as_its_covariance(found, drawn):
+def test_chains_meet_where_the_fit_is_and_are_as_wide_as_its_covariance(found, lap, drawn):
     assert len(drawn) == 800
     assert drawn.complete
     assert drawn.r_hat.max() < 1.1
     assert drawn.ess.min() > 200
     assert 0.3 < drawn.acceptance < 0.9
     assert drawn.evaluations > 800
+    problem, solution = restated(found, [lap])
+    index = problem.parameters.index[0]
+    scatter = uncertainty(problem, solution.x, solution.nodes).sd[index]  # what the form may lack is no part of draws
+    names = [parameter.name for parameter in found.model.parameters]
     for name in FREE:
-        own, sd = drawn.table.loc[name], float(found.sd[name])
+        own, sd = drawn.table.loc[name], float(scatter[names.index(name)])
+        assert sd <= float(found.sd[name])
         assert own["mean"] == pytest.approx(float(found.model[name].array), abs=0.5 * sd)
         assert own["sd"] == pytest.approx(sd, rel=0.4)
         assert own["low"] < own["mean"] < own["high"]

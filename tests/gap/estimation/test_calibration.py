@@ -20,7 +20,7 @@ MATHEMATICS = {
     "innovations": {"G", "NO_GATE"},
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
-    "columns": {"APART", "BLOCKS", "LAGS"},  # a jackknife and its grid; each says where it comes from
+    "columns": {"APART", "BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
     "usual": {"FAST"},  # a percentile that a sentence names
 }
 
