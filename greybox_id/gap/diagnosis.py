@@ -21,15 +21,17 @@ from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
 from .advice import advice, limits, not_excited, unread
-from .budget import budget, subsets
+from .budget import budget
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
-from .estimation.axes import ActingRows
+from .estimation.axes import ActingRows, scalars
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
-from .estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
+from .estimation.free_runs import freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
+from .estimation.noise import white_noise
 from .estimation.observer import PULLED
+from .estimation.search import Search
 from .estimation.strip import strip
 from .estimation.variance import fresh
 from .estimation.wandering import Wander
@@ -194,33 +196,47 @@ def _without_forces(found: Examined) -> float:
 
 def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
-    names = found.best.names
+    best, names = found.best, found.best.names
+    search = found.selection.search
     if held_out:
         tell(f"sharing out the gap among {listed(names)} on {listed([own.name for own in held_out])}, held out")
-        full = with_effects(found, found.best)
-        there = found.selection.search.values(found.best)
-        whole, bench = refitted_tolerances(full, held_out, found.vehicle, found.effects, found.sd, there)
-        misfits = {frozenset(names): whole}
-        for own in subsets(names)[:-1]:
-            model = with_effects(found, found.best, own)
-            try:
-                misfits[own], _ = refitted_tolerances(
-                    model, held_out, found.vehicle, found.effects, found.sd, whole.values, whole.trust
-                )
-            except BadInput:  # some effects without the others may leave the range of numbers
-                if not own:
-                    raise
-                misfits[own] = misfits[frozenset()]
-        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
-        return budget(misfits, names, found.sd, good, bench, tuple(own.name for own in held_out), True)
-    search = found.selection.search
-    known = {frozenset(own.names): own for own in found.selection.tried}
-    more = [own for own in subsets(names) if own not in found.freed]
-    parts = [known.get(own) or refitted(search, found.best.only(own)) for own in more]
-    free = dict(zip(more, at_their_best(search, parts, found.sd, found.good), strict=True))
-    misfits = {own: misfit(search, {**free, **found.freed}[own]) for own in subsets(names)}
-    good = plain(misfits[frozenset(names)].e, found.good, found.bench)
+        full = with_effects(found, best)
+        there = search.values(best)
+        whole, search, own = freed_tolerances(full, held_out, found.vehicle, found.effects, found.sd, there)
+        search.about(own)
+        nothing, _ = refitted_tolerances(
+            with_effects(found, best, set()),
+            held_out,
+            found.vehicle,
+            found.effects,
+            found.sd,
+            whole.values,
+            whole.trust,
+        )
+        known = {frozenset(names): whole, frozenset[str](): nothing}
+        misfits = of_subsets(search, own, _absent(found, search), known)
+        good = plain(whole.e, fresh(search.bench), search.bench)
+        return budget(misfits, names, found.sd, good, search.bench, tuple(one.name for one in held_out), True)
+    known = {frozenset(own): misfit(search, found.freed[own]) for own in (frozenset(names), frozenset[str]())}
+    with search.elsewhere():
+        if found.unnamed is not None:
+            search.recoloured(white_noise(found.sd, found.good, found.bench.rows))
+        own = found.freed[frozenset(names)]
+        search.about(own)
+        misfits = of_subsets(search, own, _absent(found, search), known)
+    good = plain(known[frozenset(names)].e, found.good, found.bench)
     return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
+
+
+def _absent(found: Examined, search: Search) -> dict[str, dict[int, float]]:
+    """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
+    own = found.selection.search
+    places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
+    mains = {each.effect: each.axes[0] for each in found.best.candidates}
+    return {
+        name: {axis.index if search is own else places[axis.name]: axis.value(axis.null)}
+        for name, axis in mains.items()
+    }
 
 
 def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:

@@ -21,6 +21,7 @@ from .closing import closed_by
 from .estimation.axes import candidates, nuisances, shifting
 from .estimation.bench import Bench
 from .estimation.calibration import CAL
+from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, stretch, varies
 from .estimation.free_runs import at_their_best, misfit, plain
 from .estimation.hypothesis import Hypothesis
@@ -29,11 +30,13 @@ from .estimation.model_error import believed as believed_amplitudes
 from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare
+from .estimation.problem import Problem
 from .estimation.search import Search
+from .estimation.together import Together, Whitening
 from .estimation.unknown_forces import knows_unknown_forces
 from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from .estimation.wandering import Wander, wandering
-from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
+from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Firmly, Selection, select
@@ -137,19 +140,37 @@ def examine(
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
     tempered = rough and not forces
-    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
+    tempering_by = tempering(int(np.sum(good)), tempered)
     known = vehicle.model_error if vehicle is not None else {}
-    whiten = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
+    prior = believed_amplitudes(sd, told, not rough, known)
+    tolerances = [axis for axis in believed if not axis.narrow]
+    everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
+    problem = Problem(bench, tolerances, everything, good)
+    together = Together(problem, Whitening(problem, sd, prior, forces, tempering_by), tell)
     cost = costs(forces, own)
-    selection = select(search, own, whiten, cost, _firmly(bench, start, sd, good))
+    whiten = _whitener(bench, good, prior, sd)
+    stretches = dict[str, float]()
+
+    def prices(search: Search, of: Hypothesis) -> list[float]:
+        if forces:
+            seen = signals(search.bench, np.where(bench.counted, of.e + bench.measured, 0.0))
+            orders = orders_of(seen, len(bench.measured))
+            for k, name in enumerate(of.names):
+                stretches[name] = stretch(search, of, orders, k)
+        return [
+            stretches.get(each.effect, 1.0) * cost(each.effect) + CAL.second_parameter * (each.free - 1)
+            for each in of.candidates
+        ]
+
+    selection = select(together, believed, prices, tempering_by, _firmly(bench, start, sd, good))
     selection = with_beginnings(selection, own, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
+    search = selection.search
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
-    stretches = _stretches(selection.search, seen) if forces else None
     weighed = evidence(selection, tempered, cost, left, stretches)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
@@ -188,16 +209,6 @@ def examine(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
     )  # fmt: skip
-
-
-def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
-    """By what a cost grows of each effect of a hypothesis."""
-    orders = orders_of(seen, len(search.bench.measured))
-
-    def stretches(own: Hypothesis) -> list[float]:
-        return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
-
-    return stretches
 
 
 def _whitener(

@@ -257,6 +257,25 @@ class Calibration:
     )
     trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, the prior first", SEARCHED)
 
+    gradual_sizes: tuple[float, ...] = _known((0.3,), "of its usual size at which an effect is looked at", SEARCHED)
+    abrupt_sizes: tuple[float, ...] = _known(
+        (0.12, 0.3, 0.7, 1.7), "the same of effects whose derivative vanishes at the null", SEARCHED
+    )
+    beyond_start: float = _known(2.5, "times such a size, up to which what it does is believed to be alike", DEFINED)
+    evidence_rounds: int = _known(12, "steps of evidence maximisation", SEARCHED)
+    evidence_settled: float = _known(0.05, "of a logarithm of a variance, below which it moves no more", SEARCHED)
+    sweeps: int = _known(4000, "of the sampler of sets, a quarter of which are not counted", SEARCHED)
+    stages: tuple[float, ...] = _known((8.0, 4.0, 2.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
+    steps_of_stage: tuple[int, ...] = _known((3, 2, 2, 3), "of the search in each of them", SEARCHED)
+    odds: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
+    exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
+    exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
+    moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
+    second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
+    still: float = _known(0.03, "of its scale, below which nothing moves any more", SEARCHED)
+    switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
+    second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
+
     # ---- how numbers are found
     iterations: int = _known(10, "steps of a refit", SEARCHED)
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
