@@ -13,8 +13,6 @@ import sys
 from importlib import import_module
 from types import ModuleType
 
-from greybox_lab.driving.registration import register as _register
-
 from .base.version import __version__ as __version__
 
 _PLACES = {
@@ -34,22 +32,20 @@ _PLACES = {
     "track": "api.tracking:track",
     "diagnose": "api.diagnosing:diagnose",
     "design": "api.designing:design",
-    "learn_policy": "api.driving:learn_policy",
     "export": "api.handing_over:export",
     "report": "api.handing_over:report",
-    "fleet": "fleet.verbs:",
     "models": "api.models:",
     "effects": "api.effects:",
     "alteration": "models.effects.stating:alteration",
-    "Recording": "recording:Recording",
-    "Parameter": "parameter:Parameter",
-    "Prior": "parameter:Prior",
-    "Model": "model:Model",
-    "MotionModel": "motion_model:MotionModel",
-    "State": "motion_model:State",
-    "Effect": "effect:Effect",
+    "Recording": "datasets.recording:Recording",
+    "Parameter": "models.parameter:Parameter",
+    "Prior": "models.parameter:Prior",
+    "Model": "models.model:Model",
+    "MotionModel": "models.motion_model:MotionModel",
+    "State": "models.motion_model:State",
+    "Effect": "models.effect:Effect",
     "Vehicle": "api.known_vehicle:KnownVehicle",
-    "Stated": "vehicle:Stated",
+    "Stated": "models.vehicle:Stated",
     "Fit": "api.fit_result:FitResult",
     "FitOptions": "fitting.how:FitOptions",
     "Adaptation": "api.adapting:AdaptationResult",
@@ -57,13 +53,13 @@ _PLACES = {
     "Gap": "api.gap_result:GapResult",
     "Track": "api.track_result:TrackResult",
     "TrackOptions": "filters.how:TrackOptions",
-    "Profile": "uncertainty.profile:Profile",
+    "Profile": "fitting.uncertainty.profile:Profile",
     "Posterior": "api.sampling:PosteriorResult",
-    "Finding": "checks.finding:Finding",
-    "Severity": "checks.finding:Severity",
-    "GreyboxError": "errors:GreyboxError",
-    "BadInput": "errors:BadInput",
-    "BadModel": "errors:BadModel",
+    "Finding": "datasets.checks.finding:Finding",
+    "Severity": "datasets.checks.finding:Severity",
+    "GreyboxError": "base.errors:GreyboxError",
+    "BadInput": "base.errors:BadInput",
+    "BadModel": "base.errors:BadModel",
 }
 """Name at the top level -> module and name within it; nothing behind the colon is the module itself."""
 
@@ -85,7 +81,7 @@ def __dir__() -> list[str]:
 
 
 class _TopLevel(ModuleType):
-    """This package, in which a verb keeps its name when the module of the same name (`greybox_id.fitting.fit`) is imported."""
+    """This package, in which `export` and `models` stay what a person calls when the rooms so called are imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name not in _PLACES or not isinstance(value, ModuleType):
@@ -93,4 +89,3 @@ class _TopLevel(ModuleType):
 
 
 sys.modules[__name__].__class__ = _TopLevel
-_register()

@@ -1,8 +1,5 @@
 """What `__init__` loads on demand, for editors and type checkers; a test holds the two together."""
 
-from greybox_lab.driving.learn_policy import learn_policy as learn_policy
-from greybox_lab.fleet import verbs
-
 from .api import effects as effects
 from .api import models as models
 from .api.adapting import AdaptationResult
@@ -57,5 +54,4 @@ Grid = GridResult
 Posterior = PosteriorResult
 Track = TrackResult
 Vehicle = KnownVehicle
-fleet = verbs
 __all__: list[str]

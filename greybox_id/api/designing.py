@@ -146,7 +146,8 @@ def design(
     vehicle : whose file states where the steering stops (`steer_max`), unless `limits` do.
     speed_max, grip : m/s; largest share of an axle's friction that is used.
     repeat : how often it is going to be driven.
-    driver : whether speed and path are kept by a driver (`greybox_id.gap.design.driver`), or commands given as they stand.
+    driver : whether speed and path are kept by a driver (`greybox_id.gap.design.driver`), or commands given as they
+        stand.
     effort : of the search, over what is usual: 0.2 is quick, 3 leaves little to be found.
     seed : of everything random.
     progress : called with one line at a time.

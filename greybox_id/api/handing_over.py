@@ -6,14 +6,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-
-from greybox_lab.driving.racing.export import PolicySubject, export_policy
-from greybox_lab.driving.racing.learner import Learned
-from greybox_lab.driving.racing.policy import Policy, load_policy
+from typing import Any
 
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording
+from ..export.elsewhere import Named, exporter_of, exporter_of_file
 from ..export.subject import Subject
 from ..export.verb import ALONE
 from ..export.verb import export as export_subject
@@ -31,6 +29,7 @@ from ..reports.report import kind_of, prepared, write
 from ..reports.track.report import track_report
 from . import given
 from .fit_result import FitResult
+from .fitting import load as load_fit
 from .gap_result import GapResult
 from .given import Columns, ModelLike, Recordings, VehicleLike
 from .track_result import TrackResult
@@ -40,7 +39,7 @@ Result = Fit | Gap | TrackResult
 
 @understood
 def export(
-    model: ModelLike | Fit | Policy | Learned | Path,
+    model: ModelLike | Fit | Path | Any,
     to: str | Path,
     *,
     target: str = "c",
@@ -82,10 +81,10 @@ def export(
     if not isinstance(to, str | Path):
         raise BadInput(f"to: the path of a folder is needed, not {to!r:.60}.")
     if isinstance(model, Path) or (isinstance(model, str) and model.endswith(".json")):
-        model = load_policy(model)
-    if isinstance(model, Policy | Learned):
-        policy = model if isinstance(model, Policy) else model.policy
-        return export_policy(PolicySubject(policy, name or identifier(to)), target, to)
+        exporter = exporter_of_file(model)
+        model = load_fit(model) if exporter is None else exporter.load(model)
+    if not isinstance(model, Fit | Model | str):
+        return exporter_of(model).write(model, Named(name or identifier(to)), target, to)
     fit = model if isinstance(model, Fit) else None
     stated = given.vehicle(vehicle)
     own = given.model(model, stated)

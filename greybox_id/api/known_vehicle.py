@@ -20,8 +20,8 @@ MOST_SHOWN, IN_A_LINE = 12, 4
 class KnownVehicle(Vehicle):
     """What is stated of a vehicle: values, how well they are known, tolerances, sensor noise; from a file and to it.
 
-    Attributes are those of `greybox_id.models.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise` (signal ->
-    standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
+    Attributes are those of `greybox_id.models.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise`
+    (signal -> standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
 
     Examples
     --------

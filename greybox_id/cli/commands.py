@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from keyword import iskeyword
 from pathlib import Path
@@ -13,6 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from ..base.errors import near_or_all
+from ..base.extensions import COMMANDS, extensions
 from ..base.guard import allow_overwriting, claim, guarding, protect
 
 if TYPE_CHECKING:
@@ -104,51 +106,64 @@ def _allow(ctx: click.Context, param: click.Parameter, value: bool) -> None:
         allow_overwriting()
 
 
-GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+Groups = dict[str, dict[str, tuple[str, str]]]
+GROUPS: Groups = {
     "Recordings": {
-        "data": ("data", "Check, map and convert recordings before anything is fitted to them."),
-        "datasets": ("datasets", "Fetch public recordings, or make synthetic ones."),
+        "data": ("greybox_id.cli.data", "Check, map and convert recordings before anything is fitted to them."),
+        "datasets": ("greybox_id.cli.datasets", "Fetch public recordings, or make synthetic ones."),
     },
     "Fit": {
-        "models": ("models", "List the models there are, or say what one is made of."),
-        "effects": ("models", "List the effects that models may lack, or say what one is."),
-        "fit": ("fit", "Fit a model to recordings."),
-        "validate": ("validate", "Score a fit on recordings."),
-        "profile": ("profile", "Follow the likelihood along parameters of a fit."),
-        "sample": ("sample", "Draw from the posterior of a fit's parameters."),
-        "predict": ("predict", "Predict a recording with a fit."),
-        "simulate": ("predict", "Simulate a fit or a model freely on a recording's inputs."),
-        "grid": ("grid", "Fit many structures of a model with memory, and choose one."),
-        "adapt": ("adapt", "Adapt a fit to a car that may have changed, by some seconds of it."),
-        "report": ("report", "Write what was found as a report, with figures."),
+        "models": ("greybox_id.cli.models", "List the models there are, or say what one is made of."),
+        "effects": ("greybox_id.cli.models", "List the effects that models may lack, or say what one is."),
+        "fit": ("greybox_id.cli.fit", "Fit a model to recordings."),
+        "validate": ("greybox_id.cli.validate", "Score a fit on recordings."),
+        "profile": ("greybox_id.cli.profile", "Follow the likelihood along parameters of a fit."),
+        "sample": ("greybox_id.cli.sample", "Draw from the posterior of a fit's parameters."),
+        "predict": ("greybox_id.cli.predict", "Predict a recording with a fit."),
+        "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model freely on a recording's inputs."),
+        "grid": ("greybox_id.cli.grid", "Fit many structures of a model with memory, and choose one."),
+        "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a car that may have changed, by some seconds of it."),
+        "report": ("greybox_id.cli.report", "Write what was found as a report, with figures."),
     },
     "Gap": {
-        "gap": ("gap", "Say where a simulation deviates from the vehicle, and why."),
-        "design": ("design", "Design the manoeuvre to be driven next, so that it tells most."),
-        "exam": ("exam", "Examine the diagnosis of gaps blindly, on sealed truths."),
-    },
-    "Fleet": {
-        "fleet": ("fleet", "Run thousands of recordings of many vehicles; population, outliers, drift."),
-    },
-    "Race": {
-        "loop": ("loop", "Let a learned driver adapt to its vehicle, through what gap names."),
-        "serve": ("loop", "Serve vehicles that send rows, and learn policies for them."),
+        "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
+        "design": ("greybox_id.cli.design", "Design the manoeuvre to be driven next, so that it tells most."),
     },
     "Estimate": {
-        "track": ("track", "Track sideslip, tyres and forces along a recording."),
+        "track": ("greybox_id.cli.track", "Track sideslip, tyres and forces along a recording."),
     },
     "Deploy": {
-        "export": ("export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),
-        "import": ("import_", "Make a fit of a network that nnodely saved."),
+        "export": ("greybox_id.cli.export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),
     },
     "This tool": {
-        "bench": ("bench", "Make the tables of published papers again."),
-        "completion": ("completion", "Print what makes a shell complete commands, options and names."),
+        "completion": ("greybox_id.cli.completion", "Print what makes a shell complete commands, options and names."),
     },
 }
-"""Heading -> command -> module of this folder that holds it, and its line of help."""
+"""Heading -> command -> module that holds it, and its line of help."""
+LAST = "This tool"
+"""The heading that stays below those of installed packages."""
+_SHIPPED = {name: entry for commands in GROUPS.values() for name, entry in commands.items()}
 
-COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
+
+@cache
+def groups() -> Groups:
+    """`GROUPS` with the commands that installed packages bring; what is for this tool itself comes last."""
+    merged = {heading: dict(commands) for heading, commands in GROUPS.items()}
+    for table in extensions(COMMANDS).values():
+        for heading, commands in table.items():
+            merged.setdefault(heading, {}).update({k: v for k, v in commands.items() if k not in _SHIPPED})
+    return merged | {LAST: merged.pop(LAST)}
+
+
+def entry_of(name: str) -> tuple[str, str] | None:
+    """The module of a command and its line of help; packages are asked only for what is not shipped."""
+    return _SHIPPED.get(name) or {k: v for commands in groups().values() for k, v in commands.items()}.get(name)
+
+
+def command_names() -> list[str]:
+    """All names, in the order of the help."""
+    return [name for commands in groups().values() for name in commands]
+
 
 OTHERWISE = {"validation": "validate", "effects": "with", "settings": "set"}
 """Arguments of functions whose options have other names."""
@@ -171,8 +186,8 @@ class CommandGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that is called; a sentence with the nearest names where there is none."""
-        known = self.list_commands(ctx)
-        if args[0] not in known and not args[0].startswith("-") and not ctx.resilient_parsing:
+        if not args[0].startswith("-") and not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
+            known = self.list_commands(ctx)
             raise click.UsageError(f"There is no command {args[0]!r}.{near_or_all(args[0], known)}", ctx)
         return super().resolve_command(ctx, args)
 
@@ -182,14 +197,15 @@ class LazyGroup(CommandGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """All names, in the order of the help."""
-        return list(COMMANDS)
+        return command_names()
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name, its module loaded."""
-        if cmd_name not in COMMANDS:
+        entry = entry_of(cmd_name)
+        if entry is None:
             return None
         name = f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name
-        command = getattr(import_module(f".{COMMANDS[cmd_name][0]}", __package__), name)
+        command = getattr(import_module(entry[0]), name)
         assert isinstance(command, click.Command)
         return guarded(command)
 
@@ -201,13 +217,16 @@ class LazyGroup(CommandGroup):
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names and options that begin so; no module is loaded for it."""
         found = [
-            CompletionItem(name, help=about) for name, (_, about) in COMMANDS.items() if name.startswith(incomplete)
+            CompletionItem(name, help=about)
+            for commands in groups().values()
+            for name, (_, about) in commands.items()
+            if name.startswith(incomplete)
         ]
         return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the headings with their commands, columns aligned."""
-        width = max(map(len, COMMANDS))
-        for heading, commands in GROUPS.items():
+        width = max(map(len, command_names()))
+        for heading, commands in groups().items():
             with formatter.section(heading):
                 formatter.write_dl([(name.ljust(width), about) for name, (_, about) in commands.items()])

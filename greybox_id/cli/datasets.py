@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from greybox_lab.virtual.made import MADE, make
-
+from ..datasets.made import made, make
 from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, public
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
@@ -37,13 +36,13 @@ def list_command(as_json: bool) -> None:
     greybox datasets list
     """  # fmt: skip
     if as_json:
-        made = [{"name": name, "about": about} for name, (about, _) in MADE.items()]
-        print_json({"public": [_as_dict(own) for own in PUBLIC.values()], "made": made})
+        synthetic = [{"name": name, "about": about} for name, (about, _) in made().items()]
+        print_json({"public": [_as_dict(own) for own in PUBLIC.values()], "made": synthetic})
         return
     out = console()
     for title, rows in (
         ("to fetch", [(own.name, own.about, f"{own.source}; {own.licence}", _state(own)) for own in PUBLIC.values()]),
-        ("to make", [(name, about, "from a seed", "") for name, (about, _) in MADE.items()]),
+        ("to make", [(name, about, "from a seed", "") for name, (about, _) in made().items()]),
     ):
         table = plain_table(title, "what", "source and licence", "", fold=True)
         for row in rows:
@@ -76,7 +75,7 @@ def fetch_command(name: str, out: str | None, as_json: bool) -> None:
 
 
 @datasets.command("make")
-@click.argument("name", metavar="NAME", shell_complete=names(MADE))
+@click.argument("name", metavar="NAME", shell_complete=names(made))
 @click.option("--out", default=".", show_default=True, metavar="FOLDER", help="Where to.")
 @click.option("--seed", type=click.IntRange(min=0), help="Of all that is random.")
 @json_option

@@ -25,7 +25,7 @@ from click.core import ParameterSource
 
 from ..base.errors import BadInput, near_or_all
 from ..base.toml_file import read_toml
-from .commands import COMMANDS
+from .commands import command_names, entry_of
 from .options import MARK
 from .terminal import tell
 
@@ -50,8 +50,8 @@ def defaults_of(ctx: click.Context) -> dict[str, Any]:
         return {}
     table = read_toml(file, "file of defaults")
     for name in table:
-        if name not in COMMANDS:
-            raise BadInput(f"{file}: there is no command {name!r}.{near_or_all(name, COMMANDS)}")
+        if entry_of(name) is None:
+            raise BadInput(f"{file}: there is no command {name!r}.{near_or_all(name, command_names())}")
     called = ctx.invoked_subcommand
     if called is None or called not in table:
         return {}

@@ -7,14 +7,10 @@ from typing import Any
 
 import click
 
-from greybox_lab.driving.racing.export import TARGETS as POLICY_TARGETS
-from greybox_lab.driving.racing.export import PolicySubject, export_policy
-from greybox_lab.driving.racing.policy import POLICY, load_policy
-
 from ..api.handing_over import identifier, moving
 from ..base.errors import BadInput
 from ..base.numbers import pretty_unit
-from ..base.saved import format_of
+from ..export.elsewhere import Exporter, Named, exporter_of_file
 from ..export.subject import Subject
 from ..export.verb import ALONE, TARGETS, cautions, origins
 from ..export.verb import export as export_model
@@ -73,10 +69,11 @@ def export(
     if Path(out).suffix in (".fmu", ".tir", ".yaml", ".mat", ".zip") and Path(out).suffix != ALONE.get(target):
         raise BadInput(f"{out}: a target writes a folder; name one with --out, such as {Path(out).with_suffix('')}.")
     name = called or identifier(out)
-    if fit_file is not None and Path(fit_file).is_file() and format_of(fit_file) == POLICY.format:
+    exporter = exporter_of_file(fit_file) if fit_file is not None and Path(fit_file).is_file() else None
+    if exporter is not None and fit_file is not None:
         if any(asked.values()) or effects or fix or parameters != "free":
-            raise click.UsageError("A policy is exported as it is: omit the options of models.")
-        _policy(PolicySubject(load_policy(fit_file), name, fit_file, command), target, out, as_json)
+            raise click.UsageError(f"A {exporter.what} is exported as it is: omit the options of models.")
+        _elsewhere(exporter, Named(name, fit_file, command), target, out, as_json)
         return
     if fit_file is not None:
         if any(asked.values()):
@@ -113,14 +110,15 @@ def export(
     end_by(verdict)
 
 
-def _policy(subject: PolicySubject, target: str, out: str, as_json: bool) -> None:
+def _elsewhere(exporter: Exporter, named: Named, target: str, out: str, as_json: bool) -> None:
+    """Write a result that is no model."""
     with working(f"writing {out}"):
-        written = export_policy(subject, target, out)
+        written = exporter.write(exporter.load(named.source), named, target, out)
     if as_json:
         files = [str(file) for file in written]
-        print_json({"target": target, "name": subject.name, "model": "policy", "written": files, "keys": []})
+        print_json({"target": target, "name": named.name, "model": exporter.what, "written": files, "keys": []})
         return
-    console().print(f"policy for {target}: {POLICY_TARGETS[target]}")
+    console().print(f"{exporter.what} for {target}: {exporter.targets[target]}")
     for file in written:
         console().print(f"written  {file}")
 

@@ -9,8 +9,8 @@
     def _simulated(model: MotionModel, recording: Recording) -> Prediction: ...
 
 A floor asks its questions in one of its modules and calls them like functions. A kind answers them in a module of its
-own that is called after `Model.kind` (`fitting/scores/motion.py`, `fitting/motion.py`) and is imported when a model of that
-kind is first asked about, or wherever else it calls `register`. So a new kind changes no file of the others.
+own that is called after `Model.kind` (`fitting/scores/motion.py`, `fitting/motion.py`) and is imported when a model
+of that kind is first asked about, or wherever else it calls `register`. So a new kind changes no file of the others.
 """
 
 from __future__ import annotations

@@ -69,15 +69,15 @@ def learn_policy(
 
     Examples
     --------
-    >>> import greybox_id as gb
-    >>> learned = gb.learn_policy("roboracer", 500, lanes=4)
+    >>> from greybox_lab.driving.learn_policy import learn_policy
+    >>> learned = learn_policy("roboracer", 500, lanes=4)
     >>> learned.policy.about["lanes"]
     4
     """
     if not isinstance(lanes, int) or not lanes > 0:
         raise BadInput(f"lanes: a whole number above zero is needed, not {lanes!r}.")
     if start is not None and not isinstance(start, Learned | str | Path):
-        raise BadInput(f"start: what gb.learn_policy returned, or its file, is needed, not {start!r:.60}.")
+        raise BadInput(f"start: what learn_policy returned, or its file, is needed, not {start!r:.60}.")
     begun = load_learned(start) if isinstance(start, str | Path) else start
     own = given.vehicle(vehicle)
     driven = drivable(given.model(model, own, effects))

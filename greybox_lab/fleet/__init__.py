@@ -1,10 +1,18 @@
-"""Many recordings of many vehicles: units of work on engines, results on disk, and what they say together."""
+"""Fleets: thousands of recordings of many vehicles, checked, fitted and diagnosed; and what they say together.
 
-CHECK, FIT, GAP = STEPS = ("check", "fit", "gap")
-OK, NOT_TRUSTED, FAILED, TIMEOUT, MEMORY = STATUSES = ("ok", "not trusted", "failed", "timeout", "memory")
-"""How a recording ended: all steps done; its check forbids trusting it; a step cannot be done, as the sentence says; it
-took longer, or more memory, than the limits allow."""
-BROKEN = (FAILED, TIMEOUT, MEMORY)
-"""Without a result, which another try may have."""
-WAITING = "waiting"
-"""Said of a recording that has not ended."""
+A unit of work is one recording, done in a process of its own, on this machine or on the workers of a cluster. Results
+are Parquet datasets, from which population, vehicles and drift are estimated without reading a recording again.
+
+Examples
+--------
+>>> from greybox_lab import fleet
+>>> sorted(fleet.__all__)
+['estimate', 'report', 'run', 'status']
+"""
+
+from .estimate import estimate
+from .report import report
+from .run import run
+from .status import status
+
+__all__ = ["estimate", "report", "run", "status"]

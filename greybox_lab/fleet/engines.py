@@ -21,7 +21,7 @@ from greybox_id.base.contained.units import PATIENCE, Nursery
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.compiler import CannotCompile, compiler
 
-from . import FAILED, MEMORY, TIMEOUT
+from .statuses import FAILED, MEMORY, TIMEOUT
 from .unit import MADE_BY
 
 RETRIES = 2

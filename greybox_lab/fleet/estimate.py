@@ -122,8 +122,8 @@ def estimate(folder: str | Path) -> FleetEstimate:
 
     Examples
     --------
-    >>> import greybox_id as gb
-    >>> gb.fleet.estimate("nothing_here")
+    >>> from greybox_lab import fleet
+    >>> fleet.estimate("nothing_here")
     Traceback (most recent call last):
     ...
     greybox_id.base.errors.BadInput: nothing_here holds no results of a fleet; ...

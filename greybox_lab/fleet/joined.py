@@ -12,9 +12,9 @@ import numpy as np
 
 from greybox_id.base.shorthands import Array
 
-from . import NOT_TRUSTED, OK
 from .apart import Flags
 from .hierarchy import Informed, informed
+from .statuses import NOT_TRUSTED, OK
 from .store import Store
 from .unit import unpacked
 

@@ -19,8 +19,8 @@ from greybox_id.base.files import near_file
 from greybox_id.datasets.formats import SUFFIXES, hash_of
 from greybox_id.fitting.choices.parameters import number, wanted_vehicle
 
-from . import FIT
 from .plan import FleetPlan, content_of, vehicle_named
+from .statuses import FIT
 from .unit import MADE_BY
 
 COLUMNS = ("path", "vehicle", "time", "odometer", "tags")

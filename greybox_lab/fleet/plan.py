@@ -16,7 +16,7 @@ from greybox_id.datasets.column_map import column_map, shipped_maps
 from greybox_id.fitting.choices.parameters import wanted_vehicle
 from greybox_id.models.vehicle_file import shipped_vehicles
 
-from . import FIT, GAP, STEPS
+from .statuses import FIT, GAP, STEPS
 
 KEYS = ("recordings", "vehicle", "columns", "steps", "limits", *STEPS)
 LIMITS = ("seconds", "memory")

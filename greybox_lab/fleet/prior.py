@@ -13,10 +13,10 @@ import numpy as np
 from greybox_id.base.files import write_atomically
 from greybox_id.base.shorthands import Array
 
-from . import OK
 from .drift import Drifted, drifted
 from .hierarchy import marginal
 from .joined import JoinedFits, doubted, joined_fits, natural
+from .statuses import OK
 from .store import Store
 
 PRIOR = "prior.toml"

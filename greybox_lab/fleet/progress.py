@@ -14,7 +14,7 @@ from rich.text import Text
 
 from greybox_id.base.processes import duration
 
-from . import OK, STATUSES
+from .statuses import OK, STATUSES
 
 SHOWN = 12
 """Vehicles shown: those with most recordings that did not end well."""

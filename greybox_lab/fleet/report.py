@@ -22,10 +22,10 @@ from greybox_id.reports.figures.sheet import Sheet, band
 from greybox_id.reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
 from greybox_id.reports.html import write_html
 
-from . import BROKEN, NOT_TRUSTED, OK, WAITING
 from .changes import STEP
 from .estimate import FleetEstimate, estimate
 from .status import FleetStatus, status
+from .statuses import BROKEN, NOT_TRUSTED, OK, WAITING
 from .store import Store
 from .unit import MADE_BY
 

@@ -19,13 +19,13 @@ from greybox_id.base.guard import protect
 from greybox_id.base.numbers import counted
 from greybox_id.base.processes import duration
 
-from . import BROKEN, FAILED, FIT, NOT_TRUSTED
 from .anew import anew, differences, origin_of
 from .engines import engine as engine_of
 from .manifest import FleetEntry, entries
 from .plan import FleetPlan, content_of, plan_of
 from .prior import second_pass
 from .progress import FleetProgress, Watch
+from .statuses import BROKEN, FAILED, FIT, NOT_TRUSTED
 from .store import OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 
@@ -125,8 +125,8 @@ def run(
 
     Examples
     --------
-    >>> import greybox_id as gb
-    >>> gb.fleet.run("no_fleet.toml", "results")
+    >>> from greybox_lab import fleet
+    >>> fleet.run("no_fleet.toml", "results")
     Traceback (most recent call last):
     ...
     greybox_id.base.errors.BadInput: no_fleet.toml cannot be read: No such file or directory. ...

@@ -11,7 +11,7 @@ from typing import Any
 from greybox_id.base.declared import understood
 from greybox_id.base.numbers import counted
 
-from . import BROKEN, WAITING
+from .statuses import BROKEN, WAITING
 from .store import Store
 
 MOST_SHOWN = 10

@@ -31,7 +31,7 @@ from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import install
 from greybox_id.models.vehicle import Vehicle
 
-from . import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
+from .statuses import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK
 
 MADE_BY = __version__
 """The version of what computes: part of every key."""

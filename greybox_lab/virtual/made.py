@@ -1,11 +1,10 @@
-"""Making the synthetic recordings from a seed."""
+"""The synthetic recordings, for the entry point `greybox.recordings`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.datasets.formats import write as write_recording
 
 
@@ -37,25 +36,3 @@ MADE: dict[str, tuple[str, Callable[[Path, int | None], tuple[Path, ...]]]] = {
     "virtual_lap": ("a lap of a vehicle drawn by the seed, double-track, in canonical columns", _virtual_lap),
 }
 """Name -> what it is, and what writes it to a folder."""
-
-
-def make(name: str, folder: Path, seed: int | None = None) -> tuple[Path, ...]:
-    """Write synthetic recordings to a folder; the same seed writes the same.
-
-    Parameters
-    ----------
-    name : one of `MADE`.
-    folder : is made if need be.
-    seed : of all that is random; None takes the recording's own.
-
-    Raises
-    ------
-    BadInput
-        There is no such recording, or the folder cannot be written to.
-    """
-    if name not in MADE:
-        raise BadInput(f'There is no synthetic recording "{name}".{near_or_all(name, MADE)}')
-    try:
-        return MADE[name][1](folder, seed)
-    except OSError as error:
-        raise BadInput(f"{folder} cannot be written to: {error.strerror}. Name another folder with ‹out›.") from error

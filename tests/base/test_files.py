@@ -48,7 +48,8 @@ def test_what_a_killed_process_leaves_is_swept_at_the_next_start(what, tmp_path)
 
 
 def test_what_a_living_process_is_at_is_left_alone(tmp_path):
-    code = "import os, sys; sys.path[:] = {!r}; from greybox_id.base.scratch import scratch_name; from pathlib import Path; "
+    code = "import os, sys; sys.path[:] = {!r}; from greybox_id.base.scratch import scratch_name; "
+    code += "from pathlib import Path; "
     code += "scratch_name(Path({!r})).touch(); print(flush=True); sys.stdin.read()"
     command = [sys.executable, "-c", code.format(sys.path, str(tmp_path))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:

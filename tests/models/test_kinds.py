@@ -208,7 +208,8 @@ def test_a_kind_is_imported_when_a_model_of_it_is_first_asked_about():
     code = (
         "import sys; from greybox_id.models.registry import build;"
         "from greybox_id.fitting.scores.prediction import predicted_how;"
-        "assert 'greybox_id.fitting.scores.motion' not in sys.modules; assert predicted_how(build('kinematic'), 0.5, False)"
+        "assert 'greybox_id.fitting.scores.motion' not in sys.modules;"
+        "assert predicted_how(build('kinematic'), 0.5, False)"
         " == ('0.5 s ahead', {'horizon': 0.5}); assert 'greybox_id.fitting.scores.memory' not in sys.modules"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)

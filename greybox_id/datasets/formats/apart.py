@@ -1,7 +1,8 @@
 """A file read in a process of its own: what ends that process, or takes too long or too much, becomes a sentence.
 
 The libraries that read HDF5 and MDF are written for files that are sound; some damage makes them crash, and with them
-whatever process they are in. What comes back is JSON and plain arrays (`base/contained/wire.py`): nothing of it is executed.
+whatever process they are in. What comes back is JSON and plain arrays (`base/contained/wire.py`): nothing of it is
+executed.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,13 +19,17 @@ from greybox_id.export.c.functions import INLINE
 from greybox_id.export.c.mathematics import definitions
 from greybox_id.export.c.naming import constant, numbers, vector
 from greybox_id.export.c.self_test import table
+from greybox_id.export.elsewhere import Named as NamedResult
 from greybox_id.export.equations import Named
 from greybox_id.export.folder import write_folder
 from greybox_id.export.quoting import c_comment
 from greybox_id.export.subject import named_in_c
 
-from .policy import Layer, Policy
+from .policy import POLICY, Layer, Policy, load_policy
 from .world import LARGEST, SEEN
+
+if TYPE_CHECKING:
+    from .learner import Learned
 
 TARGETS = {
     "c": "C99 of the policy, with a self-test and a CMake target",
@@ -400,3 +404,25 @@ def _read_me(subject: PolicySubject) -> str:
 `{name}_act(seen, action)`: `{name}.h` says what stands where and in which units; scaling and clamp are inside.
 `manifest.json` adds what it was learned on. Nothing is allocated and nothing is kept between calls.
 """
+
+
+class PolicyExporter:
+    """Policies, for `greybox export` and `gb.export`: the entry point `greybox.exporters`."""
+
+    format, what, targets = POLICY.format, "policy", TARGETS
+
+    @staticmethod
+    def load(path: str | Path) -> Policy:
+        """The policy of a file."""
+        return load_policy(path)
+
+    @staticmethod
+    def takes(result: object) -> bool:
+        """Whether it is a policy, or what was learned with one."""
+        return isinstance(result, Policy) or isinstance(getattr(result, "policy", None), Policy)
+
+    @staticmethod
+    def write(result: Policy | Learned, named: NamedResult, target: str, to: str | Path) -> list[Path]:
+        """Write it for a target into a folder; the files."""
+        policy = result if isinstance(result, Policy) else result.policy
+        return export_policy(PolicySubject(policy, named.name, named.source, named.command), target, to)

@@ -19,7 +19,7 @@ from .world import Observations
 ACTIONS = 2
 """Steering, and drive or speed."""
 
-POLICY = Kind("greybox-id policy", 1, "a policy", "gb.learn_policy", "learn again")
+POLICY = Kind("greybox-id policy", 1, "a policy", "greybox_lab.driving.learn_policy", "learn again")
 
 Layer = NDArray[np.float32]
 

@@ -123,7 +123,7 @@ def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
     assert not loaded & {"casadi", "matplotlib", "pandas", "scipy", "pint"}
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
     assert own <= {
-        "greybox_id", "greybox_lab.driving.registration", "greybox_id.base.contained", "greybox_id.base.contained.inside",
+        "greybox_id", "greybox_id.base", "greybox_id.base.contained", "greybox_id.base.contained.inside",
         "greybox_id.base.contained.wire", "greybox_id.base.version",
     }  # fmt: skip
 

@@ -1,9 +1,10 @@
-"""`gb.learn_policy`: policies from nothing, and tuned to another vehicle."""
+"""`learn_policy`: policies from nothing, and tuned to another vehicle."""
 
 import numpy as np
 import pytest
 
 import greybox_id as gb
+from greybox_lab.driving.learn_policy import learn_policy
 from greybox_lab.driving.racing.learner import shipped_learned
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -11,11 +12,11 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 def test_a_policy_is_learned_kept_and_tuned_to_a_vehicle_with_an_effect(tmp_path):
     told = []
-    learned = gb.learn_policy("roboracer", 1, lanes=2, say=told.append)
+    learned = learn_policy("roboracer", 1, lanes=2, say=told.append)
     assert "of 256 steps" in told[0]
     assert learned.policy.about["rules"]["usage"] == (0.4, 0.95)
     learned.save(tmp_path / "policy.json")
-    tuned = gb.learn_policy(
+    tuned = learn_policy(
         "roboracer", 1, lanes=2, effects="grip_scale=0.8", start=tmp_path / "policy.json", like="roboracer",
         randomise="none",
     )  # fmt: skip
@@ -25,7 +26,7 @@ def test_a_policy_is_learned_kept_and_tuned_to_a_vehicle_with_an_effect(tmp_path
 
 def test_a_start_with_other_units_is_refused():
     with pytest.raises(gb.BadInput, match=r"unit of speed of 7\.63.* like="):
-        gb.learn_policy("roboracer", 1, lanes=2, effects="grip_scale=0.8", start=shipped_learned())
+        learn_policy("roboracer", 1, lanes=2, effects="grip_scale=0.8", start=shipped_learned())
 
 
 @pytest.mark.parametrize(
@@ -45,4 +46,4 @@ def test_a_start_with_other_units_is_refused():
 )
 def test_what_cannot_be_driven_is_refused(wrong, said):
     with pytest.raises(gb.GreyboxError, match=said):
-        gb.learn_policy(**{"steps": 1, "lanes": 2, **wrong})
+        learn_policy(**{"steps": 1, "lanes": 2, **wrong})

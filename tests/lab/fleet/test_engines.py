@@ -97,7 +97,7 @@ def test_a_scheduler_that_is_not_there_is_a_sentence(fleet, tmp_path):
         "fleet", "run", plan, "--out", tmp_path, *where
     )
     with pytest.raises(gb.BadInput, match="No scheduler"):
-        gb.fleet.run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
+        fleet.run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
 
 
 def test_workers_that_come_later_are_given_work_too(monkeypatch):

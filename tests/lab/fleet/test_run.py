@@ -150,7 +150,7 @@ def test_status_tells_what_came_of_recordings(fleet):
     told = greybox("fleet", "status", results, "--json").told
     assert told["statuses"] == {"failed": 2, "ok": 6}
     assert told["vehicles"]["V0"] == {"failed": 1, "ok": 3}
-    assert gb.fleet.status(results).to_json() == told
+    assert fleet.status(results).to_json() == told
     assert "8 recordings of 2 vehicles" in greybox("fleet", "status", results).out
 
 
@@ -167,7 +167,7 @@ def test_a_journal_left_by_a_killed_run_is_read_and_becomes_a_part_once(fleet, t
     pq.write_table(kept, results / "recordings" / "part-000001.parquet")
     line = json.dumps({"recordings": [{"key": key, "status": lost["status"], "path": lost["path"]}]})
     (results / "journal" / "000009.jsonl").write_text(f"{line}\n{line}\n{line[:20]}")
-    assert gb.fleet.status(results).statuses == {"failed": 2, "ok": 6}
+    assert fleet.status(results).statuses == {"failed": 2, "ok": 6}
     assert greybox("fleet", "run", plan, "--out", results, "--json").told["done"] == 0
     assert not list((results / "journal").iterdir())
     assert sorted(pd.read_parquet(results / "recordings")["key"]) == sorted(rows["key"])
@@ -207,7 +207,7 @@ def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
         "fleet", "run", plan, "--out", tmp_path / "R", "--scheduler", "x"
     )
     with pytest.raises(gb.BadInput, match="there is no engine 'ray'"):
-        gb.fleet.run(plan, tmp_path / "R", engine="ray")
+        fleet.run(plan, tmp_path / "R", engine="ray")
 
 
 def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(fleet, tmp_path):

@@ -1,0 +1,20 @@
+"""The laboratory's commands, for the entry point `greybox.commands`; nothing is imported before one is called."""
+
+from __future__ import annotations
+
+GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+    "Gap": {"exam": ("greybox_lab.cli.exam", "Examine the diagnosis of gaps blindly, on sealed truths.")},
+    "Deploy": {"import": ("greybox_lab.cli.import_", "Make a fit of a network that nnodely saved.")},
+    "Fleet": {
+        "fleet": (
+            "greybox_lab.cli.fleet",
+            "Run thousands of recordings of many vehicles; population, outliers, drift.",
+        ),
+    },
+    "Race": {
+        "loop": ("greybox_lab.cli.loop", "Let a learned driver adapt to its vehicle, through what gap names."),
+        "serve": ("greybox_lab.cli.loop", "Serve vehicles that send rows, and learn policies for them."),
+    },
+    "Papers": {"bench": ("greybox_lab.cli.bench", "Make the tables of published papers again.")},
+}
+"""Heading -> command -> module that holds it, and its line of help."""
