@@ -26,7 +26,6 @@ from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
 from .estimation.axes import ActingRows, scalars
 from .estimation.calibration import CAL
-from .estimation.constancy import Spread
 from .estimation.free_runs import freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import white_noise
@@ -37,7 +36,7 @@ from .estimation.variance import fresh
 from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, examine
-from .gap import Budget, Gap, Ranked
+from .gap import Budget, CauseClass, Gap, Ranked
 from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
@@ -148,6 +147,7 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         moved=moved(found, best, closed),
         tried={own.candidate.effect: own.gain for own in selection.promised},
         held=_held(found),
+        classes=_classes(found, ranking, applied),
     )
 
 
@@ -248,26 +248,17 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
     best, reasons = found.best, dict[str, str]()
-    varying = found.varying
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
         share = shared.of(name) if shared is not None else None
-        sure = probability(found.evidence, found.selection.tried, name, *_alike(found, name, CAL.twins))
-        spread = varying.get(name)
-        if spread is not None and spread.relative > CAL.varies:
-            reasons[name] = (
-                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, that of a cause does not"
-            )
-        elif found.unnamed is not None and _mimics(found, best, name) > CAL.present:
+        sure = _of_class(found, name)
+        if found.unnamed is not None and _mimics(found, best, name) > CAL.present:
             reasons[name] = (
                 f"an effect that mimics it: beside it stated tolerances are off by chi-square "
                 f"{found.unnamed.tolerances:.0f}, where {found.unnamed.expected:.0f} is usual, and it gains little more"
             )
         elif sure <= CAL.present:
-            alike = _alike(found, name, CAL.alike)
-            beside = f", and as much speaks for {listed(alike)}" if alike else ""
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
+            reasons[name] = f"its probability is {sure:.2f}, no more than one half"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, no size"
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
@@ -277,7 +268,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
             )
         else:  # several doubts, each of them below one half
-            told = (1.0 - CAL.nothing_unknown) * sure * _itself(found, best, name, spread) * _closes(shared, name)
+            told = (1.0 - CAL.nothing_unknown) * sure * _itself(found, best, name) * _closes(shared, name)
             if told <= CAL.present:
                 reasons[name] = f"its probability is {told:.2f}, no more than one half"
     if not reasons:
@@ -306,17 +297,37 @@ def _mimics(found: Examined, hypothesis: Hypothesis, name: str) -> float:
 
 def by_no_name(found: Examined) -> float:
     """The probability that an effect of the best explanation is there and is not what it is called."""
-    varying, tried = found.varying, found.selection.tried
     others = [
-        probability(found.evidence, tried, name) * (1.0 - _itself(found, found.best, name, varying.get(name)))
+        probability(found.evidence, found.selection.tried, name) * (1.0 - _itself(found, found.best, name))
         for name in found.best.names
     ]
     return float(1.0 - np.prod([1.0 - own for own in others]))
 
 
-def _itself(found: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
-    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
-    return _constant(spread) * (1.0 - _mimics(found, hypothesis, name))
+def _itself(found: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """The probability that what an effect explains is its own, and no strain of tolerances."""
+    return 1.0 - _mimics(found, hypothesis, name)
+
+
+def _of_class(found: Examined, name: str) -> float:
+    """The probability that an effect is there, or one that these recordings cannot tell from it."""
+    return probability(found.evidence, found.selection.tried, name, *_alike(found, name, CAL.alike))
+
+
+def _classes(found: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
+    """Of every effect of the best explanation, what acts as it does."""
+    classes, known = [], 1.0 - CAL.nothing_unknown
+    for name in found.best.names:
+        rank = next((own for own in ranking if own.effect == name), None)
+        if rank is None:
+            continue
+        alone = {own: probability(found.evidence, found.selection.tried, own) for own in (name, *_alike(found, name, CAL.alike))}
+        whole = known * _of_class(found, name)
+        total = sum(alone.values()) or 1.0
+        each = {own: whole * p / total for own, p in sorted(alone.items(), key=lambda item: -item[1])}
+        each = {own: p for own, p in each.items() if p >= CAL.told_probability or own == name}
+        classes.append(CauseClass(tuple(each), whole, each, name if name in applied else ""))
+    return tuple(sorted(classes, key=lambda own: -own.probability))
 
 
 def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None) -> list[Ranked]:
@@ -328,7 +339,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
     reasons : why effects of the best hypothesis are not applied, by name.
     shared : what these close.
     """
-    known, varying = 1.0 - CAL.nothing_unknown, found.varying
+    known = 1.0 - CAL.nothing_unknown
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -344,7 +355,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
                 name,
                 known
                 * probability(weighed, tried, name)
-                * _itself(found, most, name, varying.get(name))
+                * _itself(found, most, name)
                 * _closes(shared, name),
                 magnitude,
                 most.main(name)[0].unit,
@@ -402,14 +413,6 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     if unexplained:
         p.append(float(len(found.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
-
-
-def _constant(spread: Spread | None) -> float:
-    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
-    if spread is None:
-        return 1.0
-    x = (spread.relative - CAL.varies) / CAL.varies_width
-    return float(1 / (1 + exp(min(x, 30.0))))
 
 
 def _closes(shared: Budget | None, name: str) -> float:

@@ -85,6 +85,27 @@ class Ranked:
 
 
 @dataclass(frozen=True)
+class CauseClass:
+    """Effects that act alike on these recordings, one of which is there.
+
+    Which act alike is worked out from the recordings: each member, in the place of the first and everything else
+    refitted, explains them as well.
+
+    Attributes
+    ----------
+    members : likeliest first.
+    probability : that one of them is there.
+    each : member -> probability that it is the one.
+    applied : the member that the closed model has; "" where it has none.
+    """
+
+    members: tuple[str, ...]
+    probability: float
+    each: Mapping[str, float]
+    applied: str = ""
+
+
+@dataclass(frozen=True)
 class Closure:
     """How far a gap shrinks.
 
@@ -259,6 +280,7 @@ class Gap:
     where : see `Where`.
     ranking : the effects that may be the cause, most probable first.
     applied : effects that the closed model has.
+    classes : of what acts alike, one for each effect of the best explanation, likeliest first.
     gap : how far the gap shrinks on the diagnosed recordings themselves.
     held_out : the same on recordings never used for choosing; None where none were given.
     not_excited : effect -> how small it could be without showing here (twice its standard deviation), with unit.
@@ -302,6 +324,7 @@ class Gap:
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
     held: str = ""
+    classes: tuple[CauseClass, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

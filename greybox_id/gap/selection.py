@@ -81,8 +81,7 @@ def select(
     problem = together.problem
     if firmly is not None:
         problem.nominal[firmly.index] = firmly.rate
-    stages = together.annealed()
-    stage = max(stages, key=lambda own: own.evidence)
+    stage = together.explained()
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in believed]  # fmt: skip
     search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
@@ -90,9 +89,9 @@ def select(
         search.nominal[firmly.index] = firmly.rate
     search.about(None)
     best = _refitted(search, _placed(search, together, stage))
-    best = _recoloured(search, together, best, stage.rough)
+    best = _recoloured(search, together, best)
     best, tried = _pruned(search, best, prices)
-    best = _recoloured(search, together, best, stage.rough)
+    best = _recoloured(search, together, best)
     best, tried = _pruned(search, best, prices)
     for own in _exchanged(search, together, stage, best):
         tried[frozenset(own.names)] = min([own, tried.get(frozenset(own.names), own)], key=by_cost)
@@ -147,10 +146,10 @@ def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
     return settled(search, found[0], 1)
 
 
-def _recoloured(search: Search, together: Together, best: Hypothesis, rough: float) -> Hypothesis:
+def _recoloured(search: Search, together: Together, best: Hypothesis) -> Hypothesis:
     """The best explanation, refitted in the model error that it leaves."""
     whitening = together.whitening
-    search.recoloured(whitening.left(whitening.about(search.vector(best)), best.e, rough))
+    search.recoloured(whitening.left(whitening.about(search.vector(best)), best.e))
     search.about(best)
     (again,) = refit(search, [search.start_of(best)]) or (best,)
     return settled(search, again, 1)
@@ -164,10 +163,12 @@ def _pruned(search: Search, best: Hypothesis, prices: Prices) -> tuple[Hypothesi
             return best, {}
         asked = prices(search, best)
         left = [own.cost - best.cost - price for own, price in zip(without, asked, strict=True)]
-        k = int(np.argmin(left))
-        if left[k] >= 0:
+        order = np.argsort(left)
+        weak = [int(k) for k in order if left[k] < 0]
+        if not weak:
             return best, {frozenset(own.names): own for own in without}
-        best = without[k]
+        gone = weak[: -(-len(weak) // 2)]  # where many are, some of them at once
+        best = without[gone[0]].only({own for k, own in enumerate(best.names) if k not in gone})
         search.about(best)
         (again,) = refit(search, [search.start_of(best)]) or (best,)
         best = again

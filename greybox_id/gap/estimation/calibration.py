@@ -271,6 +271,8 @@ class Calibration:
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
     moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
+    as_rough: float = _known(1.3, "times as rough forms are believed to be, where forces say more", DEFINED)
+    as_rough_again: int = _known(2, "times at most", SEARCHED)
     second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
     still: float = _known(0.03, "of its scale, below which nothing moves any more", SEARCHED)
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)

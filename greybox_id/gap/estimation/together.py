@@ -69,12 +69,12 @@ class Whitening:
             return white_noise(self.sd * rough / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
         return model_error(about, scaled(self.prior.median, rough), self.problem.good)
 
-    def left(self, about: Linearised | None, e: Array, rough: float) -> Whitener:
-        """Of what is left, at least as rough as usual."""
+    def left(self, about: Linearised | None, e: Array) -> Whitener:
+        """Of what is left, but no smaller than usual: small extras would live on that."""
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
         found = estimated(about, e, self.problem.good, self.prior)
-        return model_error(about, at_least(found, scaled(self.prior.median, rough)), self.problem.good)
+        return model_error(about, at_least(found, self.prior.median), self.problem.good)
 
 
 def scaled(own: Amplitudes, by: float) -> Amplitudes:
@@ -130,13 +130,44 @@ class Together:
             found.append(self.settled(state, rough, variance))
         return found
 
+    def explained(self) -> Stage:
+        """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
+
+        What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
+        beside these. Where equations are rougher than usual, no name at all is tried from where all is believed to be.
+        """
+        best = max(self.annealed(), key=lambda own: own.evidence)
+        for _ in range(CAL.as_rough_again):
+            rough = self._as_rough(best)
+            if rough < CAL.as_rough * best.rough:
+                break
+            ways = [(best.state, best.there), (self.problem.begin(), np.zeros_like(best.there))]
+            found = list[Stage]()
+            for state, there in ways:
+                self.problem.roughly(best.rough if state is best.state else 1.0)
+                moved = self.problem.roughly(rough, state)
+                assert moved is not None
+                self.problem.forget()
+                found.append(self.settled(moved, rough, self._variance(there), 2))
+            best = max(found, key=lambda own: own.evidence)
+        self.problem.roughly(best.rough)
+        return best
+
+    def _as_rough(self, stage: Stage) -> float:
+        """Times as rough as usual, that forces are which no equation has."""
+        if not isinstance(stage.whitener, ModelError):
+            return stage.rough
+        own, usual = stage.whitener.amplitudes, self.whitening.prior.median
+        return max(stage.rough, own.share_y / usual.share_y, own.share_x / usual.share_x)
+
     def settled(self, state: State, rough: float, variance: Array, rounds: int = 1) -> Stage:
         """A stage with its best set of causes, all refitted with it."""
         problem = self.problem
         there = np.sqrt(variance) > np.maximum(0.15 * problem.usual, 2 * problem.zone)
         for k in range(rounds + 1):
             if k in (0, rounds):
-                whitener = self.whitening.usual(self.whitening.about(problem.vector(state)), rough)
+                (e,) = problem.residuals([p := problem.vector(state)])
+                whitener = self.whitening.left(self.whitening.about(p), e)
             own = self._variance(there)
             state, squares = self._linear(state, whitener, False, own)
             sets = self._sets(squares)
@@ -148,8 +179,11 @@ class Together:
         return Stage(rough, state, there, whitener, squares.about, sets, evidence)
 
     def _of_whitener(self, whitener: Whitener, rough: float) -> float:
-        sizes = -float(np.sum(np.log(whitener.size))) if isinstance(whitener, ModelError) else 0.0
-        return sizes - 0.5 * (np.log(rough) / CAL.form_sd) ** 2
+        form = -0.5 * (np.log(rough) / CAL.form_sd) ** 2
+        if not isinstance(whitener, ModelError):
+            return form
+        prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))
+        return form - prior - float(np.sum(np.log(whitener.size)))
 
     def _variance(self, there: Mask) -> Array:
         spike = np.maximum(self.problem.zone, 1e-4 * self.problem.usual) ** 2
