@@ -10,7 +10,6 @@ import numpy as np
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from ..base.errors import BadInput
 from ..base.numbers import pretty_unit
 from ..base.statistics import NORMAL
 from ..datasets.checks import Severity, check
@@ -321,7 +320,10 @@ def _classes(found: Examined, ranking: Sequence[Ranked], applied: Sequence[str])
         rank = next((own for own in ranking if own.effect == name), None)
         if rank is None:
             continue
-        alone = {own: probability(found.evidence, found.selection.tried, own) for own in (name, *_alike(found, name, CAL.alike))}
+        alone = {
+            own: probability(found.evidence, found.selection.tried, own)
+            for own in (name, *_alike(found, name, CAL.alike))
+        }
         whole = known * _of_class(found, name)
         total = sum(alone.values()) or 1.0
         each = {own: whole * p / total for own, p in sorted(alone.items(), key=lambda item: -item[1])}
@@ -353,10 +355,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         ranked.append(
             Ranked(
                 name,
-                known
-                * probability(weighed, tried, name)
-                * _itself(found, most, name)
-                * _closes(shared, name),
+                known * probability(weighed, tried, name) * _itself(found, most, name) * _closes(shared, name),
                 magnitude,
                 most.main(name)[0].unit,
                 interval,

@@ -1,4 +1,4 @@
-"""From everything at once to hypotheses: the set of causes, the same without each of them, and with others in its place.
+"""From everything at once to hypotheses: the set of causes, without each of them, and with others in their places.
 
 The search of all coordinates together (`estimation.together`) says how rough the equations are and which causes are
 there. Each of them is then taken away, and everything else is refitted: it stays if it gains what a cause must, by as
@@ -7,20 +7,18 @@ much more as its magnitude differs between parts of the drive.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array
 from .estimation.axes import Axis
 from .estimation.calibration import CAL
-from .estimation.hypothesis import Hypothesis, Start, by_cost
-from .estimation.problem import FORM, State
+from .estimation.hypothesis import Hypothesis, Promise, Start, by_cost
+from .estimation.problem import FORM
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
-from .estimation.shortlist import Promise
 from .estimation.together import Stage, Together
 
 Prices = Callable[[Search, Hypothesis], list[float]]
@@ -158,10 +156,10 @@ def _recoloured(search: Search, together: Together, best: Hypothesis) -> Hypothe
 def _pruned(search: Search, best: Hypothesis, prices: Prices) -> tuple[Hypothesis, dict[frozenset[str], Hypothesis]]:
     """The best explanation without what does not gain its price, and it without each of its effects."""
     while True:
-        without = _without_each(search, best)
+        asked = prices(search, best)
+        without = _without_each(search, best, asked)
         if not without:
             return best, {}
-        asked = prices(search, best)
         left = [own.cost - best.cost - price for own, price in zip(without, asked, strict=True)]
         order = np.argsort(left)
         weak = [int(k) for k in order if left[k] < 0]
@@ -174,13 +172,19 @@ def _pruned(search: Search, best: Hypothesis, prices: Prices) -> tuple[Hypothesi
         best = again
 
 
-def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
-    """A hypothesis without each of its effects, in their order, everything else refitted."""
+def _without_each(search: Search, whole: Hypothesis, prices: Sequence[float]) -> list[Hypothesis]:
+    """A hypothesis without each of its effects, in their order, everything else refitted.
+
+    Where that makes a difference to a name, from where tolerances are believed to be, too: what an effect seems to gain
+    may be the way from one optimum to another.
+    """
     found = []
-    for name in whole.names:
+    for name, price in zip(whole.names, prices, strict=True):
         start = search.start_of(whole.only(set(whole.names) - {name}))
-        again = refit(search, [start, replace(start, theta=search.means[: len(start.theta)])])
+        again = refit(search, [start])
         own = min(again, key=by_cost, default=replace(whole.only(set(whole.names) - {name}), cost=np.inf))
+        if price < own.cost - whole.cost < CAL.doubted * price:
+            own = min([own, *refit(search, [replace(start, theta=search.means[: len(start.theta)])])], key=by_cost)
         found.append(own)
     return found
 
@@ -242,11 +246,8 @@ def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
         alone = nothing.copy()
         alone[k] = True
         gain = sets.score(alone) - here + sets.odds[k]
-        size, sd = (own[k] for own in sets.sizes(alone))
+        sd = sets.sizes(alone)[1][k]
         candidate = cause.forms[stage.state.form[k]].candidate
         told = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
-        start = (float(np.clip(size, cause.main.low, cause.main.high)), *stage.state.seconds[k])
-        found.append(
-            Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, np.empty(0), float(sd), told)
-        )
+        found.append(Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, float(sd), told))
     return tuple(sorted(found, key=lambda own: -own.gain))

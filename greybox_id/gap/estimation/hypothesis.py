@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -91,6 +92,24 @@ class Projection(NamedTuple):
     raw: Array
     nuisances: Array
     rest: Array
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a candidate promises beside a hypothesis.
+
+    Attributes
+    ----------
+    candidate : which.
+    gain : in log-likelihood, to first order.
+    sd : of its magnitude's coordinate on this recording, to first order.
+    told : share of the information on it that is left once nuisances are refitted.
+    """
+
+    candidate: Candidate
+    gain: float
+    sd: float = inf
+    told: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -313,17 +313,17 @@ class Problem:
         nx, nf = len(seconds), starts + jumps + shifts
         at_seconds = [state.seconds[k][j] for k, j, _ in seconds]
         of_seconds = [axis for _, _, axis in seconds]
-        ones, inf = np.ones(jumps), np.full(starts, np.inf)
+        ones, inf, none = np.ones(jumps), np.full(starts, np.inf), np.zeros(starts + jumps)
         return Linear(
             r=r, A=np.concatenate([T, mains, X, first], axis=1),
-            at=np.concatenate([state.theta, state.m, at_seconds, np.zeros(starts + jumps), [a.mean for a in self.shifts]]),
-            mean=np.concatenate([self.theta_mean, self.mean, [a.mean for a in of_seconds], np.zeros(starts + jumps),
+            at=np.concatenate([state.theta, state.m, at_seconds, none, [a.mean for a in self.shifts]]),
+            mean=np.concatenate([self.theta_mean, self.mean, [a.mean for a in of_seconds], none,
                                  [a.mean for a in self.shifts]]),
             low=np.concatenate([t_low, low, [a.low for a in of_seconds], -inf, 0 * ones, [a.low for a in self.shifts]]),
             high=np.concatenate([t_high, high, [a.high for a in of_seconds], inf, ones, [a.high for a in self.shifts]]),
             sd=np.concatenate([self.theta_sd, self.zone, [a.sd for a in of_seconds], self._of_starts(whitener),
                                CAL.jumps_sd * ones, [a.sd for a in self.shifts]]),
-            cause=np.concatenate([np.full(len(T.T), -1), np.arange(E), [k for k, _, _ in seconds], np.full(nf, -1)]).astype(int),
+            cause=np.array([*[-1] * T.shape[1], *range(E), *(k for k, _, _ in seconds), *[-1] * nf], dtype=int),
             main=np.concatenate([np.zeros(len(T.T)), np.ones(E), np.zeros(nx + nf)]).astype(bool),
             moved=np.concatenate([np.ones(len(T.T)), self.smooth | state.on, np.ones(nx), np.zeros(nf)]).astype(bool),
         )  # fmt: skip

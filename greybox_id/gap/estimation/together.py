@@ -8,7 +8,7 @@ win. What a recording does not want falls to its zone by itself (`sparse`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from .calibration import CAL
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
 from .problem import Linear, Problem, State
-from .sparse import Quadratic, Sampled, Sets
+from .sparse import Quadratic, Sets
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Together:
             (a, b) for a, own in enumerate(problem.causes) for b, other in enumerate(names)
             if other in own.forms[0].candidate.never_beside
         ]  # fmt: skip
-        self.odds = np.full(len(names), CAL.odds)
+        self.odds = np.full(len(names), CAL.against)
         for k, own in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(own.forms[0].seconds)
 
@@ -127,7 +127,7 @@ class Together:
                     state, went = self._stepped(state, squares, variance, whitener)
                 if went < CAL.still and step > 0:
                     break
-            found.append(self.settled(state, rough, variance))
+            found.append(self.settled(state, rough, variance, whitener))
         return found
 
     def explained(self) -> Stage:
@@ -148,7 +148,7 @@ class Together:
                 moved = self.problem.roughly(rough, state)
                 assert moved is not None
                 self.problem.forget()
-                found.append(self.settled(moved, rough, self._variance(there), 2))
+                found.append(self.settled(moved, rough, self._variance(there), rounds=2))
             best = max(found, key=lambda own: own.evidence)
         self.problem.roughly(best.rough)
         return best
@@ -160,12 +160,14 @@ class Together:
         own, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(stage.rough, own.share_y / usual.share_y, own.share_x / usual.share_x)
 
-    def settled(self, state: State, rough: float, variance: Array, rounds: int = 1) -> Stage:
+    def settled(
+        self, state: State, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
+    ) -> Stage:
         """A stage with its best set of causes, all refitted with it."""
         problem = self.problem
         there = np.sqrt(variance) > np.maximum(0.15 * problem.usual, 2 * problem.zone)
         for k in range(rounds + 1):
-            if k in (0, rounds):
+            if whitener is None or k == rounds:
                 (e,) = problem.residuals([p := problem.vector(state)])
                 whitener = self.whitening.left(self.whitening.about(p), e)
             own = self._variance(there)
