@@ -151,18 +151,15 @@ def examine(
     whiten = _whitener(bench, good, prior, sd)
     stretches = dict[str, float]()
 
-    def prices(search: Search, of: Hypothesis) -> list[float]:
+    def stretched(search: Search, of: Hypothesis) -> list[float]:
         if forces:
             seen = signals(search.bench, np.where(bench.counted, of.e + bench.measured, 0.0))
             orders = orders_of(seen, len(bench.measured))
-            for k, name in enumerate(of.names):
-                stretches[name] = stretch(search, of, orders, k)
-        return [
-            stretches.get(each.effect, 1.0) * cost(each.effect) + CAL.second_parameter * (each.free - 1)
-            for each in of.candidates
-        ]
+            stretches.update({name: stretch(search, of, orders, k) for k, name in enumerate(of.names)})
+        return [stretches.get(name, 1.0) for name in of.names]
 
-    selection = select(together, believed, prices, tempering_by, _firmly(bench, start, sd, good))
+    firmly = _firmly(bench, start, sd, good)
+    selection = select(together, believed, cost, stretched, tempering_by, firmly)
     selection = with_beginnings(selection, own, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)

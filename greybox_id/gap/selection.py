@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.errors import BadInput
-from .estimation.axes import Axis
+from ..base.shorthands import Array
+from .estimation.axes import Axis, Candidate
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis, Promise, Start, by_cost
 from .estimation.problem import FORM
@@ -21,8 +22,8 @@ from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
 from .estimation.together import Stage, Together
 
-Prices = Callable[[Search, Hypothesis], list[float]]
-"""What each effect of a hypothesis must gain."""
+Stretches = Callable[[Search, Hypothesis], list[float]]
+"""By what each effect of a hypothesis must gain more than it costs, for its magnitude differs between parts."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,12 @@ class Selection:
 
 
 def select(
-    together: Together, believed: Sequence[Axis], prices: Prices, trust: float, firmly: Firmly | None = None
+    together: Together,
+    believed: Sequence[Axis],
+    costs: Callable[[str], float],
+    stretches: Stretches,
+    trust: float,
+    firmly: Firmly | None = None,
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -72,31 +78,61 @@ def select(
     ----------
     together : the search of everything at once.
     believed : nuisances, zones of indifference among them.
-    prices : what effects must gain.
+    costs : log-likelihood that effects must gain, by name.
+    stretches : by what more.
     trust : as how many readings one counts.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
     problem = together.problem
     if firmly is not None:
         problem.nominal[firmly.index] = firmly.rate
+    prices = np.array([
+        costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
+    ])  # fmt: skip
     stage = together.explained()
+    if firmly is not None:
+        stage = _let_loose(together, stage, firmly)
+    stage, gains = together.pruned(stage, prices)
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in believed]  # fmt: skip
     search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
-    if firmly is not None:
-        search.nominal[firmly.index] = firmly.rate
+    search.nominal[:] = problem.nominal
     search.about(None)
     best = _refitted(search, _placed(search, together, stage))
-    best = _recoloured(search, together, best)
-    best, tried = _pruned(search, best, prices)
-    best = _recoloured(search, together, best)
-    best, tried = _pruned(search, best, prices)
-    for own in _exchanged(search, together, stage, best):
-        tried[frozenset(own.names)] = min([own, tried.get(frozenset(own.names), own)], key=by_cost)
-    base = tried.pop(frozenset(), None) or _base(search, best)
-    found = sorted(({frozenset(best.names): best} | tried).values() if best.names else tried.values(), key=by_cost)
-    found = with_slopes(search, found)
+    grown = dict(zip(best.names, stretches(search, best), strict=True))
+    names = [own.name for own in problem.causes]
+    dear = prices * [max(grown.get(name, 1.0), 1.0) for name in names]
+    if np.any(stage.there & (gains < dear)):
+        stage, gains = together.pruned(stage, dear)
+        best = _refitted(search, _placed(search, together, stage))
+    base = _base(search, best)
+    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
+        gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
+    tried = (
+        [best, *_without_each(best, stage, names, gains), *_exchanged(search, together, stage, best)]
+        if best.names
+        else []
+    )
+    alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
+    found = sorted(alone.values(), key=by_cost)
+    if found:
+        found = [*with_slopes(search, found[:1]), *found[1:]]
     return Selection(search, base, tuple(found), promised(together, stage), stage.rough)
+
+
+def _let_loose(together: Together, firm: Stage, firmly: Firmly) -> Stage:
+    """A stage that was found beside firm observers without them, where its simulations, and nominal ones, stand."""
+    problem = together.problem
+    problem.nominal[firmly.index] = 0.0
+    problem.forget()
+    ways = [problem.vector(own) for own in (firm.state, problem.roughly(firm.rough, problem.begin()) or firm.state)]
+    if np.all(np.isfinite(problem.residuals(ways))):
+        loose = together.settled(firm.state, firm.rough, together.variance(firm.there), rounds=2)
+        if loose.sets.cost(loose.there) <= CAL.rather * firm.sets.cost(firm.there):
+            return loose
+    problem.nominal[firmly.index] = firmly.rate
+    problem.forget()
+    return firm
 
 
 def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
@@ -110,7 +146,7 @@ def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
     candidates, m = [], list[float]()
     for k in np.flatnonzero(stage.there):
         cause = problem.causes[k]
-        candidates.append(_as_refitted(problem.causes[k].forms[state.form[k]].candidate, search))
+        candidates.append(_as_refitted(problem.causes[k].forms[state.form[k]].candidate))
         at = float(state.m[k]) if state.on[k] or problem.smooth[k] else float(cause.main.null)
         seconds = [
             axis.value(x)
@@ -122,7 +158,7 @@ def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
     return replace(own, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*own.e.shape, count)))
 
 
-def _as_refitted(candidate, search):  # type: ignore[no-untyped-def]
+def _as_refitted(candidate: Candidate) -> Candidate:
     """A candidate with second parameters in their own units."""
     axes = []
     for axis in candidate.axes:
@@ -144,79 +180,37 @@ def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
     return settled(search, found[0], 1)
 
 
-def _recoloured(search: Search, together: Together, best: Hypothesis) -> Hypothesis:
-    """The best explanation, refitted in the model error that it leaves."""
-    whitening = together.whitening
-    search.recoloured(whitening.left(whitening.about(search.vector(best)), best.e))
-    search.about(best)
-    (again,) = refit(search, [search.start_of(best)]) or (best,)
-    return settled(search, again, 1)
-
-
-def _pruned(search: Search, best: Hypothesis, prices: Prices) -> tuple[Hypothesis, dict[frozenset[str], Hypothesis]]:
-    """The best explanation without what does not gain its price, and it without each of its effects."""
-    while True:
-        asked = prices(search, best)
-        without = _without_each(search, best, asked)
-        if not without:
-            return best, {}
-        left = [own.cost - best.cost - price for own, price in zip(without, asked, strict=True)]
-        order = np.argsort(left)
-        weak = [int(k) for k in order if left[k] < 0]
-        if not weak:
-            return best, {frozenset(own.names): own for own in without}
-        gone = weak[: -(-len(weak) // 2)]  # where many are, some of them at once
-        best = without[gone[0]].only({own for k, own in enumerate(best.names) if k not in gone})
-        search.about(best)
-        (again,) = refit(search, [search.start_of(best)]) or (best,)
-        best = again
-
-
-def _without_each(search: Search, whole: Hypothesis, prices: Sequence[float]) -> list[Hypothesis]:
-    """A hypothesis without each of its effects, in their order, everything else refitted.
-
-    Where that makes a difference to a name, from where tolerances are believed to be, too: what an effect seems to gain
-    may be the way from one optimum to another.
-    """
-    found = []
-    for name, price in zip(whole.names, prices, strict=True):
-        start = search.start_of(whole.only(set(whole.names) - {name}))
-        again = refit(search, [start])
-        own = min(again, key=by_cost, default=replace(whole.only(set(whole.names) - {name}), cost=np.inf))
-        if price < own.cost - whole.cost < CAL.doubted * price:
-            own = min([own, *refit(search, [replace(start, theta=search.means[: len(start.theta)])])], key=by_cost)
-        found.append(own)
-    return found
+def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
+    """The best explanation without each of its effects, and what that costs."""
+    places = {name: k for k, name in enumerate(names)}
+    return [
+        replace(best.only(set(best.names) - {name}), cost=best.cost + float(gains[places[name]])) for name in best.names
+    ]
 
 
 def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesis) -> list[Hypothesis]:
-    """The best explanation with others in the place of each effect that may explain as much."""
-    problem, found = together.problem, list[Hypothesis]()
-    places = {cause.name: k for k, cause in enumerate(problem.causes)}
-    there = np.zeros(len(places), dtype=bool)
-    there[[places[name] for name in best.names]] = True
-    score = stage.sets.score(there)
-    for name in best.names:
-        tried = []
-        for other, k in places.items():
-            if there[k]:
-                continue
-            swap = there.copy()
-            swap[places[name]], swap[k] = False, True
-            tried.append((stage.sets.score(swap) - score, other, swap))
-        tried.sort(key=lambda each: -each[0])
+    """The best explanation with others in the place of each effect, as far as they may explain as much."""
+    problem, found, sets = together.problem, list[Hypothesis](), stage.sets
+    here = sets.cost(stage.there)
+    for k in np.flatnonzero(stage.there):
+        tried = list[tuple[float, int, Array]]()
+        for other in np.flatnonzero(~stage.there):
+            swap = stage.there.copy()
+            swap[k], swap[other] = False, True
+            tried.append((sets.cost(swap) - here, int(other), swap))
+        tried.sort(key=lambda each: each[0])
+        rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:
-            if off < -CAL.exchange_look:
+            if off > CAL.exchange_look:
                 break
-            k = places[other]
-            size = stage.sets.sizes(swap)[0][k]
-            cause, state = problem.causes[k], stage.state
-            form = cause.forms[state.form[k]]
-            candidate = _as_refitted(form.candidate, search)
-            seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[k], strict=True)]
-            rest = best.only(set(best.names) - {name})
-            m = np.append(rest.m, [float(np.clip(size, cause.main.low, cause.main.high)), *seconds])
-            found += refit(search, [Start((*rest.candidates, candidate), m, best.theta, best.linear)])
+            cause, state = problem.causes[other], stage.state
+            form = cause.forms[state.form[other]]
+            candidate = _as_refitted(form.candidate)
+            seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
+            size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
+            start = Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
+            again = refit(search, [start])
+            found += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
     return found
 
 

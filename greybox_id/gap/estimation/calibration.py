@@ -216,6 +216,7 @@ class Calibration:
     )
     begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
     nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)
+    rather: float = _known(2.0, "times as much a good explanation costs where an observer stays firm", SEARCHED)
     firm: float = _known(2.0, "rate of that observer, 1/s: slower than a vehicle's yaw, faster than a spin", SEARCHED)
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
@@ -237,6 +238,8 @@ class Calibration:
     stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
     steps_of_stage: tuple[int, ...] = _known((3, 2, 3), "of the search in each of them", SEARCHED)
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
+    rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
+    refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )

@@ -21,6 +21,8 @@ from .causes import Cause, Form
 from .form import rough_curves
 from .noise import Whitener
 
+LEAST_ZONE = 1e-4
+"""Of its usual size, the zone of a cause where equations are exact: small enough to be none."""
 FORM = "form_"
 """Begins the names of errors of form by regime."""
 
@@ -89,7 +91,7 @@ class Problem:
         self.shifts = tuple(axis for axis in tolerances if axis.index not in own and axis.abrupt)
         self.nominal = np.array(bench.model.values)
         self.usual = np.array([each.usual for each in self.causes])
-        self.zone = np.array([each.zone for each in self.causes])
+        self.zone = np.maximum([each.zone for each in self.causes], LEAST_ZONE * self.usual)
         self.null = np.array([each.main.null for each in self.causes])
         self.mean = np.array([each.main.mean for each in self.causes])
         self.low = np.array([each.main.low for each in self.causes])
@@ -168,6 +170,7 @@ class Problem:
         look : whether causes that are not there are looked at from all their starts; the best of each is kept.
         precision : (causes,) of beliefs about magnitudes, for that.
         """
+        state = self._as_looked_at(state)
         p = self.vector(state)
         smooth = [k for k in range(len(self.causes)) if self.smooth[k]]
         ons = [k for k in range(len(self.causes)) if state.on[k] and not self.smooth[k]]
@@ -177,12 +180,12 @@ class Problem:
         indices += [axis.index for _, _, axis in seconds]
         _, J, S = self.bench.linearise(p, indices)
         nt, E = len(self.tolerances), len(self.causes)
-        tolerances = (J[:, :, :nt].reshape(-1, nt) @ (self.mix * _by(p, self.tolerances)[:, None])).reshape(
-            *J.shape[:2], nt
-        )
+        tolerances = (
+            J[:, :, :nt].reshape(self.bench.measured.size, nt) @ (self.mix * _by(p, self.tolerances)[:, None])
+        ).reshape(*J.shape[:2], nt)
         by_seconds = J[:, :, nt + len(smooth) :] * _by(p, [axis for _, _, axis in seconds])
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
-        jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.zone[k] > 0]
+        jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
         asked: list[tuple[Array, float]] = [(p, 1.0)]
         for k in ons:
             asked.append(self._beside(p, state, k))
@@ -289,8 +292,12 @@ class Problem:
             if k not in best or gain > best[k]:
                 best[k] = gain
                 looked[k] = (f, s)
+        return self._as_looked_at(state)
+
+    def _as_looked_at(self, state: State) -> State:
+        """The state with causes that are not there in the form in which they are looked at."""
         seconds, forms = list(state.seconds), list(state.form)
-        for k, (f, s) in looked.items():
+        for k, (f, s) in self._looking.items():
             if not state.on[k]:
                 forms[k], seconds[k] = f, _at_start(self.causes[k].forms[f], s)
         return replace(state, seconds=tuple(seconds), form=tuple(forms))

@@ -20,8 +20,6 @@ from .calibration import CAL
 from .problem import Linear
 
 NEVER = -np.inf
-LEAST_ZONE = 1e-4
-"""Of its usual size, the zone of a cause where equations are exact: small enough to be none."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class Quadratic:
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
         """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
-        least = np.maximum(zone, LEAST_ZONE * usual) ** 2
+        least = zone**2
         own = self.about
         for _ in range(rounds):
             x, v = self.best(variance)
@@ -105,12 +103,13 @@ class Sets:
         self.raw = np.diag(squares.G)[ours]
         self.cause, self.main, self.sd = own.cause[ours], own.main[ours], own.sd[ours]
         self.low, self.high, self.mean = own.low[ours], own.high[ours], own.mean[ours]
-        self.base = -0.5 * self._at_means(squares) + 0.5 * float(d @ d)
+        self.left = 0.5 * self._at_means(squares) - 0.5 * float(d @ d)
+        self.base = -self.left
         self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / own.sd[rest])))
-        self.spike = np.maximum(zone, LEAST_ZONE * usual) ** 2
+        self.spike = zone**2
         self.slab = np.maximum(usual**2, 9 * self.spike)
         self.odds, self.never = odds, tuple(never)
-        self._known = dict[bytes, float]()
+        self._known = dict[bytes, tuple[float, float]]()
 
     @staticmethod
     def _at_means(squares: Quadratic) -> float:
@@ -124,27 +123,35 @@ class Sets:
 
     def score(self, on: Mask) -> float:
         """Logarithm of evidence and odds of a set, (causes,)."""
+        return self._both(on)[0]
+
+    def cost(self, on: Mask) -> float:
+        """Half of the squares that a set leaves with beliefs, everything else where it is best."""
+        return self.left - self._both(on)[1]
+
+    def _both(self, on: Mask) -> tuple[float, float]:
         key = on.tobytes()
         if key not in self._known:
-            self._known[key] = self._score(on)
+            self._known[key] = self._scored(on)
         return self._known[key]
 
-    def _score(self, on: Mask) -> float:
+    def _scored(self, on: Mask) -> tuple[float, float]:
         if any(on[a] and on[b] for a, b in self.never):
-            return NEVER
+            return NEVER, NEVER
         prec = self._precision(on)
         by = 1 / np.sqrt(prec)
         L, failed = lapack.dpotrf(self.S * np.outer(by, by) + np.eye(len(by)), lower=1, overwrite_a=1)
         if failed:
-            return NEVER
+            return NEVER, NEVER
         y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
         x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
         there = self.mean - by * x
         own = self.main & on[self.cause]
         size = 1e-6 * np.sqrt(self.slab[self.cause[own]])
         if np.any(there[own] < self.low[own] - size) or np.any(there[own] > self.high[own] + size):
-            return NEVER
-        return 0.5 * float(y @ y) - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on]))
+            return NEVER, NEVER
+        fit = 0.5 * float(y @ y)
+        return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
 
     def sizes(self, on: Mask) -> tuple[Array, Array]:
         """(causes,) magnitudes and their standard deviations where a set is there."""

@@ -31,7 +31,7 @@ class Stage:
     state : where everything is.
     there : (causes,) the set of causes.
     whitener : of its model error.
-    linear : the problem about the state.
+    squares : the problem about the state.
     sets : scores of sets there.
     evidence : logarithm of the marginal likelihood, with the odds of what it believes.
     """
@@ -40,7 +40,7 @@ class Stage:
     state: State
     there: Mask
     whitener: Whitener
-    linear: Linear
+    squares: Quadratic
     sets: Sets
     evidence: float
 
@@ -148,10 +148,58 @@ class Together:
                 moved = self.problem.roughly(rough, state)
                 assert moved is not None
                 self.problem.forget()
-                found.append(self.settled(moved, rough, self._variance(there), rounds=2))
+                found.append(self.settled(moved, rough, self.variance(there), rounds=2))
             best = max(found, key=lambda own: own.evidence)
         self.problem.roughly(best.rough)
         return best
+
+    def pruned(self, stage: Stage, prices: Array) -> tuple[Stage, Array]:
+        """A stage without the causes that gain less than their prices, and what each of the others gains.
+
+        What is taken away is taken away from all of it: everything else is refitted, and linearised again where that
+        may decide.
+
+        Parameters
+        ----------
+        prices : (causes,) log-likelihood that each must gain.
+
+        Returns
+        -------
+        stage, gains : (causes,) zero where none is.
+        """
+        while True:
+            gains = np.zeros(len(stage.there))
+            for k in np.flatnonzero(stage.there):
+                gains[k] = self._gained(stage, int(k), prices[k])
+            weak = [k for k in np.flatnonzero(stage.there) if gains[k] < prices[k]]
+            if not weak:
+                return stage, gains
+            weak.sort(key=lambda k: gains[k] - prices[k])
+            there = stage.there.copy()
+            there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
+            stage = self.refitted(stage, there)
+
+    def _gained(self, stage: Stage, k: int, price: float) -> float:
+        """What a cause gains beside the others of a stage."""
+        there = stage.there.copy()
+        there[k] = False
+        gain = stage.sets.cost(there) - stage.sets.cost(stage.there)
+        if not price <= gain < CAL.doubted * price:
+            return gain
+        without = self.refitted(stage, there)
+        return min(gain, without.sets.cost(there) - stage.sets.cost(stage.there))
+
+    def refitted(self, stage: Stage, there: Mask, steps: int = CAL.refits) -> Stage:
+        """A stage with another set of causes, everything refitted in the same model error."""
+        state, squares, variance = stage.state, stage.squares, self.variance(there)
+        self.problem.forget()
+        for _ in range(steps):
+            state, _ = self._stepped(state, squares, variance, stage.whitener, there)
+            state, squares = self._linear(state, stage.whitener, False, variance)
+        sets = self._sets(squares)
+        return replace(
+            stage, state=state, there=there, squares=squares, sets=sets, evidence=sets.base + sets.score(there)
+        )
 
     def _as_rough(self, stage: Stage) -> float:
         """Times as rough as usual, that forces are which no equation has."""
@@ -170,25 +218,26 @@ class Together:
             if whitener is None or k == rounds:
                 (e,) = problem.residuals([p := problem.vector(state)])
                 whitener = self.whitening.left(self.whitening.about(p), e)
-            own = self._variance(there)
+            own = self.variance(there)
             state, squares = self._linear(state, whitener, False, own)
             sets = self._sets(squares)
             there = sets.climbed(there)
             if k == rounds:
                 break
-            state, _ = self._stepped(state, squares, self._variance(there), whitener, there)
+            state, _ = self._stepped(state, squares, self.variance(there), whitener, there)
         evidence = sets.base + sets.score(there) + self._of_whitener(whitener, rough)
-        return Stage(rough, state, there, whitener, squares.about, sets, evidence)
+        return Stage(rough, state, there, whitener, squares, sets, evidence)
 
     def _of_whitener(self, whitener: Whitener, rough: float) -> float:
-        form = -0.5 * (np.log(rough) / CAL.form_sd) ** 2
+        form = -0.5 * (np.log(rough) / CAL.rough_sd) ** 2
         if not isinstance(whitener, ModelError):
             return form
         prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))
         return form - prior - float(np.sum(np.log(whitener.size)))
 
-    def _variance(self, there: Mask) -> Array:
-        spike = np.maximum(self.problem.zone, 1e-4 * self.problem.usual) ** 2
+    def variance(self, there: Mask) -> Array:
+        """(causes,) of beliefs about magnitudes where these causes are there."""
+        spike = self.problem.zone**2
         return np.where(there, np.maximum(self.problem.usual**2, 9 * spike), spike)
 
     def _sets(self, squares: Quadratic) -> Sets:
