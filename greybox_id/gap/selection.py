@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from .estimation.axes import Axis, Candidate
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis, Promise, Start, by_cost
@@ -193,11 +193,11 @@ def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesi
     problem, found, sets = together.problem, list[Hypothesis](), stage.sets
     here = sets.cost(stage.there)
     for k in np.flatnonzero(stage.there):
-        tried = list[tuple[float, int, Array]]()
-        for other in np.flatnonzero(~stage.there):
+        tried = list[tuple[float, int, Mask]]()
+        for new in np.flatnonzero(~stage.there):
             swap = stage.there.copy()
-            swap[k], swap[other] = False, True
-            tried.append((sets.cost(swap) - here, int(other), swap))
+            swap[k], swap[new] = False, True
+            tried.append((sets.cost(swap) - here, int(new), swap))
         tried.sort(key=lambda each: each[0])
         rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:

@@ -240,6 +240,8 @@ class Calibration:
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
+    likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
+    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )

@@ -107,7 +107,7 @@ def _cause(
 
 def _form(candidate: Candidate, usual: float) -> Form:
     main, *others = candidate.axes
-    axes, ways = [], []
+    axes, ways = list[Axis](), list[tuple[float, ...]]()
     for axis in others:
         if axis.low == axis.high:
             ways.append((axis.low,))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.shorthands import Array, Mask
+from .bench import Bench
 from .calibration import CAL
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
@@ -57,11 +58,14 @@ class Whitening:
 
     def __init__(self, problem: Problem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
         self.problem, self.sd, self.prior, self.trust = problem, sd, prior, trust
-        self._sizes = ForceSizes(problem.bench) if forces else None
+        self._bench = problem.bench if forces and isinstance(problem.bench, Bench) else None
+        self._sizes = ForceSizes(self._bench) if self._bench is not None else None
 
     def about(self, p: Array) -> Linearised | None:
         """Errors about a simulation with these parameters."""
-        return None if self._sizes is None else linearised(self.problem.bench, p, self.sd, self._sizes)
+        if self._bench is None or self._sizes is None:
+            return None
+        return linearised(self._bench, p, self.sd, self._sizes)
 
     def usual(self, about: Linearised | None, rough: float) -> Whitener:
         """Of equations that are so many times as rough as usual."""
@@ -134,24 +138,35 @@ class Together:
         """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
 
         What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
-        beside these. Where equations are rougher than usual, no name at all is tried from where all is believed to be.
+        beside these. Where equations are much rougher than usual, no name at all is tried, too, from where all is
+        believed to be.
         """
         best = max(self.annealed(), key=lambda own: own.evidence)
         for _ in range(CAL.as_rough_again):
             rough = self._as_rough(best)
-            if rough < CAL.as_rough * best.rough:
+            if max(rough / best.rough, best.rough / rough) < CAL.as_rough:
                 break
-            ways = [(best.state, best.there), (self.problem.begin(), np.zeros_like(best.there))]
-            found = list[Stage]()
-            for state, there in ways:
-                self.problem.roughly(best.rough if state is best.state else 1.0)
-                moved = self.problem.roughly(rough, state)
-                assert moved is not None
-                self.problem.forget()
-                found.append(self.settled(moved, rough, self.variance(there), rounds=2))
+            self.problem.roughly(best.rough)
+            found = [self._settled_as(best.state, best.there, rough)]
+            if rough > CAL.much_rougher:
+                self.problem.roughly(1.0)
+                found.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
             best = max(found, key=lambda own: own.evidence)
         self.problem.roughly(best.rough)
         return best
+
+    def _settled_as(self, state: State, there: Mask, rough: float) -> Stage:
+        """A state where equations are so rough."""
+        moved = self.problem.roughly(rough, state)
+        self.problem.forget()
+        return self.settled(moved or state, rough, self.variance(there), rounds=2)
+
+    def _as_rough(self, stage: Stage) -> float:
+        """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
+        if not isinstance(stage.whitener, ModelError):
+            return 1.0
+        own, usual = stage.whitener.amplitudes, self.whitening.prior.median
+        return max(1.0, own.share_y / usual.share_y, own.share_x / usual.share_x)
 
     def pruned(self, stage: Stage, prices: Array) -> tuple[Stage, Array]:
         """A stage without the causes that gain less than their prices, and what each of the others gains.
@@ -201,35 +216,37 @@ class Together:
             stage, state=state, there=there, squares=squares, sets=sets, evidence=sets.base + sets.score(there)
         )
 
-    def _as_rough(self, stage: Stage) -> float:
-        """Times as rough as usual, that forces are which no equation has."""
-        if not isinstance(stage.whitener, ModelError):
-            return stage.rough
-        own, usual = stage.whitener.amplitudes, self.whitening.prior.median
-        return max(stage.rough, own.share_y / usual.share_y, own.share_x / usual.share_x)
-
     def settled(
         self, state: State, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
     ) -> Stage:
-        """A stage with its best set of causes, all refitted with it."""
-        problem = self.problem
-        there = np.sqrt(variance) > np.maximum(0.15 * problem.usual, 2 * problem.zone)
-        for k in range(rounds + 1):
-            if whitener is None or k == rounds:
-                (e,) = problem.residuals([p := problem.vector(state)])
-                whitener = self.whitening.left(self.whitening.about(p), e)
-            own = self.variance(there)
-            state, squares = self._linear(state, whitener, False, own)
-            sets = self._sets(squares)
-            there = sets.climbed(there)
-            if k == rounds:
-                break
-            state, _ = self._stepped(state, squares, self.variance(there), whitener, there)
-        evidence = sets.base + sets.score(there) + self._of_whitener(whitener, rough)
-        return Stage(rough, state, there, whitener, squares, sets, evidence)
+        """A stage with its best set of causes, all refitted with it, in the model error that is left.
+
+        Parameters
+        ----------
+        state, rough, variance : where everything is, and what is believed.
+        whitener : of the first round; None: of what is left there.
+        rounds : of refits.
+        """
+        there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
+        for _ in range(rounds):
+            by = whitener or self._of_what_is_left(state)
+            state, squares = self._linear(state, by, False, self.variance(there))
+            there = self._sets(squares).climbed(there)
+            state, _ = self._stepped(state, squares, self.variance(there), by, there)
+        by = self._of_what_is_left(state)
+        state, squares = self._linear(state, by, False, self.variance(there))
+        sets = self._sets(squares)
+        there = sets.climbed(there)
+        evidence = sets.base + sets.score(there) + self._of_whitener(by, rough)
+        return Stage(rough, state, there, by, squares, sets, evidence)
+
+    def _of_what_is_left(self, state: State) -> Whitener:
+        p = self.problem.vector(state)
+        (e,) = self.problem.residuals([p])
+        return self.whitening.left(self.whitening.about(p), e)
 
     def _of_whitener(self, whitener: Whitener, rough: float) -> float:
-        form = -0.5 * (np.log(rough) / CAL.rough_sd) ** 2
+        form = -0.5 * float(np.log(rough) / CAL.rough_sd) ** 2
         if not isinstance(whitener, ModelError):
             return form
         prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))
