@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from gap_cases import GivenBench, candidate
-from greybox_id.gap.estimation.shortlist import Promise
 
+from greybox_id.gap.estimation.hypothesis import Promise
 from greybox_id.gap.estimation.strip import running
 from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where

@@ -11,7 +11,8 @@ from greybox_id.gap.estimation.calibration import CAL, provenance
 from greybox_lab.exam.answers import SIZABLE
 
 MATHEMATICS = {
-    "axes": {"DIRECTIONS", "SECONDS", "SHARE"},  # a circle's quarters; usual values of units
+    "axes": {"SECONDS", "SHARE"},  # usual values of units
+    "problem": {"LEAST_ZONE"},
     "closed_vehicle": {"NORMAL"},  # quantile of a normal distribution
     "diagnosis": {"NINETY_FIVE"},
     "evidence": {"NEVER"},  # guards against numbers without meaning
