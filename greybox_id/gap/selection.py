@@ -108,16 +108,20 @@ def select(
     base = _base(search, best)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
-    tried = (
-        [best, *_without_each(best, stage, names, gains), *_exchanged(search, together, stage, best)]
-        if best.names
-        else []
-    )
+    alike = _exchanged(search, together, stage, best) if best.names else []
+    tried, offered = [best, *_without_each(best, stage, names, gains), *alike], promised(together, stage)
+    if len({name for own in tried for name in own.names}) < CAL.listed:
+        first = offered[: CAL.listed]
+        starts = [Start((_as_refitted(own.candidate),), own.start, base.theta, base.linear) for own in first]
+        for own in refit(search, starts):
+            tried.append(own)
+            if base.cost - own.cost > costs(own.names[0]):
+                stretches(search, with_slopes(search, [own])[0])
     alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
     found = sorted(alone.values(), key=by_cost)
     if found:
         found = [*with_slopes(search, found[:1]), *found[1:]]
-    return Selection(search, base, tuple(found), promised(together, stage), stage.rough)
+    return Selection(search, base, tuple(found), offered, stage.rough)
 
 
 def _let_loose(together: Together, firm: Stage, firmly: Firmly) -> Stage:
@@ -240,8 +244,10 @@ def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
         alone = nothing.copy()
         alone[k] = True
         gain = sets.score(alone) - here + sets.odds[k]
-        sd = sets.sizes(alone)[1][k]
+        size, sd = (own[k] for own in sets.sizes(alone))
         candidate = cause.forms[stage.state.form[k]].candidate
         told = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
-        found.append(Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, float(sd), told))
+        seconds = (axis.value(x) for axis, x in zip(candidate.axes[1:], stage.state.seconds[k], strict=True))
+        start = np.array([float(np.clip(size, cause.main.low, cause.main.high)), *seconds])
+        found.append(Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, float(sd), told))
     return tuple(sorted(found, key=lambda own: -own.gain))

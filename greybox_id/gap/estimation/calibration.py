@@ -237,11 +237,12 @@ class Calibration:
     sweeps: int = _known(4000, "of the sampler of sets, a quarter of which are not counted", SEARCHED)
     stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
     steps_of_stage: tuple[int, ...] = _known((3, 2, 3), "of the search in each of them", SEARCHED)
-    against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
+    against: float = _known(3.5, "log-odds against a cause before anything was read: of 40, one or two", DEFINED)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
     likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
     much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
+    listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )

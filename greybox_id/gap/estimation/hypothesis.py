@@ -80,12 +80,14 @@ class Promise:
     ----------
     candidate : which.
     gain : in log-likelihood, to first order.
+    start : coordinates from which to refit it.
     sd : of its magnitude's coordinate on this recording, to first order.
     told : share of the information on it that is left once nuisances are refitted.
     """
 
     candidate: Candidate
     gain: float
+    start: Array
     sd: float = inf
     told: float = 1.0
 
